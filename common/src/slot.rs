@@ -1,0 +1,155 @@
+//! The slots of the ring between preparer and renderer.
+//!
+//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], then one of kind [`TILE`] per colour leaf, near to far, then one
+//! of kind [`FRAME_END`]. All slots have one size; the kind says which of the three payloads the bytes are. The reader
+//! ([`Slot::read`]) trusts none of them.
+
+use crate::camera::Camera;
+use bytemuck::{Pod, Zeroable};
+
+/// Kind of a [`FrameMarker`] slot.
+pub const FRAME_MARKER: u64 = 1;
+/// Kind of a [`TileSlot`] slot.
+pub const TILE: u64 = 2;
+/// Kind of a [`FrameEnd`] slot.
+pub const FRAME_END: u64 = 3;
+
+/// Opens a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameMarker {
+    /// The frame's number.
+    pub frame: u64,
+    /// The camera that the tree was made for; the picture is drawn with this one.
+    pub camera: Camera,
+    /// Wanted screen resolution of facets, pixels.
+    pub r_z_px: f64,
+    /// Wanted screen resolution of texels, pixels.
+    pub r_c_px: f64,
+    /// Zero.
+    pub reserved: [u8; 24],
+}
+
+/// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.
+///
+/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, is elevation `[j][i]` of the array (row 0 is the southern
+/// one), at lattice point `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
+/// diagonal from south west to north east.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TileSlot {
+    /// [`crate::node::NodeId::pack`] of the colour leaf; for overlays and messages, drawing does not need it.
+    pub node: u64,
+    /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's index).
+    pub elevation_position: u64,
+    /// Lower left corner of the elevation leaf, lattice units.
+    pub elevation_origin: [u32; 2],
+    /// Lower left corner of the node whose colour tile is used, lattice units. That node is the colour leaf, or the
+    /// finest ancestor of it that has a tile; then the block uses a sub-square of the tile.
+    pub color_origin: [u32; 2],
+    /// First column and row of the block within the elevation array.
+    pub start: [u16; 2],
+    /// Last column and row of the block (a vertex, not one past it).
+    pub end: [u16; 2],
+    /// Slot of the colour pool.
+    pub color_slot: u32,
+    /// Generation that the colour slot has to have.
+    pub color_generation: u32,
+    /// Level of the elevation leaf.
+    pub elevation_level: u8,
+    /// Level of the node whose colour tile is used.
+    pub color_level: u8,
+    /// log2 of the vertices that collapse on the west, east, south and north edge of the *elevation array*, because
+    /// the neighbour there is that many levels coarser: on the edge, index `k` is drawn at `k & !((1 << snap) - 1)`.
+    pub edge_snap: [u8; 4],
+    /// Zero.
+    pub reserved: [u8; 2],
+}
+
+/// Closes a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameEnd {
+    /// The frame's number, again.
+    pub frame: u64,
+    /// Number of tile slots since the marker; a reader that counted another number lost its place.
+    pub tile_count: u32,
+    /// Tiles that the frame wanted and that could not be had; 0 for a settled frame.
+    pub unavailable_count: u32,
+    /// One past the last position of the elevation ring that the frame uses: the reader releases up to here.
+    pub elevation_end: u64,
+    /// Tiles (colour and elevation) that the frame wanted.
+    pub wanted_count: u32,
+    /// Nodes of the frame's tree after truncation.
+    pub node_count: u32,
+}
+
+/// A ring slot, 136 bytes: the kind, then the payload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Slot {
+    kind: u64,
+    payload: [u64; 16],
+}
+
+const _: () = assert!(size_of::<FrameMarker>() == 120 && size_of::<TileSlot>() == 56 && size_of::<FrameEnd>() == 32);
+
+/// What a slot says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SlotContent {
+    /// A frame opens.
+    Marker(FrameMarker),
+    /// One tile to draw.
+    Tile(TileSlot),
+    /// The frame is complete.
+    End(FrameEnd),
+}
+
+impl Slot {
+    /// A slot with this content.
+    #[must_use]
+    pub fn new(content: &SlotContent) -> Self {
+        let mut slot = Slot::zeroed();
+        let (kind, bytes) = match content {
+            SlotContent::Marker(marker) => (FRAME_MARKER, bytemuck::bytes_of(marker)),
+            SlotContent::Tile(tile) => (TILE, bytemuck::bytes_of(tile)),
+            SlotContent::End(end) => (FRAME_END, bytemuck::bytes_of(end)),
+        };
+        slot.kind = kind;
+        bytemuck::bytes_of_mut(&mut slot.payload)[..bytes.len()].copy_from_slice(bytes);
+        slot
+    }
+
+    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be checked against the
+    /// rings and pools that they index.
+    #[must_use]
+    pub fn read(&self) -> Option<SlotContent> {
+        let bytes: &[u8] = bytemuck::bytes_of(&self.payload);
+        Some(match self.kind {
+            FRAME_MARKER => SlotContent::Marker(bytemuck::pod_read_unaligned(&bytes[..size_of::<FrameMarker>()])),
+            TILE => SlotContent::Tile(bytemuck::pod_read_unaligned(&bytes[..size_of::<TileSlot>()])),
+            FRAME_END => SlotContent::End(bytemuck::pod_read_unaligned(&bytes[..size_of::<FrameEnd>()])),
+            _ => return None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_reads_back_what_was_put_into_it() {
+        let tile = TileSlot { node: 7, end: [32, 31], edge_snap: [0, 1, 2, 0], ..TileSlot::zeroed() };
+        assert_eq!(Slot::new(&SlotContent::Tile(tile)).read(), Some(SlotContent::Tile(tile)));
+        let end = FrameEnd { frame: 9, tile_count: 3, ..FrameEnd::zeroed() };
+        assert_eq!(Slot::new(&SlotContent::End(end)).read(), Some(SlotContent::End(end)));
+        let marker = FrameMarker { frame: 9, r_z_px: 10.0, ..FrameMarker::zeroed() };
+        assert_eq!(Slot::new(&SlotContent::Marker(marker)).read(), Some(SlotContent::Marker(marker)));
+    }
+
+    #[test]
+    fn a_slot_of_no_kind_says_nothing() {
+        assert_eq!(Slot::zeroed().read(), None);
+    }
+}

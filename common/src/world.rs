@@ -1,0 +1,267 @@
+//! How nodes, elevation posts and colour texels lie in the plane.
+//!
+//! Inside the system positions are **world coordinates**: metres east and north of the world's origin (its south west
+//! elevation post), and height in metres. The origin's easting and northing are added only at the edges.
+//!
+//! ```text
+//!        elevation posts sit on the corners          colour texels are cells
+//!        of the lattice, borders shared              between them
+//!
+//!     n  o---o---o---o---o      one node,            +---+---+---+---+
+//!     o  |   |   |   |   |      Nz = 4 intervals     | . | . | . | . |
+//!     r  o---o---o---o---o      (5 posts a side)     +---+---+---+---+
+//!     t  |   |   |   |   |                           | . | . | . | . |
+//!     h  o---o---o---o---o      Nc = 4 texels        +---+---+---+---+
+//!        ^ lower left corner = the node's origin
+//! ```
+//!
+//! The **lattice** is the set of elevation posts that level 0 has or would have; its unit is `b/Nz`. Every vertex that
+//! is ever drawn is a lattice point, so positions along an edge that two leaves share are equal as integers.
+
+use crate::node::{MAX_LEVEL, NodeId};
+use serde::{Deserialize, Serialize};
+
+/// Geometry of a terrain database: where its nodes, posts and texels are. Valid by construction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "WorldFields", into = "WorldFields")]
+pub struct World {
+    fields: WorldFields,
+}
+
+/// The numbers that a [`World`] is made of, as the manifest has them, unchecked.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorldFields {
+    /// Easting and northing (metres, in the database's CRS) of the south west elevation post.
+    pub origin: [f64; 2],
+    /// Distance of two lattice points, metres: `b/Nz`.
+    pub lattice_unit_m: f64,
+    /// Extent east and north of the origin, lattice units. Terrain is defined on the closed rectangle.
+    pub extent: [u32; 2],
+    /// Nz: intervals along the side of an elevation tile (it has Nz + 1 posts). A power of two.
+    pub elevation_tile: u32,
+    /// Nc: texels along the side of a colour tile, without its border. A power of two.
+    pub color_tile: u32,
+    /// Levels of the quad tree; the root is at level `levels - 1`.
+    pub levels: u8,
+    /// The finest level that has elevation tiles (0 unless colour is much finer than elevation).
+    pub finest_elevation_level: u8,
+    /// The finest level that has colour tiles.
+    pub finest_color_level: u8,
+}
+
+/// Why numbers do not make a [`World`].
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// One number is out of its range.
+    #[error("{field} is {found}, expected {expected}")]
+    OutOfRange {
+        /// The manifest's name of the number.
+        field: &'static str,
+        /// What was found.
+        found: f64,
+        /// What was expected, in words.
+        expected: &'static str,
+    },
+}
+
+/// Border of a stored colour tile, texels on each side: keeps bilinear taps of the first three mip levels (borders
+/// of 4, 2 and 1 texel) inside the tile, so that no seam shows between neighbours.
+pub const COLOR_BORDER: u32 = 4;
+/// Mip levels of a colour tile in the pool: the borders allow no more, and conservative levels need no more.
+pub const COLOR_MIPS: u32 = 3;
+
+impl World {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// [`WorldError::OutOfRange`] for the first number that is wrong.
+    pub fn new(fields: WorldFields) -> Result<Self, WorldError> {
+        let fail = |field, found, expected| Err(WorldError::OutOfRange { field, found, expected });
+        let f = &fields;
+        if !f.origin.iter().all(|v| v.is_finite() && v.abs() < 1e12) {
+            return fail("origin", f.origin[0], "two finite coordinates");
+        }
+        if !(f.lattice_unit_m.is_finite() && f.lattice_unit_m > 1e-6 && f.lattice_unit_m < 1e6) {
+            return fail("lattice_unit_m", f.lattice_unit_m, "a length between 1e-6 and 1e6 metres");
+        }
+        if !(f.elevation_tile.is_power_of_two() && (2..=256).contains(&f.elevation_tile)) {
+            return fail("elevation_tile", f64::from(f.elevation_tile), "a power of two from 2 to 256");
+        }
+        if !(f.color_tile.is_power_of_two() && (16..=1024).contains(&f.color_tile)) {
+            return fail("color_tile", f64::from(f.color_tile), "a power of two from 16 to 1024");
+        }
+        let longer = u64::from(f.extent[0].max(f.extent[1]));
+        if f.extent[0] == 0 || f.extent[1] == 0 || longer > 1 << 28 {
+            return fail("extent", longer as f64, "1 to 2^28 lattice units along each side");
+        }
+        if f.levels == 0 || f.levels > MAX_LEVEL + 1 || u64::from(f.elevation_tile) << (f.levels - 1) < longer {
+            return fail("levels", f64::from(f.levels), "enough levels for the root to cover the extent, at most 25");
+        }
+        if f.finest_elevation_level >= f.levels {
+            return fail("finest_elevation_level", f64::from(f.finest_elevation_level), "a level of the tree");
+        }
+        if f.finest_color_level >= f.levels {
+            return fail("finest_color_level", f64::from(f.finest_color_level), "a level of the tree");
+        }
+        if 1u64 << f.finest_elevation_level.saturating_sub(f.finest_color_level) > u64::from(f.elevation_tile) {
+            return fail(
+                "finest_elevation_level",
+                f64::from(f.finest_elevation_level),
+                "at most log2(elevation_tile) levels above the finest colour level",
+            );
+        }
+        Ok(Self { fields })
+    }
+
+    /// The numbers it is made of.
+    #[must_use]
+    pub fn fields(&self) -> &WorldFields {
+        &self.fields
+    }
+
+    /// Distance of two lattice points, metres.
+    #[must_use]
+    pub fn lattice_unit_m(&self) -> f64 {
+        self.fields.lattice_unit_m
+    }
+
+    /// Extent in lattice units, east and north.
+    #[must_use]
+    pub fn extent(&self) -> [u32; 2] {
+        self.fields.extent
+    }
+
+    /// Extent in metres, east and north.
+    #[must_use]
+    pub fn extent_m(&self) -> [f64; 2] {
+        self.fields.extent.map(|e| f64::from(e) * self.fields.lattice_unit_m)
+    }
+
+    /// Nz, intervals along an elevation tile's side.
+    #[must_use]
+    pub fn elevation_tile(&self) -> u32 {
+        self.fields.elevation_tile
+    }
+
+    /// Posts along an elevation tile's side: Nz + 1.
+    #[must_use]
+    pub fn elevation_posts(&self) -> u32 {
+        self.fields.elevation_tile + 1
+    }
+
+    /// Nc, texels along a colour tile's side, without border.
+    #[must_use]
+    pub fn color_tile(&self) -> u32 {
+        self.fields.color_tile
+    }
+
+    /// Texels along a stored colour tile's side, borders included.
+    #[must_use]
+    pub fn color_stored(&self) -> u32 {
+        self.fields.color_tile + 2 * COLOR_BORDER
+    }
+
+    /// Levels of the quad tree.
+    #[must_use]
+    pub fn levels(&self) -> u8 {
+        self.fields.levels
+    }
+
+    /// The root node.
+    #[must_use]
+    pub fn root(&self) -> NodeId {
+        NodeId::root(self.fields.levels)
+    }
+
+    /// Finest level with elevation tiles.
+    #[must_use]
+    pub fn finest_elevation_level(&self) -> u8 {
+        self.fields.finest_elevation_level
+    }
+
+    /// Finest level with colour tiles.
+    #[must_use]
+    pub fn finest_color_level(&self) -> u8 {
+        self.fields.finest_color_level
+    }
+
+    /// Side of a node of level `q`, lattice units.
+    #[must_use]
+    pub fn node_side(&self, q: u8) -> u64 {
+        u64::from(self.fields.elevation_tile) << q
+    }
+
+    /// Side of a node of level `q`, metres: `b·2^q`.
+    #[must_use]
+    pub fn node_side_m(&self, q: u8) -> f64 {
+        self.node_side(q) as f64 * self.fields.lattice_unit_m
+    }
+
+    /// Lower left corner of a node, lattice units.
+    #[must_use]
+    pub fn node_origin(&self, node: NodeId) -> [u64; 2] {
+        let side = self.node_side(node.q());
+        [u64::from(node.m()) * side, u64::from(node.n()) * side]
+    }
+
+    /// Number of columns and rows of nodes that overlap the extent at level `q`.
+    #[must_use]
+    pub fn nodes_at(&self, q: u8) -> [u32; 2] {
+        let side = self.node_side(q);
+        self.fields.extent.map(|e| u64::from(e).div_ceil(side) as u32)
+    }
+
+    /// Whether any of the node lies inside the extent (and it is of this tree). Other nodes do not exist.
+    #[must_use]
+    pub fn contains(&self, node: NodeId) -> bool {
+        node.q() < self.fields.levels && {
+            let [columns, rows] = self.nodes_at(node.q());
+            node.m() < columns && node.n() < rows
+        }
+    }
+
+    /// Whether the database has a place for an elevation tile of this node.
+    #[must_use]
+    pub fn has_elevation(&self, node: NodeId) -> bool {
+        node.q() >= self.fields.finest_elevation_level && self.contains(node)
+    }
+
+    /// Whether the database has a place for a colour tile of this node.
+    #[must_use]
+    pub fn has_color(&self, node: NodeId) -> bool {
+        node.q() >= self.fields.finest_color_level && self.contains(node)
+    }
+
+    /// Spacing of elevation posts at level `q`, metres: `s_z(q)`.
+    #[must_use]
+    pub fn elevation_spacing_m(&self, q: u8) -> f64 {
+        self.fields.lattice_unit_m * f64::from(1u32 << q)
+    }
+
+    /// Spacing of colour texels at level `q`, metres: `s_c(q)`.
+    #[must_use]
+    pub fn color_spacing_m(&self, q: u8) -> f64 {
+        self.elevation_spacing_m(q) * f64::from(self.fields.elevation_tile) / f64::from(self.fields.color_tile)
+    }
+
+    /// `l_z(q) - l_c(q) = log2(Nc/Nz)`: how many sampling levels elevation is coarser than colour in one node.
+    #[must_use]
+    pub fn elevation_over_color_levels(&self) -> i32 {
+        self.fields.color_tile.ilog2().cast_signed() - self.fields.elevation_tile.ilog2().cast_signed()
+    }
+}
+
+impl TryFrom<WorldFields> for World {
+    type Error = WorldError;
+    fn try_from(fields: WorldFields) -> Result<Self, WorldError> {
+        Self::new(fields)
+    }
+}
+
+impl From<World> for WorldFields {
+    fn from(world: World) -> Self {
+        world.fields
+    }
+}
