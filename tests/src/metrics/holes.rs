@@ -1,0 +1,74 @@
+//! Background seen through the ground.
+
+use super::quality::eroded;
+use crate::reference::Picture;
+
+/// Pixels of the colour of the sky where there is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Holes {
+    /// Sky pixels of the picture where the reference sees land, `tolerance` pixels or more away from any of its sky.
+    pub count: usize,
+    /// The first of them, column and row.
+    pub first: Option<[usize; 2]>,
+    /// Pixels that were looked at.
+    pub looked_at: usize,
+}
+
+/// Counts pixels of exactly `sky_rgb` in `picture` where the exact ray caster sees land. Facets move a silhouette by
+/// some pixels; so only pixels farther than `tolerance_px` (a square's radius) from all sky and all partly covered
+/// pixels of the reference count.
+#[must_use]
+pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], tolerance_px: usize) -> Holes {
+    // Beyond the picture's border nothing is known of the ground; the mask is extended by itself there.
+    let (width, height) = (reference.width, reference.height);
+    let (wide, high) = (width + 2 * tolerance_px, height + 2 * tolerance_px);
+    let mut mask = vec![false; wide * high];
+    for y in 0..high {
+        for x in 0..wide {
+            let inside = |v: usize, n: usize| v.saturating_sub(tolerance_px).min(n - 1);
+            mask[y * wide + x] = reference.is_land[inside(y, height) * width + inside(x, width)];
+        }
+    }
+    let ground = eroded(wide, &mask, tolerance_px);
+    let mut holes = Holes { count: 0, first: None, looked_at: 0 };
+    for y in 0..height {
+        for x in 0..width {
+            if !ground[(y + tolerance_px) * wide + x + tolerance_px] {
+                continue;
+            }
+            holes.looked_at += 1;
+            if picture[y * width + x] == sky_rgb {
+                holes.count += 1;
+                holes.first.get_or_insert([x, y]);
+            }
+        }
+    }
+    holes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sky_below_the_horizon_counts_and_sky_at_the_horizon_does_not() {
+        let sky = [255, 0, 255];
+        let (width, height) = (32, 24);
+        let is_land: Vec<bool> = (0..width * height).map(|k| k / width >= 10).collect();
+        let reference = Picture {
+            width,
+            height,
+            rgb: Vec::new(),
+            is_sky: is_land.iter().map(|land| !land).collect(),
+            is_land,
+            depth: Vec::new(),
+            ground: Vec::new(),
+        };
+        let mut picture: Vec<_> = (0..width * height).map(|k| if k / width >= 11 { [9; 3] } else { sky }).collect();
+        assert_eq!(count_holes(&picture, &reference, sky, 2).count, 0);
+        picture[23 * width] = sky;
+        picture[15 * width + 7] = sky;
+        let holes = count_holes(&picture, &reference, sky, 2);
+        assert_eq!((holes.count, holes.first, holes.looked_at), (2, Some([7, 15]), width * 12));
+    }
+}

@@ -1,0 +1,9 @@
+//! Measures of pictures against the reference, and against each other.
+
+mod holes;
+mod motion;
+mod quality;
+
+pub use holes::{Holes, count_holes};
+pub use motion::{Frame, MotionChange, motion_compensated_change};
+pub use quality::{Quality, compare, median_absolute_error};

@@ -1,0 +1,161 @@
+//! What changes from one frame of a flight to the next, apart from the motion itself.
+
+use glam::DVec3;
+use terravision_common::camera::Camera;
+
+/// Change of a picture after its motion was taken out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionChange {
+    /// Mean absolute difference of colour, 0 to 255, over the pixels that both frames see.
+    pub mean: f64,
+    /// The difference that one pixel in a hundred exceeds.
+    pub p99: f64,
+    /// Largest mean over the blocks of 16 x 16 pixels: a single node that pops is a few blocks of the picture.
+    pub worst_block: f64,
+    /// Pixels that both see.
+    pub pixels: usize,
+}
+
+/// One frame: the camera, the picture, and what each pixel sees (metres along the view axis, NaN for sky).
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'a> {
+    /// The pose.
+    pub camera: &'a Camera,
+    /// Colours, rows from the top.
+    pub rgb: &'a [[u8; 3]],
+    /// Depths, rows from the top.
+    pub depth: &'a [f32],
+}
+
+/// Fetches, for each pixel of `after`, the colour that the same ground had in `before`, and compares. Ground that one
+/// of the two does not see (depths differ by more than 1 %) is left out. The fetch is bilinear, so a little change
+/// remains on sharp detail; it is the same from frame to frame, where a pop is not.
+#[must_use]
+pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionChange {
+    let (width, height) = (after.camera.width as usize, after.camera.height as usize);
+    let blocks_wide = width.div_ceil(BLOCK);
+    let mut blocks = vec![(0.0, 0usize); blocks_wide * height.div_ceil(BLOCK)];
+    let mut differences = Vec::with_capacity(width * height);
+    let view = Projection::new(before.camera);
+    for y in 0..height {
+        for x in 0..width {
+            let i = y * width + x;
+            let depth = f64::from(after.depth[i]);
+            if depth.is_nan() {
+                continue;
+            }
+            let point = after.camera.eye() + after.camera.ray_in_world(x as f64 + 0.5, y as f64 + 0.5) * depth;
+            let Some((px, py, then)) = view.pixel(point) else { continue };
+            let Some(sample) = fetch(&before, px, py, then) else { continue };
+            let difference =
+                sample.iter().zip(after.rgb[i]).map(|(a, b)| (a - f64::from(b)).abs()).sum::<f64>() / 3.0;
+            differences.push(difference);
+            let block = &mut blocks[(y / BLOCK) * blocks_wide + x / BLOCK];
+            block.0 += difference;
+            block.1 += 1;
+        }
+    }
+    let pixels = differences.len();
+    let mean = differences.iter().sum::<f64>() / pixels.max(1) as f64;
+    let p99 = match pixels {
+        0 => 0.0,
+        n => *differences.select_nth_unstable_by((n * 99 / 100).min(n - 1), f64::total_cmp).1,
+    };
+    let worst_block = blocks
+        .iter()
+        .filter(|(_, n)| *n > BLOCK * BLOCK / 2)
+        .map(|(sum, n)| sum / *n as f64)
+        .fold(0.0, f64::max);
+    MotionChange { mean, p99, worst_block, pixels }
+}
+
+const BLOCK: usize = 16;
+
+struct Projection {
+    eye: DVec3,
+    axes: [DVec3; 3],
+    tangents: [f64; 2],
+    size: [f64; 2],
+}
+
+impl Projection {
+    fn new(camera: &Camera) -> Self {
+        Self {
+            eye: camera.eye(),
+            axes: camera.axes_in_world(),
+            tangents: camera.half_tangents(),
+            size: [f64::from(camera.width), f64::from(camera.height)],
+        }
+    }
+
+    /// Column and row (a pixel's centre is at + 0.5) and depth of a point, if it is before the camera.
+    fn pixel(&self, point: DVec3) -> Option<(f64, f64, f64)> {
+        let p = point - self.eye;
+        let [x, y, depth] = self.axes.map(|axis| axis.dot(p));
+        (depth > 0.0).then(|| {
+            let (tx, ty) = (x / depth / self.tangents[0], y / depth / self.tangents[1]);
+            (0.5 * (1.0 + tx) * self.size[0], 0.5 * (1.0 - ty) * self.size[1], depth)
+        })
+    }
+}
+
+/// Bilinear fetch, if the pixels around see what lies at `depth`.
+fn fetch(frame: &Frame<'_>, px: f64, py: f64, depth: f64) -> Option<[f64; 3]> {
+    let (width, height) = (frame.camera.width as usize, frame.camera.height as usize);
+    let (x, y) = (px - 0.5, py - 0.5);
+    if !(0.0..(width - 1) as f64).contains(&x) || !(0.0..(height - 1) as f64).contains(&y) {
+        return None;
+    }
+    let (i, j) = (x as usize, y as usize);
+    let (u, v) = (x - i as f64, y - j as f64);
+    let at = [j * width + i, j * width + i + 1, (j + 1) * width + i, (j + 1) * width + i + 1];
+    let mix = |[a, b, d, e]: [f64; 4]| (a + (b - a) * u) * (1.0 - v) + (d + (e - d) * u) * v;
+    let seen = mix(at.map(|k| f64::from(frame.depth[k])));
+    // False for NaN, too: one of the four is sky.
+    ((seen / depth - 1.0).abs() < 0.01).then(|| std::array::from_fn(|c| mix(at.map(|k| f64::from(frame.rgb[k][c])))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::{Colors, Heights, RenderOptions, Scene, render};
+
+    fn camera(x: f64) -> Camera {
+        Camera {
+            eye_in_world: [x, 200.0, 300.0],
+            heading_rad: 0.3,
+            pitch_rad: -0.6,
+            roll_rad: 0.0,
+            vfov_rad: 1.0,
+            width: 160,
+            height: 96,
+            timestamp_nanos: 0,
+        }
+    }
+
+    #[test]
+    fn a_move_is_taken_out_and_a_patch_that_changes_stays() {
+        let heights = Heights::new(201, 201, [0.0, 0.0], 10.0, vec![0.0; 201 * 201]);
+        let rgb = (0..100 * 100)
+            .map(|k| {
+                let (x, y) = ((k % 100) as f64, (k / 100) as f64);
+                [(128.0 + 100.0 * (x * 0.3).sin() * (y * 0.3).sin()) as u8; 3]
+            })
+            .collect();
+        let colors = Colors::new(100, 100, [0.0, 0.0], 20.0, rgb);
+        let scene = Scene { heights: &heights, colors: &colors };
+        let cameras = [camera(1000.0), camera(1004.0)];
+        let pictures = cameras.map(|camera| render(scene, &camera, &RenderOptions::default()));
+        let frame = |k: usize| Frame { camera: &cameras[k], rgb: &pictures[k].rgb, depth: &pictures[k].depth };
+        let still = motion_compensated_change(frame(0), frame(1));
+        assert!(still.mean < 1.5 && still.worst_block < 6.0 && still.pixels > 8_000, "{still:?}");
+        let mut popped = pictures[1].rgb.clone();
+        for y in 48..64 {
+            for x in 64..80 {
+                popped[y * 160 + x] = popped[y * 160 + x].map(|v| v.saturating_add(30));
+            }
+        }
+        let pop = motion_compensated_change(frame(0), Frame { rgb: &popped, ..frame(1) });
+        assert!(pop.worst_block > 4.0 * still.worst_block, "{pop:?} against {still:?}");
+    }
+}
