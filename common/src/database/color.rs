@@ -1,0 +1,120 @@
+//! The colour tile: a JPEG of `(Nc + 8)²` texels, then "TVc1" and the crc32 of all bytes before it.
+
+use crate::world::{COLOR_MIPS, World};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+const MAGIC: &[u8; 4] = b"TVc1";
+const TRAILER_BYTES: usize = 8;
+
+/// Why bytes are not a colour tile.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ColorCodecError {
+    /// They do not end like one.
+    #[error("it is no colour tile ({found} bytes)")]
+    NotATile {
+        /// How many there are.
+        found: usize,
+    },
+    /// They are not the bytes that were written.
+    #[error("its checksum is {found:08x}, expected {expected:08x}")]
+    Checksum {
+        /// What the tile says.
+        expected: u32,
+        /// What its bytes give.
+        found: u32,
+    },
+    /// It is of another size.
+    #[error("it has {}x{} texels, expected {expected}x{expected}", found[0], found[1])]
+    Size {
+        /// What the world has.
+        expected: u32,
+        /// What the picture has.
+        found: [usize; 2],
+    },
+    /// It is not a picture.
+    #[error("its picture does not decode: {message}")]
+    Picture {
+        /// What the decoder says.
+        message: String,
+    },
+}
+
+/// Bytes of a decoded colour tile: RGBA8 of its mip levels back to back.
+#[must_use]
+pub fn color_tile_bytes(world: &World) -> usize {
+    let side = world.color_stored() as usize;
+    (0..COLOR_MIPS).map(|mip| (side >> mip) * (side >> mip) * 4).sum()
+}
+
+/// Appends the trailer to a picture: it is then a tile.
+pub fn seal_color_tile(picture: &mut Vec<u8>) {
+    let checksum = crc32fast::hash(picture);
+    picture.extend(MAGIC);
+    picture.extend(checksum.to_le_bytes());
+}
+
+/// Decodes a tile of `side` texels, borders included, into RGBA8 mip levels back to back, row 0 in the north.
+///
+/// # Errors
+/// [`ColorCodecError`].
+///
+/// # Panics
+/// When `out` is shorter than [`color_tile_bytes`].
+pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
+    let Some((picture, trailer)) = bytes.split_last_chunk::<TRAILER_BYTES>() else {
+        return Err(ColorCodecError::NotATile { found: bytes.len() });
+    };
+    if &trailer[..4] != MAGIC {
+        return Err(ColorCodecError::NotATile { found: bytes.len() });
+    }
+    let expected = u32::from_le_bytes([trailer[4], trailer[5], trailer[6], trailer[7]]);
+    let found = crc32fast::hash(picture);
+    if found != expected {
+        return Err(ColorCodecError::Checksum { expected, found });
+    }
+    let side = side as usize;
+    // Limits first: nothing is allocated for a picture of another size.
+    let options = DecoderOptions::new_fast()
+        .set_strict_mode(true)
+        .set_max_width(side)
+        .set_max_height(side)
+        .jpeg_set_out_colorspace(ColorSpace::RGBA);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(picture), options);
+    let failed = |e: zune_jpeg::errors::DecodeErrors| ColorCodecError::Picture { message: e.to_string() };
+    decoder.decode_headers().map_err(failed)?;
+    let found = decoder.info().map_or([0; 2], |info| [usize::from(info.width), usize::from(info.height)]);
+    if found != [side; 2] || decoder.output_buffer_size() != Some(side * side * 4) {
+        return Err(ColorCodecError::Size { expected: side as u32, found });
+    }
+    decoder.decode_into(&mut out[..side * side * 4]).map_err(failed)?;
+    make_mips(out, side);
+    Ok(())
+}
+
+/// Fills the mip levels after the first, each texel the mean of four (stored values; rounded to nearest).
+fn make_mips(out: &mut [u8], side: usize) {
+    let mut rest = out;
+    let mut side = side;
+    for _ in 1..COLOR_MIPS {
+        let (fine, after) = rest.split_at_mut(side * side * 4);
+        let half = side / 2;
+        for (row, coarse) in after[..half * half * 4].chunks_exact_mut(half * 4).enumerate() {
+            let (upper, lower) = fine[2 * row * side * 4..][..2 * side * 4].split_at(side * 4);
+            let pairs = upper.chunks_exact(8).zip(lower.chunks_exact(8));
+            for (texel, (a, b)) in coarse.chunks_exact_mut(4).zip(pairs) {
+                for channel in 0..4 {
+                    let sum = u16::from(a[channel])
+                        + u16::from(a[channel + 4])
+                        + u16::from(b[channel])
+                        + u16::from(b[channel + 4]);
+                    texel[channel] = ((sum + 2) / 4) as u8;
+                }
+            }
+        }
+        (rest, side) = (after, half);
+    }
+}

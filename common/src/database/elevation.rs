@@ -1,0 +1,210 @@
+//! The elevation tile codec: lossless for heights in steps of 1/128 m.
+//!
+//! ```text
+//! "TVe1"  crc32 of all that follows  posts u16  planes u8  0 u8  zstd frame          (little endian)
+//! ```
+//!
+//! Heights become integers (steps), each is predicted from its west, south and south west neighbours on the plane
+//! through them, the error is zigzagged (small numbers of either sign become small), and the bytes are split into
+//! planes, lowest first: the high ones are nearly all zero. Only the planes that are needed are stored.
+
+use super::TileScratch;
+use crate::world::World;
+
+/// Steps of height in a metre. A power of two, so that heights and dyadic means of them are exact in floating point.
+pub const HEIGHT_STEPS_PER_M: f32 = 128.0;
+
+const MAGIC: &[u8; 4] = b"TVe1";
+const HEADER_BYTES: usize = 12;
+
+/// Why bytes are not an elevation tile.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ElevationCodecError {
+    /// They do not begin like one.
+    #[error("it is no elevation tile ({found} bytes)")]
+    NotATile {
+        /// How many there are.
+        found: usize,
+    },
+    /// They are not the bytes that were written.
+    #[error("its checksum is {found:08x}, expected {expected:08x}")]
+    Checksum {
+        /// What the tile says.
+        expected: u32,
+        /// What its bytes give.
+        found: u32,
+    },
+    /// It is of another size.
+    #[error("it has {found} posts a side, expected {expected}")]
+    Posts {
+        /// What the world has.
+        expected: u32,
+        /// What the tile has.
+        found: u16,
+    },
+    /// The compressed part is not what it should be.
+    #[error("its compressed part is damaged")]
+    Compressed,
+}
+
+/// The most bytes that a tile of this world can have.
+pub(crate) fn max_payload_bytes(world: &World) -> usize {
+    let posts = world.elevation_posts() as usize;
+    HEADER_BYTES + zstd::zstd_safe::compress_bound(posts * posts * 4)
+}
+
+fn prediction(steps: &[i32], posts: usize, row: usize, column: usize) -> i32 {
+    let at = row * posts + column;
+    match (row, column) {
+        (0, 0) => 0,
+        (0, _) => steps[at - 1],
+        (_, 0) => steps[at - posts],
+        _ => steps[at - 1].wrapping_add(steps[at - posts]).wrapping_sub(steps[at - posts - 1]),
+    }
+}
+
+/// Encodes a tile of `posts`² heights in metres; they are rounded to whole steps.
+///
+/// # Panics
+/// When `heights` is not `posts`² long or a height is not finite: ingest has filled all voids before.
+#[must_use]
+pub fn encode_elevation_tile(heights: &[f32], posts: u32) -> Vec<u8> {
+    let side = posts as usize;
+    assert_eq!(heights.len(), side * side, "a tile has posts² heights");
+    assert!(heights.iter().all(|h| h.is_finite()), "a height in a tile is not finite");
+    let steps: Vec<i32> = heights.iter().map(|h| (h * HEIGHT_STEPS_PER_M).round() as i32).collect();
+    let mut errors = Vec::with_capacity(steps.len());
+    for row in 0..side {
+        for column in 0..side {
+            let error = steps[row * side + column].wrapping_sub(prediction(&steps, side, row, column));
+            errors.push(((error << 1) ^ (error >> 31)).cast_unsigned());
+        }
+    }
+    let all = errors.iter().fold(0, |all, e| all | e);
+    let plane_count = (32 - all.leading_zeros()).div_ceil(8).max(1);
+    let mut planes = Vec::with_capacity(errors.len() * plane_count as usize);
+    for plane in 0..plane_count {
+        planes.extend(errors.iter().map(|e| (e >> (8 * plane)) as u8));
+    }
+    let packed = zstd::bulk::compress(&planes, 9).expect("compressing into a fresh buffer of sufficient size succeeds");
+    let mut out = Vec::with_capacity(HEADER_BYTES + packed.len());
+    out.extend(MAGIC);
+    out.extend([0; 4]);
+    out.extend((posts as u16).to_le_bytes());
+    out.extend([plane_count as u8, 0]);
+    out.extend(packed);
+    let checksum = crc32fast::hash(&out[8..]);
+    out[4..8].copy_from_slice(&checksum.to_le_bytes());
+    out
+}
+
+/// Decodes a tile into `out`, `posts`² heights in metres, row 0 in the south.
+///
+/// # Errors
+/// [`ElevationCodecError`].
+///
+/// # Panics
+/// When `out` is shorter than `posts`².
+pub fn decode_elevation_tile(
+    bytes: &[u8],
+    posts: u32,
+    out: &mut [f32],
+    scratch: &mut TileScratch,
+) -> Result<(), ElevationCodecError> {
+    let side = posts as usize;
+    let out = &mut out[..side * side];
+    if bytes.len() < HEADER_BYTES || &bytes[..4] != MAGIC {
+        return Err(ElevationCodecError::NotATile { found: bytes.len() });
+    }
+    let expected = u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]]);
+    let found = crc32fast::hash(&bytes[8..]);
+    if found != expected {
+        return Err(ElevationCodecError::Checksum { expected, found });
+    }
+    let found = u16::from_le_bytes([bytes[8], bytes[9]]);
+    if u32::from(found) != posts {
+        return Err(ElevationCodecError::Posts { expected: posts, found });
+    }
+    let plane_count = usize::from(bytes[10]);
+    if !(1..=4).contains(&plane_count) {
+        return Err(ElevationCodecError::Compressed);
+    }
+    let samples = side * side;
+    scratch.planes.resize(4 * samples, 0);
+    let planes = &mut scratch.planes[..plane_count * samples];
+    match scratch.zstd.decompress_to_buffer(&bytes[HEADER_BYTES..], planes) {
+        Ok(length) if length == planes.len() => {}
+        _ => return Err(ElevationCodecError::Compressed),
+    }
+    let step_m = 1.0 / HEIGHT_STEPS_PER_M;
+    let [mut south, mut south_west] = [0i32; 2];
+    // The predictor needs the row to the south as integers; heights are whole steps, so they are read back exactly.
+    for at in 0..samples {
+        let mut zigzag = 0u32;
+        for plane in 0..plane_count {
+            zigzag |= u32::from(planes[plane * samples + at]) << (8 * plane);
+        }
+        let error = (zigzag >> 1).cast_signed() ^ -(zigzag & 1).cast_signed();
+        let steps = |at: usize| (out[at] * HEIGHT_STEPS_PER_M) as i32;
+        let (row, column) = (at / side, at % side);
+        if row > 0 {
+            south_west = south;
+            south = steps(at - side);
+        }
+        let predicted = match (row, column) {
+            (0, 0) => 0,
+            (0, _) => steps(at - 1),
+            (_, 0) => south,
+            _ => steps(at - 1).wrapping_add(south).wrapping_sub(south_west),
+        };
+        out[at] = predicted.wrapping_add(error) as f32 * step_m;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn heights(side: usize, seed: u32, relief: f32) -> Vec<f32> {
+        (0..side * side)
+            .map(|i| {
+                let noise = (i as u32).wrapping_mul(2_654_435_761).wrapping_add(seed) >> 20;
+                ((noise as f32 - 2048.0) * relief).round() / HEIGHT_STEPS_PER_M
+            })
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn what_was_encoded_is_decoded_bit_for_bit(side in 3usize..40, seed: u32, relief in 0f32..2000.0) {
+            let heights = heights(side, seed, relief);
+            let tile = encode_elevation_tile(&heights, side as u32);
+            let mut out = vec![0.0; side * side];
+            decode_elevation_tile(&tile, side as u32, &mut out, &mut TileScratch::default()).unwrap();
+            prop_assert_eq!(heights, out);
+        }
+
+        #[test]
+        fn a_changed_or_cut_tile_is_refused(seed: u32, at: prop::sample::Index, bit in 0u8..8, cut: prop::sample::Index) {
+            let tile = encode_elevation_tile(&heights(9, seed, 100.0), 9);
+            let mut out = vec![0.0; 81];
+            let mut scratch = TileScratch::default();
+            let mut changed = tile.clone();
+            changed[at.index(tile.len())] ^= 1 << bit;
+            prop_assert!(decode_elevation_tile(&changed, 9, &mut out, &mut scratch).is_err());
+            prop_assert!(decode_elevation_tile(&tile[..cut.index(tile.len())], 9, &mut out, &mut scratch).is_err());
+        }
+
+        #[test]
+        fn any_bytes_with_a_good_checksum_are_a_tile_or_an_error(body in prop::collection::vec(any::<u8>(), 0..300)) {
+            let mut tile = [MAGIC.as_slice(), &crc32fast::hash(&body).to_le_bytes()].concat();
+            tile.extend(body);
+            let mut out = vec![0.0; 81];
+            // Whatever comes of it: no panic.
+            prop_assert!(decode_elevation_tile(&tile, 9, &mut out, &mut TileScratch::default()).is_ok() || tile.len() > 7);
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! Height of the ground at a point.
+
+use super::{TileError, TileScratch, TileSource};
+use crate::node::NodeId;
+use crate::world::World;
+
+/// Height of the ground, metres, at a point in world coordinates: facet-linear on the finest elevation level, as it is
+/// drawn close by (cells are split along their SW-NE diagonal). `None` outside the extent. Blocks on storage.
+///
+/// # Errors
+/// [`TileError`] when the tile cannot be had.
+pub fn ground_height(
+    source: &dyn TileSource,
+    world: &World,
+    x: f64,
+    y: f64,
+    scratch: &mut TileScratch,
+) -> Result<Option<f64>, TileError> {
+    let [width, height] = world.extent_m();
+    if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
+        return Ok(None);
+    }
+    let q = world.finest_elevation_level();
+    let side_m = world.node_side_m(q);
+    let [columns, rows] = world.nodes_at(q);
+    let index = |v: f64, count: u32| ((v / side_m) as u32).min(count - 1);
+    let (m, n) = (index(x, columns), index(y, rows));
+    let Some(node) = NodeId::new(m, n, q) else { return Ok(None) };
+    let posts = world.elevation_posts() as usize;
+    let mut heights = vec![0f32; posts * posts];
+    source.read_elevation(node, &mut heights, scratch)?;
+    let cell = |v: f64, index: u32| {
+        let at = (v - f64::from(index) * side_m) / world.elevation_spacing_m(q);
+        let whole = at.floor().clamp(0.0, (posts - 2) as f64);
+        (whole as usize, at - whole)
+    };
+    let ((column, u), (row, v)) = (cell(x, m), cell(y, n));
+    let z = |i: usize, j: usize| f64::from(heights[(row + j) * posts + column + i]);
+    let (z00, z10, z01, z11) = (z(0, 0), z(1, 0), z(0, 1), z(1, 1));
+    Ok(Some(if u >= v { z00 + u * (z10 - z00) + v * (z11 - z10) } else { z00 + v * (z01 - z00) + u * (z11 - z01) }))
+}

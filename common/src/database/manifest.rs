@@ -1,0 +1,249 @@
+//! The manifest: what a database is, and the checksums of its other files.
+
+use crate::world::{WorldError, WorldFields};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Version of the format that this build writes, and the newest that it reads.
+pub const FORMAT_VERSION: u32 = 1;
+const FORMAT: &str = "terravision-database";
+/// No manifest is larger: it lists source files.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// Why a manifest cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ManifestError {
+    /// It is another kind of file.
+    #[error("it is not the manifest of a terrain database")]
+    NotAManifest,
+    /// It was written by a newer (or much older) TerraVision.
+    #[error(
+        "the database has format version {found}, this program reads version {expected}; use the TerraVision that wrote it, or ingest again"
+    )]
+    Version {
+        /// What this build reads.
+        expected: u32,
+        /// What it has.
+        found: u64,
+    },
+    /// It is not what was written.
+    #[error("its checksum is {found:08x}, expected {expected:08x}: it was changed or damaged after ingest")]
+    Checksum {
+        /// What it says.
+        expected: u32,
+        /// What its bytes give.
+        found: u32,
+    },
+    /// It lacks something, or has what does not belong there.
+    #[error("it does not have the right content ({source})")]
+    Content {
+        /// What and where.
+        #[source]
+        source: serde_json::Error,
+    },
+    /// Its world cannot be.
+    #[error("its world is wrong: {0}")]
+    World(#[source] WorldError),
+}
+
+/// Coordinate reference system of a database.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Crs {
+    /// For people.
+    pub name: String,
+    /// EPSG code, when it has one.
+    pub epsg: Option<u32>,
+    /// The full definition, WKT (version 1 or 2).
+    pub wkt: String,
+}
+
+/// The body whose terrain it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Body {
+    /// Its name, as far as the CRS tells: "Earth", "Mars", …
+    pub name: String,
+    /// Semi-major axis of its ellipsoid, metres.
+    pub radius_m: f64,
+}
+
+/// One source file of a layer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// File name, without folders.
+    pub file: String,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Name of its CRS.
+    pub crs: String,
+    /// Type of its samples, as GDAL names it.
+    pub data_type: String,
+    /// The value that stands for "no data", if one does (as text: it may be NaN).
+    pub nodata: Option<String>,
+    /// Whether its samples were taken on its own lattice, without resampling.
+    pub is_exact: bool,
+}
+
+/// Length and checksum of a tile archive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArchiveRecord {
+    /// Length of the file.
+    pub bytes: u64,
+    /// crc32 of header, root directory, metadata and leaf directories; tiles carry their own.
+    pub index_crc32: u32,
+    /// Tiles in it, identical ones counted each.
+    pub tiles: u64,
+}
+
+/// Length and checksum of the file of height ranges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NodesRecord {
+    /// Length of the file.
+    pub bytes: u64,
+    /// crc32 of all of it.
+    pub crc32: u32,
+}
+
+/// The elevation pyramid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ElevationLayer {
+    /// What it was made of, first is on top.
+    pub sources: Vec<Source>,
+    /// Spacing of posts on the finest level, metres.
+    pub spacing_m: f64,
+    /// Lowest and highest height in the finest level, metres.
+    pub range_m: [f64; 2],
+    /// Area without data that was filled from around it, square metres.
+    pub void_area_m2: f64,
+    /// How tiles are encoded.
+    pub encoding: String,
+    /// Its file.
+    pub archive: ArchiveRecord,
+}
+
+/// The colour pyramid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColorLayer {
+    /// What it was made of, first is on top; empty when it is a tint made from elevation.
+    pub sources: Vec<Source>,
+    /// Spacing of texels on the finest level, metres.
+    pub spacing_m: f64,
+    /// Area without data that shows the tint, square metres.
+    pub void_area_m2: f64,
+    /// How tiles are encoded: "jpeg".
+    pub encoding: String,
+    /// Quality of that encoding, 1 to 100.
+    pub quality: u8,
+    /// Its file.
+    pub archive: ArchiveRecord,
+}
+
+/// What a terrain database is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Always "terravision-database".
+    pub format: String,
+    /// Version of the format.
+    pub format_version: u32,
+    /// The program that wrote it.
+    pub written_by: String,
+    /// The database's name: its folder's, without ".tv".
+    pub name: String,
+    /// Its coordinate reference system, always in metres.
+    pub crs: Crs,
+    /// The body.
+    pub body: Body,
+    /// Where everything is.
+    pub world: WorldFields,
+    /// Always "metre".
+    pub vertical_unit: String,
+    /// Elevation.
+    pub elevation: ElevationLayer,
+    /// Colour.
+    pub color: ColorLayer,
+    /// Height ranges of nodes.
+    pub nodes: NodesRecord,
+    /// crc32, as 8 hexadecimal digits, of the manifest's text with eight zeros in their place.
+    pub checksum: String,
+}
+
+/// Where the eight digits of the checksum are in the text.
+fn checksum_place(text: &str) -> Option<std::ops::Range<usize>> {
+    let key = "\"checksum\": \"";
+    let start = text.rfind(key)? + key.len();
+    text.get(start..start + 8)?;
+    Some(start..start + 8)
+}
+
+fn checksum_of(text: &str, place: &std::ops::Range<usize>) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&text.as_bytes()[..place.start]);
+    hasher.update(b"00000000");
+    hasher.update(&text.as_bytes()[place.end..]);
+    hasher.finalize()
+}
+
+pub(crate) fn read_text(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    let length = File::open(path)?.take(MAX_BYTES + 1).read_to_string(&mut text)? as u64;
+    if length > MAX_BYTES {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "it is too large for a manifest"));
+    }
+    Ok(text)
+}
+
+impl Manifest {
+    /// Reads a manifest's text.
+    ///
+    /// # Errors
+    /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a damaged one.
+    pub fn parse(text: &str) -> Result<Self, ManifestError> {
+        let loose: serde_json::Value =
+            serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
+        if loose.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
+            return Err(ManifestError::NotAManifest);
+        }
+        let found = loose.get("format_version").and_then(serde_json::Value::as_u64);
+        match found {
+            Some(found) if found == u64::from(FORMAT_VERSION) => {}
+            Some(found) => return Err(ManifestError::Version { expected: FORMAT_VERSION, found }),
+            None => return Err(ManifestError::NotAManifest),
+        }
+        let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
+        let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;
+        let found = checksum_of(text, &place);
+        let expected = u32::from_str_radix(&manifest.checksum, 16).unwrap_or(!found);
+        if expected != found {
+            return Err(ManifestError::Checksum { expected, found });
+        }
+        Ok(manifest)
+    }
+
+    /// The manifest's text, with format, version and checksum set.
+    ///
+    /// # Errors
+    /// When a number in it is not finite.
+    pub fn to_text(&self) -> Result<String, serde_json::Error> {
+        let mut manifest = self.clone();
+        FORMAT.clone_into(&mut manifest.format);
+        manifest.format_version = FORMAT_VERSION;
+        "00000000".clone_into(&mut manifest.checksum);
+        let mut text = serde_json::to_string_pretty(&manifest)?;
+        text.push('\n');
+        if let Some(place) = checksum_place(&text) {
+            let checksum = format!("{:08x}", checksum_of(&text, &place));
+            text.replace_range(place, &checksum);
+        }
+        Ok(text)
+    }
+}

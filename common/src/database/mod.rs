@@ -1,0 +1,315 @@
+//! Reading a terrain database: the folder that ingest writes.
+//!
+//! ```text
+//! world.tv/
+//!   manifest.json       what it is, written last: a folder without it is an ingest that did not finish
+//!   elevation.pmtiles   elevation tiles, our own lossless codec     (elevation)
+//!   color.pmtiles       colour tiles, JPEG and a checksum           (color)
+//!   nodes.tvn           lowest and highest ground under every node  (ranges)
+//! ```
+//!
+//! Archives are PMTiles v3: zoom = levels - 1 - q, x = m, y counts from the north of the root's square. Everything read
+//! from these files is foreign: lengths are checked before they are allocated, tiles carry a checksum each, and the
+//! manifest carries those of everything else. A damaged database gives an error that says which file is damaged, or,
+//! for a tile, which tile.
+//!
+//! A [`Database`] is read by several threads at once; each brings its own [`TileScratch`].
+
+mod archive;
+mod color;
+mod directory;
+mod elevation;
+mod ground;
+mod manifest;
+mod ranges;
+
+pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
+pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
+pub use elevation::{ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_tile, encode_elevation_tile};
+pub use ground::ground_height;
+pub use manifest::{
+    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, Manifest, ManifestError, NodesRecord, Source,
+};
+pub use ranges::{NodeRanges, RangesError};
+
+use crate::node::NodeId;
+use crate::world::World;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Name of the manifest in a database's folder.
+pub const MANIFEST_FILE: &str = "manifest.json";
+/// Name of the archive of elevation tiles.
+pub const ELEVATION_FILE: &str = "elevation.pmtiles";
+/// Name of the archive of colour tiles.
+pub const COLOR_FILE: &str = "color.pmtiles";
+/// Name of the file of height ranges.
+pub const NODES_FILE: &str = "nodes.tvn";
+
+/// Why a database does not open.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DatabaseError {
+    /// No manifest: no database, or one that was never finished.
+    #[error(
+        "there is no finished terrain database (no {MANIFEST_FILE}; an ingest that was interrupted can be run again) in {}",
+        path.display()
+    )]
+    NotADatabase {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The manifest is not one that we can read.
+    #[error("the manifest cannot be used: {source}, in {}", path.display())]
+    Manifest {
+        /// What is wrong.
+        #[source]
+        source: ManifestError,
+        /// The manifest.
+        path: PathBuf,
+    },
+    /// An archive is damaged.
+    #[error("the tile archive cannot be used: {source}, in {}", path.display())]
+    Archive {
+        /// What is wrong.
+        #[source]
+        source: ArchiveError,
+        /// The archive.
+        path: PathBuf,
+    },
+    /// The file of height ranges is damaged.
+    #[error("the file of height ranges cannot be used: {source}, in {}", path.display())]
+    Ranges {
+        /// What is wrong.
+        #[source]
+        source: RangesError,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file cannot be read.
+    #[error("cannot read: {source}: {}", path.display())]
+    Read {
+        /// Why.
+        #[source]
+        source: io::Error,
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Which of the two pyramids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Layer {
+    /// Elevation.
+    Elevation,
+    /// Colour.
+    Color,
+}
+
+impl std::fmt::Display for Layer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Elevation => "elevation",
+            Self::Color => "colour",
+        })
+    }
+}
+
+/// Why a tile cannot be had.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TileError {
+    /// The database has none.
+    #[error("the {layer} tile of node {node} is missing")]
+    Missing {
+        /// The pyramid.
+        layer: Layer,
+        /// The node.
+        node: NodeId,
+    },
+    /// Its bytes are not what was written.
+    #[error("the {layer} tile of node {node} is damaged: {reason}")]
+    Corrupt {
+        /// The pyramid.
+        layer: Layer,
+        /// The node.
+        node: NodeId,
+        /// What is wrong with it.
+        reason: TileDamage,
+    },
+    /// It cannot be read.
+    #[error("the {layer} tile of node {node} cannot be read: {source}")]
+    Read {
+        /// The pyramid.
+        layer: Layer,
+        /// The node.
+        node: NodeId,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+}
+
+/// What is wrong with a damaged tile.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TileDamage {
+    /// The archive's directory is.
+    #[error(transparent)]
+    Directory(#[from] ArchiveError),
+    /// The elevation payload is.
+    #[error(transparent)]
+    Elevation(#[from] ElevationCodecError),
+    /// The colour payload is.
+    #[error(transparent)]
+    Color(#[from] ColorCodecError),
+}
+
+impl TileError {
+    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error.
+    #[must_use]
+    pub fn code(&self) -> u8 {
+        match self {
+            Self::Missing { .. } => 1,
+            Self::Corrupt { .. } => 2,
+            Self::Read { .. } => 3,
+        }
+    }
+}
+
+/// Buffers that a thread keeps between tiles, so that reading one allocates (almost) nothing.
+#[derive(Default)]
+pub struct TileScratch {
+    pub(crate) payload: Vec<u8>,
+    pub(crate) planes: Vec<u8>,
+    pub(crate) zstd: zstd::bulk::Decompressor<'static>,
+}
+
+impl std::fmt::Debug for TileScratch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("TileScratch").field("payload", &self.payload.len()).finish_non_exhaustive()
+    }
+}
+
+/// Where tiles come from. [`Database`] is the real one, tests have others. Calls block on storage; any thread may call.
+pub trait TileSource: Send + Sync {
+    /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south.
+    ///
+    /// # Errors
+    /// [`TileError`]; the content of `out` is then undefined.
+    fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError>;
+
+    /// Colour of a node: RGBA8 of three mip levels back to back (`(Nc + 8)²`, a quarter, a sixteenth), row 0 in the
+    /// north, borders included. `out` holds at least [`color_tile_bytes`].
+    ///
+    /// # Errors
+    /// [`TileError`]; the content of `out` is then undefined.
+    fn read_color(&self, node: NodeId, out: &mut [u8], scratch: &mut TileScratch) -> Result<(), TileError>;
+}
+
+/// A terrain database, open for reading.
+#[derive(Debug)]
+pub struct Database {
+    path: PathBuf,
+    manifest: Manifest,
+    world: World,
+    ranges: NodeRanges,
+    elevation: Archive,
+    color: Archive,
+}
+
+impl Database {
+    /// Opens the database in a folder and checks everything but the tiles themselves.
+    ///
+    /// # Errors
+    /// [`DatabaseError`]: not there, not finished, of another version, damaged.
+    pub fn open(path: &Path) -> Result<Self, DatabaseError> {
+        let manifest_path = path.join(MANIFEST_FILE);
+        let text = match manifest::read_text(&manifest_path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == io::ErrorKind::NotFound || e.kind() == io::ErrorKind::NotADirectory => {
+                return Err(DatabaseError::NotADatabase { path: path.to_owned() });
+            }
+            Err(source) => return Err(DatabaseError::Read { source, path: manifest_path }),
+        };
+        let manifest =
+            Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
+        let world = World::new(manifest.world)
+            .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
+        let open = |name, record: &ArchiveRecord| {
+            let path = path.join(name);
+            Archive::open(&path, record).map_err(|source| DatabaseError::Archive { source, path })
+        };
+        let elevation = open(ELEVATION_FILE, &manifest.elevation.archive)?;
+        let color = open(COLOR_FILE, &manifest.color.archive)?;
+        let nodes_path = path.join(NODES_FILE);
+        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.nodes)
+            .map_err(|source| DatabaseError::Ranges { source, path: nodes_path })?;
+        Ok(Self { path: path.to_owned(), manifest, world, ranges, elevation, color })
+    }
+
+    /// The folder that it is in.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the manifest says.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Its geometry.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Lowest and highest ground under each node.
+    #[must_use]
+    pub fn ranges(&self) -> &NodeRanges {
+        &self.ranges
+    }
+
+    fn payload<'s>(&self, layer: Layer, node: NodeId, scratch: &'s mut Vec<u8>) -> Result<&'s [u8], TileError> {
+        let (archive, has_place, limit) = match layer {
+            Layer::Elevation => {
+                (&self.elevation, self.world.has_elevation(node), elevation::max_payload_bytes(&self.world))
+            }
+            Layer::Color => (&self.color, self.world.has_color(node), color_tile_bytes(&self.world)),
+        };
+        let damaged = |reason: ArchiveError| match reason {
+            ArchiveError::Read { source } => TileError::Read { layer, node, source },
+            reason => TileError::Corrupt { layer, node, reason: reason.into() },
+        };
+        let coord = has_place.then(|| tile_coord(&self.world, node)).flatten();
+        let coord = coord.ok_or(TileError::Missing { layer, node })?;
+        match archive.read(coord.into(), limit, scratch).map_err(damaged)? {
+            true => Ok(scratch),
+            false => Err(TileError::Missing { layer, node }),
+        }
+    }
+}
+
+impl TileSource for Database {
+    fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError> {
+        let mut payload = std::mem::take(&mut scratch.payload);
+        let result =
+            self.payload(Layer::Elevation, node, &mut payload).and_then(|bytes| {
+                decode_elevation_tile(bytes, self.world.elevation_posts(), out, scratch)
+                    .map_err(|e| TileError::Corrupt { layer: Layer::Elevation, node, reason: e.into() })
+            });
+        scratch.payload = payload;
+        result
+    }
+
+    fn read_color(&self, node: NodeId, out: &mut [u8], scratch: &mut TileScratch) -> Result<(), TileError> {
+        let bytes = self.payload(Layer::Color, node, &mut scratch.payload)?;
+        decode_color_tile(bytes, self.world.color_stored(), out).map_err(|e| TileError::Corrupt {
+            layer: Layer::Color,
+            node,
+            reason: e.into(),
+        })
+    }
+}

@@ -1,0 +1,181 @@
+//! Lowest and highest ground under every node: what makes bounding boxes.
+
+use super::manifest::NodesRecord;
+use crate::node::NodeId;
+use crate::world::World;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+const MAGIC: &[u8; 8] = b"TVnodes1";
+/// No file of ranges is larger: 500 million nodes.
+const MAX_BYTES: u64 = 4 << 30;
+
+/// Why there are no ranges.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RangesError {
+    /// It does not begin like one.
+    #[error("it is no file of height ranges")]
+    NotRanges,
+    /// It is not as long as it should be.
+    #[error("it has {found} bytes, expected {expected}")]
+    Length {
+        /// What manifest and world say.
+        expected: u64,
+        /// What it has.
+        found: u64,
+    },
+    /// It is not what was written.
+    #[error("its checksum is {found:08x}, expected {expected:08x}")]
+    Checksum {
+        /// What the manifest says.
+        expected: u32,
+        /// What its bytes give.
+        found: u32,
+    },
+    /// It is of another world.
+    #[error("level {level} has {found} nodes, expected {expected}")]
+    Level {
+        /// The level.
+        level: u8,
+        /// What the world has.
+        expected: u64,
+        /// What it has.
+        found: u64,
+    },
+    /// A range is none.
+    #[error("the range of node {node} is {} to {}", range[0], range[1])]
+    Range {
+        /// The node.
+        node: NodeId,
+        /// Lowest and highest as found.
+        range: [f32; 2],
+    },
+    /// It cannot be read.
+    #[error("it cannot be read: {source}")]
+    Read {
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+}
+
+impl From<io::Error> for RangesError {
+    fn from(source: io::Error) -> Self {
+        Self::Read { source }
+    }
+}
+
+/// Lowest and highest ground, metres, under each node of a world: bounds of the node's own posts, of all its
+/// descendants' and of every ancestor's posts over the node's area. So they bound the ground at every level.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeRanges {
+    world: World,
+    levels: Vec<Vec<[f32; 2]>>,
+}
+
+impl NodeRanges {
+    /// Ranges by level (0 first), each by row from the south, then column from the west.
+    ///
+    /// # Errors
+    /// [`RangesError`] when the lengths are not those of the world or a range is empty or not finite.
+    pub fn from_parts(world: &World, levels: Vec<Vec<[f32; 2]>>) -> Result<Self, RangesError> {
+        if levels.len() != usize::from(world.levels()) {
+            let [expected, found] = [u64::from(world.levels()), levels.len() as u64];
+            return Err(RangesError::Length { expected, found });
+        }
+        for (level, ranges) in (0..world.levels()).zip(&levels) {
+            let [columns, rows] = world.nodes_at(level);
+            let expected = u64::from(columns) * u64::from(rows);
+            if ranges.len() as u64 != expected {
+                return Err(RangesError::Level { level, expected, found: ranges.len() as u64 });
+            }
+            let is_bad = |r: &[f32; 2]| !(r[0].is_finite() && r[1].is_finite() && r[0] <= r[1]);
+            if let Some(at) = ranges.iter().position(is_bad) {
+                let at32 = at as u32;
+                let node = NodeId::new(at32 % columns, at32 / columns, level).unwrap_or(world.root());
+                return Err(RangesError::Range { node, range: ranges[at] });
+            }
+        }
+        Ok(Self { world: *world, levels })
+    }
+
+    /// Lowest and highest ground under a node, metres; `None` when the node does not exist.
+    #[must_use]
+    pub fn range(&self, node: NodeId) -> Option<[f32; 2]> {
+        if !self.world.contains(node) {
+            return None;
+        }
+        let columns = self.world.nodes_at(node.q())[0] as usize;
+        self.levels[usize::from(node.q())].get(node.n() as usize * columns + node.m() as usize).copied()
+    }
+
+    /// Bytes of the file of this world's ranges.
+    fn file_bytes(world: &World) -> u64 {
+        let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
+        MAGIC.len() as u64 + 8 * nodes
+    }
+
+    /// Writes them as a file; returns what the manifest records of it.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn write(&self, path: &Path) -> io::Result<NodesRecord> {
+        let mut file = io::BufWriter::new(File::create(path)?);
+        let mut hasher = crc32fast::Hasher::new();
+        let mut put = |bytes: &[u8]| {
+            hasher.update(bytes);
+            file.write_all(bytes)
+        };
+        put(MAGIC)?;
+        let mut buffer = Vec::new();
+        for part in self.levels.iter().flat_map(|level| level.chunks(4096)) {
+            buffer.clear();
+            buffer.extend(part.iter().flatten().flat_map(|v| v.to_le_bytes()));
+            put(&buffer)?;
+        }
+        file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        Ok(NodesRecord { bytes: Self::file_bytes(&self.world), crc32: hasher.finalize() })
+    }
+
+    /// Reads the file and checks it against the world and the manifest.
+    ///
+    /// # Errors
+    /// [`RangesError`].
+    pub fn read(path: &Path, world: &World, record: &NodesRecord) -> Result<Self, RangesError> {
+        let mut file = File::open(path)?;
+        let found = file.metadata()?.len();
+        let expected = Self::file_bytes(world);
+        // Before anything is allocated: the file is as long as the world needs.
+        if found != expected || found != record.bytes || found > MAX_BYTES {
+            return Err(RangesError::Length { expected, found });
+        }
+        let mut hasher = crc32fast::Hasher::new();
+        let mut magic = [0; MAGIC.len()];
+        file.read_exact(&mut magic)?;
+        if &magic != MAGIC {
+            return Err(RangesError::NotRanges);
+        }
+        hasher.update(&magic);
+        let mut levels = Vec::with_capacity(usize::from(world.levels()));
+        for q in 0..world.levels() {
+            let count = world.nodes_at(q).map(|c| c as usize).iter().product::<usize>();
+            let mut ranges = vec![[0f32; 2]; count];
+            for part in ranges.chunks_mut(1 << 16) {
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(part);
+                file.read_exact(bytes)?;
+                hasher.update(bytes);
+            }
+            if cfg!(target_endian = "big") {
+                ranges.iter_mut().flatten().for_each(|v| *v = f32::from_bits(v.to_bits().swap_bytes()));
+            }
+            levels.push(ranges);
+        }
+        let found = hasher.finalize();
+        if found != record.crc32 {
+            return Err(RangesError::Checksum { expected: record.crc32, found });
+        }
+        Self::from_parts(world, levels)
+    }
+}
