@@ -4,13 +4,19 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
+//! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
+//!   that is cleared at once.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
 pub mod camera;
+pub mod database;
 pub mod event;
+pub mod facet;
 pub mod level;
 pub mod node;
+pub mod node_table;
 pub mod run;
 pub mod slot;
+pub mod traversal;
 pub mod tree;
 pub mod world;

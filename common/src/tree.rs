@@ -2,7 +2,8 @@
 //!
 //! A half is a [`TreeHeader`] and then a flat array of [`TreeNode`]s. The root is node 0. The children of a node are
 //! contiguous, nearest to the eye first, and the blocks of children follow depth first. Only nodes that may be visible
-//! are present. A reader checks every index ([`TreeNode::children`]) before it follows it.
+//! are present; a tree in which nothing is visible has no nodes at all. A reader checks every index
+//! ([`TreeNode::children`]) before it follows it.
 
 use crate::camera::Camera;
 use crate::node::NodeId;
@@ -14,6 +15,10 @@ pub const ELEVATION_LEAF: u8 = 1;
 /// The node is drawn with a colour tile of its own; it has no children.
 pub const COLOR_LEAF: u8 = 2;
 
+/// The node is drawn with the colour of its nearest ancestor that lacks this flag: that one is fine enough already, and
+/// the node's own colour tile is not wanted. All nodes below one with this flag have it too; the root never has.
+pub const COLOR_FROM_ANCESTOR: u8 = 4;
+
 /// One node of a truncated quad tree; 24 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -24,7 +29,7 @@ pub struct TreeNode {
     pub first_child: u32,
     /// Number of children, 0 to 4.
     pub child_count: u8,
-    /// [`ELEVATION_LEAF`] | [`COLOR_LEAF`].
+    /// [`ELEVATION_LEAF`] | [`COLOR_LEAF`] | [`COLOR_FROM_ANCESTOR`].
     pub flags: u8,
     /// Zero.
     pub reserved: [u8; 10],

@@ -1,0 +1,71 @@
+//! The found nodes as the flat tree of [`crate::tree`].
+
+use super::{Found, HeightRanges, Traversal, TreeStats, View};
+use crate::node::NodeId;
+use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
+use crate::world::World;
+use bytemuck::Zeroable;
+
+/// A node that is written, with its children still to be written.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pending {
+    found: u32,
+    out: u32,
+}
+
+impl Traversal {
+    /// Writes the drawn nodes; `out` is long enough (the search was limited by it).
+    pub(super) fn emit<R: HeightRanges>(&mut self, view: &View<'_, R>, out: &mut [TreeNode]) -> TreeStats {
+        let mut stats = TreeStats::default();
+        if !self.found.first().is_some_and(|root| root.is_drawn) || out.is_empty() {
+            return stats;
+        }
+        out[0] = leaf_node(&self.found[0], 0);
+        stats.node_count = 1;
+        self.stack.clear();
+        self.stack.push(Pending { found: 0, out: 0 });
+        while let Some(pending) = self.stack.pop() {
+            let parent = self.found[pending.found as usize];
+            stats.elevation_leaf_count += u32::from(parent.is_elevation_leaf);
+            if !parent.is_split {
+                stats.color_leaf_count += 1;
+                continue;
+            }
+            let color_bound = parent.bound + view.level.color_minus_elevation() + view.coarser;
+            let is_color_fine = f64::from(parent.id.q()) <= color_bound;
+            let node = &mut out[pending.out as usize];
+            let inherited = if is_color_fine { COLOR_FROM_ANCESTOR } else { node.flags & COLOR_FROM_ANCESTOR };
+            node.flags &= !COLOR_LEAF;
+            node.first_child = stats.node_count;
+            let first_pending = self.stack.len();
+            for index in near_to_far(&self.world, parent.id, view.level.eye().truncate()) {
+                let Some(child) = parent.children[usize::from(index)] else { continue };
+                let found = &self.found[child.get() as usize];
+                if found.is_drawn {
+                    out[stats.node_count as usize] = leaf_node(found, inherited);
+                    self.stack.push(Pending { found: child.get(), out: stats.node_count });
+                    stats.node_count += 1;
+                }
+            }
+            out[pending.out as usize].child_count = (self.stack.len() - first_pending) as u8;
+            self.stack[first_pending..].reverse();
+        }
+        stats
+    }
+}
+
+fn leaf_node(found: &Found, inherited: u8) -> TreeNode {
+    let elevation = if found.is_elevation_leaf { ELEVATION_LEAF } else { 0 };
+    TreeNode { node: found.id.pack(), flags: COLOR_LEAF | elevation | inherited, ..TreeNode::zeroed() }
+}
+
+/// Child indices of a node, front to back as seen from `eye`: the quadrant of the eye, the one across the nearer of the
+/// two middle lines, the one across the other, the opposite one. No ray from the eye meets them in another order.
+fn near_to_far(world: &World, node: NodeId, eye: glam::DVec2) -> [u8; 4] {
+    let half = 0.5 * world.node_side_m(node.q());
+    let origin = world.node_origin(node).map(|c| c as f64 * world.lattice_unit_m() + half);
+    let (dx, dy) = (eye.x - origin[0], eye.y - origin[1]);
+    let nearest = u8::from(dx >= 0.0) | u8::from(dy >= 0.0) << 1;
+    let (second, third) = if dx.abs() <= dy.abs() { (1, 2) } else { (2, 1) };
+    [nearest, nearest ^ second, nearest ^ third, nearest ^ 3]
+}

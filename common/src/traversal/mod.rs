@@ -1,0 +1,258 @@
+//! The search of the quad tree, coarse to fine, for what a camera sees (design §3, §4): the truncated quad tree.
+//!
+//! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum is split while its level
+//!    is above the elevation level's lower bound over its box.
+//! 2. **Restriction.** Elevation leaves that are coarser than an edge neighbour by more than one level are split
+//!    until none is.
+//! 3. **Colour.** Below each elevation leaf, nodes are split while their level is above the colour level's bound.
+//! 4. **Output.** Nodes of which nothing turned out to be visible are left out; the rest is written depth first, the
+//!    children of a node nearest to the eye first, which for a grid is truly front to back.
+//!
+//! A tree that would not fit is searched again with both wanted levels one coarser, and again until it fits: it stays
+//! restricted and complete, only coarser. Everything is allocated once, in [`Traversal::new`].
+
+mod emit;
+mod view;
+
+pub use view::{Frustum, HeightRanges, node_box};
+
+use crate::camera::Camera;
+use crate::level::LevelFunction;
+use crate::node::{MAX_LEVEL, NodeId};
+use crate::node_table::NodeTable;
+use crate::tree::TreeNode;
+use crate::world::World;
+use std::num::NonZeroU32;
+
+/// How large a tree may become.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TreeLimits {
+    /// Nodes: what one half of the ping-pong buffer holds.
+    pub nodes: u32,
+    /// Elevation leaves: what the elevation ring holds, or the preparer could never hand the frame over.
+    pub elevation_leaves: u32,
+}
+
+/// What a search found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TreeStats {
+    /// Nodes written.
+    pub node_count: u32,
+    /// Elevation leaves among them.
+    pub elevation_leaf_count: u32,
+    /// Colour leaves among them.
+    pub color_leaf_count: u32,
+    /// Whether the limits made the tree coarser than wanted.
+    pub is_cut_short: bool,
+}
+
+/// One node while it is searched. Children come after their parent.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    id: NodeId,
+    /// Lower bound of the elevation level over the node's box.
+    bound: f64,
+    children: [Option<NonZeroU32>; 4],
+    is_split: bool,
+    is_elevation_leaf: bool,
+    /// Whether it or anything below it is drawn.
+    is_drawn: bool,
+}
+
+/// The search; keeps its buffers from frame to frame.
+#[derive(Debug)]
+pub struct Traversal {
+    world: World,
+    limits: TreeLimits,
+    found: Vec<Found>,
+    table: NodeTable,
+    stack: Vec<emit::Pending>,
+}
+
+/// The limits are reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Full;
+
+/// What one search of one frame reads.
+struct View<'a, R> {
+    frustum: Frustum,
+    level: &'a LevelFunction,
+    ranges: &'a R,
+    /// Added to both wanted levels.
+    coarser: f64,
+}
+
+impl Traversal {
+    /// Buffers for trees of a world.
+    #[must_use]
+    pub fn new(world: &World, limits: TreeLimits) -> Self {
+        let capacity = limits.nodes as usize;
+        Self {
+            world: *world,
+            limits,
+            found: Vec::with_capacity(capacity),
+            table: NodeTable::new(capacity),
+            stack: Vec::with_capacity(4 * (usize::from(MAX_LEVEL) + 1)),
+        }
+    }
+
+    /// Searches the tree for a valid camera and writes it to the front of `out`. The level functions are the camera's
+    /// own. Neither blocks nor allocates.
+    pub fn build(
+        &mut self,
+        camera: &Camera,
+        level: &LevelFunction,
+        ranges: &impl HeightRanges,
+        out: &mut [TreeNode],
+    ) -> TreeStats {
+        let mut view = View { frustum: Frustum::new(camera), level, ranges, coarser: 0.0 };
+        let mut is_cut_short = false;
+        // Wanted levels span some 80 powers of two at most, then every tree is its root.
+        while view.coarser < 128.0 {
+            if self.search(&view, out.len()).is_ok() {
+                break;
+            }
+            view.coarser += 1.0;
+            is_cut_short = true;
+        }
+        TreeStats { is_cut_short, ..self.emit(&view, out) }
+    }
+
+    fn search<R: HeightRanges>(&mut self, view: &View<'_, R>, out_len: usize) -> Result<(), Full> {
+        self.found.clear();
+        self.table.clear();
+        let capacity = out_len.min(self.limits.nodes as usize);
+        if self.add(view, self.world.root(), capacity)?.is_none() {
+            return Ok(());
+        }
+        let mut at = 0;
+        while at < self.found.len() {
+            let Found { id, bound, .. } = self.found[at];
+            if f64::from(id.q()) > bound + view.coarser && id.q() > self.world.finest_elevation_level() {
+                self.split(view, at, capacity)?;
+            }
+            at += 1;
+        }
+        self.restrict(view, capacity)?;
+        self.split_for_color(view, capacity)?;
+        self.mark_drawn();
+        let leaves = self.found.iter().filter(|f| f.is_elevation_leaf && f.is_drawn).count();
+        if leaves > self.limits.elevation_leaves as usize { Err(Full) } else { Ok(()) }
+    }
+
+    /// Adds the node when it may be visible and gives its index.
+    fn add<R: HeightRanges>(&mut self, view: &View<'_, R>, id: NodeId, capacity: usize) -> Result<Option<usize>, Full> {
+        let Some(bounds) = node_box(&self.world, view.ranges, view.level.exaggeration(), id) else { return Ok(None) };
+        if !view.frustum.may_see(&bounds) {
+            return Ok(None);
+        }
+        let at = self.found.len();
+        if at >= capacity {
+            return Err(Full);
+        }
+        let bound = view.level.elevation_bound(&bounds);
+        let node = Found { id, bound, children: [None; 4], is_split: false, is_elevation_leaf: false, is_drawn: false };
+        self.found.push(node);
+        self.table.insert(id, at as u32).map_err(|_value| Full)?;
+        Ok(Some(at))
+    }
+
+    fn split<R: HeightRanges>(&mut self, view: &View<'_, R>, at: usize, capacity: usize) -> Result<(), Full> {
+        self.found[at].is_split = true;
+        for index in 0..4u8 {
+            if let Some(child) = self.found[at].id.child(index) {
+                let child = self.add(view, child, capacity)?;
+                self.found[at].children[usize::from(index)] = child.and_then(|c| NonZeroU32::new(c as u32));
+            }
+        }
+        Ok(())
+    }
+
+    /// Splits leaves until edge neighbours differ by one level at most. Each leaf of level q asks for the four nodes of
+    /// level q + 1 across its edges; those that a split brings into being ask in their turn, as they come later.
+    fn restrict<R: HeightRanges>(&mut self, view: &View<'_, R>, capacity: usize) -> Result<(), Full> {
+        let mut at = 0;
+        while at < self.found.len() {
+            if !self.found[at].is_split {
+                for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+                    if let Some(neighbor) = neighbor_in(&self.world, self.found[at].id, east, north) {
+                        self.reach(view, neighbor.parent(), capacity)?;
+                    }
+                }
+            }
+            at += 1;
+        }
+        Ok(())
+    }
+
+    /// Splits the leaf that covers `target` until `target` is in the tree, or is found to be invisible.
+    fn reach<R: HeightRanges>(&mut self, view: &View<'_, R>, target: NodeId, capacity: usize) -> Result<(), Full> {
+        let root = self.world.root();
+        while self.table.get(target).is_none() {
+            let mut above = target;
+            let covering = loop {
+                if above.q() >= root.q() {
+                    return Ok(());
+                }
+                above = above.parent();
+                if let Some(found) = self.table.get(above) {
+                    break found as usize;
+                }
+            };
+            if self.found[covering].is_split {
+                return Ok(());
+            }
+            self.split(view, covering, capacity)?;
+        }
+        Ok(())
+    }
+
+    fn split_for_color<R: HeightRanges>(&mut self, view: &View<'_, R>, capacity: usize) -> Result<(), Full> {
+        let elevation_nodes = self.found.len();
+        for found in &mut self.found {
+            found.is_elevation_leaf = !found.is_split;
+        }
+        // A colour leaf covers one facet of its elevation leaf at least.
+        let deepest = self.world.elevation_tile().ilog2() as u8;
+        let color_minus_elevation = view.level.color_minus_elevation();
+        for leaf in 0..elevation_nodes {
+            if self.found[leaf].is_split {
+                continue;
+            }
+            let finest = self.found[leaf].id.q().saturating_sub(deepest).max(self.world.finest_color_level());
+            let mut next = self.found.len();
+            let mut at = leaf;
+            loop {
+                let Found { id, bound, .. } = self.found[at];
+                if id.q() > finest && f64::from(id.q()) > bound + color_minus_elevation + view.coarser {
+                    self.split(view, at, capacity)?;
+                }
+                if next >= self.found.len() {
+                    break;
+                }
+                at = next;
+                next += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// A node that was split and has no visible child is not visible itself.
+    fn mark_drawn(&mut self) {
+        for at in (0..self.found.len()).rev() {
+            let Found { children, is_split, .. } = self.found[at];
+            let is_drawn = !is_split || children.iter().flatten().any(|c| self.found[c.get() as usize].is_drawn);
+            self.found[at].is_drawn = is_drawn;
+        }
+    }
+}
+
+/// The node of the same level `east` columns and `north` rows away, when it exists.
+#[must_use]
+pub fn neighbor_in(world: &World, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
+    let (m, n) = (node.m().checked_add_signed(east)?, node.n().checked_add_signed(north)?);
+    NodeId::new(m, n, node.q()).filter(|id| world.contains(*id))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,117 @@
+//! What may be seen of a node: its box, and the view frustum.
+
+use crate::camera::Camera;
+use crate::database::NodeRanges;
+use crate::level::WorldBox;
+use crate::node::NodeId;
+use crate::world::World;
+use glam::DVec3;
+
+/// Lowest and highest ground under nodes, metres, at any level of detail.
+pub trait HeightRanges {
+    /// The range of a node, `None` when the node does not exist.
+    fn range(&self, node: NodeId) -> Option<[f32; 2]>;
+}
+
+impl HeightRanges for NodeRanges {
+    fn range(&self, node: NodeId) -> Option<[f32; 2]> {
+        NodeRanges::range(self, node)
+    }
+}
+
+/// Box of a node, clipped to the extent, heights exaggerated; `None` when the node does not exist.
+#[must_use]
+pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, node: NodeId) -> Option<WorldBox> {
+    if !world.contains(node) {
+        return None;
+    }
+    let [a, b] = ranges.range(node)?.map(|z| exaggeration * f64::from(z));
+    let side = world.node_side(node.q());
+    let unit = world.lattice_unit_m();
+    let low = world.node_origin(node);
+    let extent = world.extent().map(u64::from);
+    let high = [0, 1].map(|axis| (low[axis] + side).min(extent[axis]) as f64 * unit);
+    Some(WorldBox {
+        min: DVec3::new(low[0] as f64 * unit, low[1] as f64 * unit, a.min(b)),
+        max: DVec3::new(high[0], high[1], a.max(b)),
+    })
+}
+
+/// Boxes this far outside of the frustum, metres, still count as inside: the planes are rounded.
+const TOLERANCE_M: f64 = 1e-5;
+
+/// The view frustum: four side planes, and the plane through the eye that everything visible is in front of.
+#[derive(Debug, Clone, Copy)]
+pub struct Frustum {
+    eye: DVec3,
+    normals: [DVec3; 5],
+}
+
+impl Frustum {
+    /// The frustum of a valid camera.
+    #[must_use]
+    pub fn new(camera: &Camera) -> Self {
+        let [a, b, c, d] = camera.frustum_normals_in_world();
+        Self { eye: camera.eye(), normals: [a, b, c, d, camera.axes_in_world()[2]] }
+    }
+
+    /// Whether any of the box may be inside; `false` is certain, `true` is not.
+    #[must_use]
+    pub fn may_see(&self, bounds: &WorldBox) -> bool {
+        let (min, max) = (bounds.min - self.eye, bounds.max - self.eye);
+        // The corner that lies farthest along the normal is inside of the plane.
+        self.normals.iter().all(|n| (*n * min).max(*n * max).element_sum() >= -TOLERANCE_M)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_box_with_a_visible_point_is_never_culled(
+            eye in prop::array::uniform3(-1e5f64..1e5),
+            angles in prop::array::uniform3(-3.2f64..3.2),
+            vfov_rad in 0.05f64..2.8,
+            picture in prop::array::uniform2(0.0f64..=1.0),
+            log_depth in -3.0f64..20.0,
+            log_size in prop::array::uniform3(-8.0f64..20.0),
+            inside in prop::array::uniform3(0.0f64..=1.0),
+        ) {
+            let camera = Camera {
+                eye_in_world: eye, heading_rad: angles[0], pitch_rad: angles[1], roll_rad: angles[2],
+                vfov_rad, width: 1280, height: 720, timestamp_nanos: 0,
+            };
+            let visible = camera.eye() + camera.ray_in_world(picture[0] * 1280.0, picture[1] * 720.0) * log_depth.exp2();
+            let size = DVec3::from_array(log_size.map(f64::exp2));
+            let min = visible - size * DVec3::from_array(inside);
+            let bounds = WorldBox { min, max: min + size };
+            prop_assert!(Frustum::new(&camera).may_see(&bounds));
+        }
+    }
+
+    #[test]
+    fn boxes_beside_and_behind_are_culled() {
+        let camera = Camera {
+            eye_in_world: [0.0; 3],
+            heading_rad: 0.0,
+            pitch_rad: 0.0,
+            roll_rad: 0.0,
+            vfov_rad: 1.0,
+            width: 100,
+            height: 100,
+            timestamp_nanos: 0,
+        };
+        let frustum = Frustum::new(&camera);
+        let at = |x, y, z| WorldBox { min: DVec3::new(x, y, z) - 1.0, max: DVec3::new(x, y, z) + 1.0 };
+        assert!(frustum.may_see(&at(0.0, 50.0, 0.0)));
+        for hidden in [at(0.0, -50.0, 0.0), at(50.0, 50.0, 0.0), at(-50.0, 50.0, 0.0), at(0.0, 50.0, 50.0)] {
+            assert!(!frustum.may_see(&hidden));
+        }
+        // Wide, far behind: no side plane has all of it outside, the plane of the eye has.
+        let behind = WorldBox { min: DVec3::new(-1e4, -1e4, -1e4), max: DVec3::new(1e4, -1e3, 1e4) };
+        assert!(!frustum.may_see(&behind));
+    }
+}
