@@ -59,6 +59,9 @@ pub struct Crs {
     pub epsg: Option<u32>,
     /// The full definition, WKT (version 1 or 2).
     pub wkt: String,
+    /// PROJ string of it, if there is one: lets programs without GDAL bring other coordinates into it.
+    #[serde(default)]
+    pub proj4: Option<String>,
 }
 
 /// The body whose terrain it is.
