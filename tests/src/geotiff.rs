@@ -1,11 +1,12 @@
-//! Reads the rasters that a world was ingested from, for the reference renderer: uncommon encodings are not needed,
-//! independence of the code under test is.
+//! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds for tests: uncommon
+//! encodings are not needed, independence of the code under test is.
 
 use crate::reference::{Colors, Heights};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, BufWriter};
 use std::path::Path;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::encoder::{TiffEncoder, TiffValue, colortype};
 use tiff::tags::Tag;
 
 /// Why a raster could not be read.
@@ -68,8 +69,7 @@ pub fn read_heights(path: &Path) -> Result<Heights, GeoTiffError> {
     let raster = read(path)?;
     let DecodingResult::F32(pixels) = raster.pixels else { return Err(fail(path, "not float32")) };
     let half = 0.5 * raster.cell_m;
-    let origin =
-        [raster.north_west[0] + half, raster.north_west[1] - (raster.height as f64 - 0.5) * raster.cell_m];
+    let origin = [raster.north_west[0] + half, raster.north_west[1] - (raster.height as f64 - 0.5) * raster.cell_m];
     let values = pixels.chunks_exact(raster.width).rev().flatten().copied().collect();
     Ok(Heights::new(raster.width, raster.height, origin, raster.cell_m, values))
 }
@@ -110,4 +110,72 @@ pub fn read_floats(path: &Path) -> Result<(usize, usize, Vec<f64>), GeoTiffError
         _ => return Err(fail(path, "not of floats")),
     };
     Ok((width as usize, height as usize, values))
+}
+
+/// GeoKeys of a projected CRS, WGS 84 / UTM zone 32N; the raster type is to be set.
+fn utm_keys(raster_type: u16) -> [u16; 16] {
+    [1, 1, 0, 3, 1024, 0, 1, 1, RASTER_TYPE_KEY, 0, 1, raster_type, 3072, 0, 1, 32632]
+}
+
+/// Writes posts, rows from south to north, the south west one at `origin`, as a float32 GeoTIFF.
+///
+/// # Panics
+/// When it cannot be written.
+pub fn write_heights(path: &Path, columns: usize, rows: usize, origin: [f64; 2], spacing_m: f64, posts: &[f32]) {
+    let north = origin[1] + (rows - 1) as f64 * spacing_m;
+    let flipped: Vec<f32> = posts.chunks_exact(columns).rev().flatten().copied().collect();
+    let tie = [0.0, 0.0, 0.0, origin[0], north, 0.0];
+    write::<colortype::Gray32Float>(path, [columns, rows], tie, spacing_m, PIXEL_IS_POINT, &flipped);
+}
+
+/// Writes cells, rows from south to north, the south west corner at `origin`, as an RGB GeoTIFF.
+///
+/// # Panics
+/// When it cannot be written.
+pub fn write_colors(path: &Path, width: usize, height: usize, origin: [f64; 2], texel_m: f64, rgb: &[[u8; 3]]) {
+    let north = origin[1] + height as f64 * texel_m;
+    let flipped: Vec<u8> = rgb.chunks_exact(width).rev().flatten().flatten().copied().collect();
+    let tie = [0.0, 0.0, 0.0, origin[0], north, 0.0];
+    write::<colortype::RGB8>(path, [width, height], tie, texel_m, 1, &flipped);
+}
+
+fn write<C: colortype::ColorType>(
+    path: &Path,
+    [width, height]: [usize; 2],
+    tie: [f64; 6],
+    cell_m: f64,
+    raster_type: u16,
+    values: &[C::Inner],
+) where
+    [C::Inner]: TiffValue,
+{
+    let written = File::create(path).map_err(tiff::TiffError::from).and_then(|file| {
+        let mut encoder = TiffEncoder::new(BufWriter::new(file))?;
+        let mut image = encoder.new_image::<C>(width as u32, height as u32)?;
+        image.encoder().write_tag(Tag::ModelPixelScaleTag, &[cell_m, cell_m, 0.0][..])?;
+        image.encoder().write_tag(Tag::ModelTiepointTag, &tie[..])?;
+        image.encoder().write_tag(Tag::GeoKeyDirectoryTag, &utm_keys(raster_type)[..])?;
+        image.write_data(values)
+    });
+    written.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rasters_come_back_where_they_were_written() {
+        let folder = crate::folder::TestFolder::new("geotiff");
+        let posts: Vec<f32> = (0..12).map(|k| k as f32).collect();
+        write_heights(&folder.join("h.tif"), 4, 3, [100.0, 200.0], 10.0, &posts);
+        let heights = read_heights(&folder.join("h.tif")).unwrap();
+        assert_eq!((heights.origin(), heights.extent_m()), ([100.0, 200.0], [30.0, 20.0]));
+        assert_eq!(heights.at(110.0, 220.0), Some(9.0));
+        let cells: Vec<[u8; 3]> = (0..12).map(|k| [k, 0, 255 - k]).collect();
+        write_colors(&folder.join("c.tif"), 4, 3, [100.0, 200.0], 5.0, &cells);
+        let colors = read_colors(&folder.join("c.tif")).unwrap();
+        assert_eq!(colors.nearest(102.0, 202.0), [0, 0, 255]);
+        assert_eq!(colors.nearest(118.0, 213.0), [11, 0, 244]);
+    }
 }

@@ -1,5 +1,11 @@
-//! What TerraVision's tests stand on: a reference renderer, measures of pictures, and processes as values.
+//! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as values, worlds to fly
+//! over.
 
+pub mod flight;
+pub mod folder;
 pub mod geotiff;
 pub mod metrics;
+pub mod process;
 pub mod reference;
+pub mod shot;
+pub mod worlds;

@@ -47,8 +47,7 @@ pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionC
             let point = after.camera.eye() + after.camera.ray_in_world(x as f64 + 0.5, y as f64 + 0.5) * depth;
             let Some((px, py, then)) = view.pixel(point) else { continue };
             let Some(sample) = fetch(&before, px, py, then) else { continue };
-            let difference =
-                sample.iter().zip(after.rgb[i]).map(|(a, b)| (a - f64::from(b)).abs()).sum::<f64>() / 3.0;
+            let difference = sample.iter().zip(after.rgb[i]).map(|(a, b)| (a - f64::from(b)).abs()).sum::<f64>() / 3.0;
             differences.push(difference);
             let block = &mut blocks[(y / BLOCK) * blocks_wide + x / BLOCK];
             block.0 += difference;
@@ -61,11 +60,8 @@ pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionC
         0 => 0.0,
         n => *differences.select_nth_unstable_by((n * 99 / 100).min(n - 1), f64::total_cmp).1,
     };
-    let worst_block = blocks
-        .iter()
-        .filter(|(_, n)| *n > BLOCK * BLOCK / 2)
-        .map(|(sum, n)| sum / *n as f64)
-        .fold(0.0, f64::max);
+    let worst_block =
+        blocks.iter().filter(|(_, n)| *n > BLOCK * BLOCK / 2).map(|(sum, n)| sum / *n as f64).fold(0.0, f64::max);
     MotionChange { mean, p99, worst_block, pixels }
 }
 

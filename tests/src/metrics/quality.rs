@@ -26,7 +26,11 @@ pub fn compare(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &
         squares += a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>();
     }
     let mean_square = squares / (3 * pixels) as f64;
-    Quality { psnr_db: 10.0 * (255.0 * 255.0 / mean_square).log10(), ssim: ssim(width, picture, reference, mask), pixels }
+    Quality {
+        psnr_db: 10.0 * (255.0 * 255.0 / mean_square).log10(),
+        ssim: ssim(width, picture, reference, mask),
+        pixels,
+    }
 }
 
 const RADIUS: usize = 5;

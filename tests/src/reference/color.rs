@@ -128,8 +128,7 @@ impl Mip {
             for x in 0..width {
                 let columns = [2 * x, (2 * x + 1).min(self.width - 1)];
                 rgb.push(std::array::from_fn(|c| {
-                    let sum: u32 =
-                        rows.iter().flat_map(|r| columns.map(|x| u32::from(self.rgb[r + x][c]))).sum();
+                    let sum: u32 = rows.iter().flat_map(|r| columns.map(|x| u32::from(self.rgb[r + x][c]))).sum();
                     ((sum + 2) / 4) as u8
                 }));
             }

@@ -1,0 +1,55 @@
+//! What the kernel tells about processes and shared memory.
+
+use std::fs;
+
+/// Process ids and names of the children of `parent`.
+#[must_use]
+pub fn children_of(parent: u32) -> Vec<(u32, String)> {
+    let Ok(entries) = fs::read_dir("/proc") else { return Vec::new() };
+    entries
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok())
+        .filter_map(|pid| {
+            let (name, fields) = stat(pid)?;
+            let state = fields.first()?;
+            (fields.get(1)?.parse::<u32>().ok()? == parent && state != "Z").then_some((pid, name))
+        })
+        .collect()
+}
+
+/// Name (at most 15 characters) and the fields from the state on.
+fn stat(pid: u32) -> Option<(String, Vec<String>)> {
+    let text = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let (open, close) = (text.find('(')?, text.rfind(')')?);
+    Some((text[open + 1..close].to_owned(), text[close + 1..].split_whitespace().map(str::to_owned).collect()))
+}
+
+/// Whether a process runs (one that only waits to be reaped does not).
+#[must_use]
+pub fn is_alive(pid: u32) -> bool {
+    stat(pid).is_some_and(|(_, fields)| fields.first().is_some_and(|state| state != "Z" && state != "X"))
+}
+
+/// Proportional set size of a process, KiB; `None` when it is gone.
+#[must_use]
+pub fn pss_kib(pid: u32) -> Option<u64> {
+    let text = fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).ok()?;
+    text.lines().find_map(|line| line.strip_prefix("Pss:")?.trim().strip_suffix(" kB")?.trim().parse().ok())
+}
+
+/// Names in /dev/shm of the run whose launcher has (or had) this process id.
+#[must_use]
+pub fn segments_of_launcher(pid: u32) -> Vec<String> {
+    segments_with(&format!("tv-{pid}-"))
+}
+
+/// All names in /dev/shm that TerraVision made.
+#[must_use]
+pub fn segments_of_tests() -> Vec<String> {
+    segments_with("tv-")
+}
+
+fn segments_with(prefix: &str) -> Vec<String> {
+    let Ok(entries) = fs::read_dir("/dev/shm") else { return Vec::new() };
+    entries.flatten().filter_map(|e| e.file_name().into_string().ok()).filter(|n| n.starts_with(prefix)).collect()
+}

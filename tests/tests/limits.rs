@@ -1,0 +1,43 @@
+//! What a flight may use: memory.
+
+use terravision_tests::folder::TestFolder;
+use terravision_tests::process::{Terravision, pss_kib};
+use terravision_tests::shot::read_report;
+use terravision_tests::worlds::synth_world;
+
+/// Issue 2, "Memory": all processes together stay below --memory + 300 MB at 1280 x 720.
+#[test]
+fn all_processes_together_stay_within_the_memory_they_were_given() {
+    let world = synth_world(1024);
+    for memory_mib in [128u64, 512] {
+        let folder = TestFolder::new("memory");
+        let mut running = Terravision::verb("fly")
+            .arg(world.database())
+            .args(["--path", "orbit", "--frames", "0..40", "--size", "1280x720"])
+            .args(["--memory", &format!("{memory_mib}MiB")])
+            .arg("-o")
+            .arg(folder.join("a/"))
+            .arg("--report")
+            .arg(folder.join("report.json"))
+            .spawn();
+        let mut peak = 0;
+        let mut samples = 0;
+        let last = folder.join("a/frame-000039.png");
+        running.until("the last frame", |running| {
+            let pids = std::iter::once(running.pid()).chain(running.children().into_iter().map(|(pid, _)| pid));
+            peak = peak.max(pids.filter_map(pss_kib).sum());
+            samples += 1;
+            last.exists().then_some(())
+        });
+        running.wait().assert_code(0);
+        let report = read_report(&folder);
+        println!(
+            "--memory {memory_mib}MiB: peak of {} MiB in {samples} samples; {}",
+            peak >> 10,
+            report["rss_peak_mb"]
+        );
+        assert!(samples > 5, "the flight was watched");
+        assert!(peak > 20 << 10, "the processes were seen");
+        assert!(peak * 1024 <= (memory_mib << 20) + 300_000_000, "{} KiB with --memory {memory_mib}MiB", peak);
+    }
+}
