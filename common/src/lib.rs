@@ -6,6 +6,7 @@
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
+//! * [`synthetic`]: a terrain for tests and benches.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
 pub mod camera;
@@ -16,7 +17,10 @@ pub mod level;
 pub mod node;
 pub mod node_table;
 pub mod run;
+pub mod shm;
 pub mod slot;
+pub mod sync;
+pub mod synthetic;
 pub mod traversal;
 pub mod tree;
 pub mod world;

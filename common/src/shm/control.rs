@@ -1,0 +1,333 @@
+//! The control block: how the run stands, who lives, which frames are done; and how every wait ends.
+
+use super::bell::Bell;
+use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords};
+pub use super::control_words::{Counter, RunState};
+use super::error::{ShmError, WaitError};
+use super::header::Segment;
+use super::layout::{SegmentKind, Stage};
+use super::process::ProcessId;
+use super::run_id::RunId;
+use super::segments::open_segment;
+use crate::camera::Camera;
+use crate::event::monotonic_nanos;
+use crate::sync::Ordering;
+use crossbeam::utils::Backoff;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::OwnedFd;
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest sleep of a wait before it looks again whether there is anything left to wait for.
+pub const WAIT_BOUND: Duration = Duration::from_millis(100);
+/// Sleeps for which a dead peer is left to the launcher, which says so or starts another.
+const PEER_GRACE: u32 = 10;
+
+/// A handle on the control block. Any process has one or several; all methods may be called from any thread.
+#[derive(Debug)]
+pub struct Control {
+    segment: Arc<Segment>,
+    launcher: Launcher,
+}
+
+#[derive(Debug)]
+struct Launcher {
+    id: ProcessId,
+    /// Tells of its end without a doubt; absent where the kernel has none, or for this process itself.
+    pidfd: Option<OwnedFd>,
+    is_own: bool,
+}
+
+impl Launcher {
+    fn of(id: ProcessId) -> Result<Self, ShmError> {
+        let is_own = ProcessId::own()? == id;
+        let raw = i32::try_from(id.pid).ok().and_then(Pid::from_raw);
+        let pidfd = raw.filter(|_| !is_own).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        // The id may have passed to another process before the open: then its start time tells.
+        let pidfd = pidfd.filter(|_| id.is_alive());
+        Ok(Self { id, pidfd, is_own })
+    }
+
+    fn is_alive(&self) -> bool {
+        if self.is_own {
+            return true;
+        }
+        let Some(pidfd) = &self.pidfd else { return self.id.is_alive() };
+        let mut fds = [PollFd::new(pidfd, PollFlags::IN)];
+        // Readable means that it has exited. An interrupted poll says nothing: alive, until the next look.
+        !matches!(poll(&mut fds, Some(&Timespec::default())), Ok(1..))
+    }
+}
+
+impl Control {
+    /// Opens a run's control block; waits a moment for it to become ready.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, SegmentKind::Control)?, run.launcher())
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>, launcher: ProcessId) -> Result<Self, ShmError> {
+        if segment.kind() != SegmentKind::Control {
+            return Err(ShmError::WrongKind { name: segment.kind().name().to_owned(), kind: segment.kind() });
+        }
+        Ok(Self { segment: Arc::clone(segment), launcher: Launcher::of(launcher)? })
+    }
+
+    fn words(&self) -> &ControlWords {
+        self.segment.words()
+    }
+
+    /// Where the run stands.
+    #[must_use]
+    pub fn state(&self) -> RunState {
+        // Acquire: SYNC control.state, whatever led to it comes before.
+        match self.words().state.0.load(Ordering::Acquire) {
+            0 | 1 => RunState::Running,
+            2 => RunState::Stopping,
+            // Also any number that is no state: nothing good wrote it.
+            _ => RunState::Failed,
+        }
+    }
+
+    /// Moves the run forward to `state` and wakes who waits for a frame or a camera; waits on other segments see it
+    /// within [`WAIT_BOUND`]. A run never moves back.
+    pub fn set_state(&self, state: RunState) {
+        let words = self.words();
+        // Release: SYNC control.state.
+        words.state.0.fetch_max(state as u32, Ordering::AcqRel);
+        for bell in [&words.completed_bell, &words.written_bell, &words.camera_bell] {
+            bell.0.ring();
+        }
+    }
+
+    /// Whether the run goes on.
+    ///
+    /// # Errors
+    /// [`WaitError::Stopping`] or [`WaitError::Failed`]. For loops that do not wait for anything.
+    pub fn check_running(&self) -> Result<(), WaitError> {
+        match self.state() {
+            RunState::Running => Ok(()),
+            RunState::Stopping => Err(WaitError::Stopping),
+            RunState::Failed => Err(WaitError::Failed),
+        }
+    }
+
+    /// Whether the launcher lives. Costs a system call.
+    #[must_use]
+    pub fn is_launcher_alive(&self) -> bool {
+        self.launcher.is_alive()
+    }
+
+    /// This process says that it is the stage. Peers that wait for it notice its death from now on. Also the first
+    /// heartbeat.
+    ///
+    /// # Errors
+    /// [`ShmError::Os`] when `/proc` cannot be read.
+    pub fn register(&self, stage: Stage) -> Result<(), ShmError> {
+        let own = ProcessId::own()?;
+        let words = &self.words().stages[stage as usize];
+        words.start_time.store(own.start_time, Ordering::Relaxed);
+        words.generation.fetch_add(1, Ordering::Relaxed);
+        // Release: SYNC control.stage, the start time comes before.
+        words.pid.store(own.pid.into(), Ordering::Release);
+        self.heartbeat(stage);
+        Ok(())
+    }
+
+    /// The process id of a stage that has registered.
+    #[must_use]
+    pub fn pid_of(&self, stage: Stage) -> Option<u32> {
+        self.process_of(stage).map(|process| process.pid)
+    }
+
+    /// How often the stage was started.
+    #[must_use]
+    pub fn generation_of(&self, stage: Stage) -> u64 {
+        // Relaxed: a count.
+        self.words().stages[stage as usize].generation.load(Ordering::Relaxed)
+    }
+
+    fn process_of(&self, stage: Stage) -> Option<ProcessId> {
+        let words = &self.words().stages[stage as usize];
+        // Acquire: SYNC control.stage.
+        let pid = u32::try_from(words.pid.load(Ordering::Acquire)).ok().filter(|&pid| pid != 0)?;
+        Some(ProcessId { pid, start_time: words.start_time.load(Ordering::Relaxed) })
+    }
+
+    /// The stage gives a sign of life.
+    pub fn heartbeat(&self, stage: Stage) {
+        // Relaxed: a time, nothing hangs on it.
+        self.words().stages[stage as usize].heartbeat_nanos.store(monotonic_nanos(), Ordering::Relaxed);
+    }
+
+    /// When the stage last gave a sign of life, nanoseconds of the monotonic clock; `None` before the first.
+    #[must_use]
+    pub fn heartbeat_of(&self, stage: Stage) -> Option<u64> {
+        Some(self.words().stages[stage as usize].heartbeat_nanos.load(Ordering::Relaxed)).filter(|&nanos| nanos != 0)
+    }
+
+    /// The renderer (and its device) is done with all frames up to `sequence`, counted from 1: what they named in the
+    /// pools may be replaced.
+    pub fn set_completed_sequence(&self, sequence: u64) {
+        let words = self.words();
+        // Release: SYNC control.completed, our reads of the pools come before.
+        words.completed_sequence.0.fetch_max(sequence, Ordering::Release);
+        words.completed_bell.0.ring();
+    }
+
+    /// All frames up to this sequence are done with; 0 before the first.
+    #[must_use]
+    pub fn completed_sequence(&self) -> u64 {
+        // Acquire: SYNC control.completed.
+        self.words().completed_sequence.0.load(Ordering::Acquire)
+    }
+
+    /// Waits until the completed sequence is at least `sequence`, and returns it. One waiter at a time.
+    ///
+    /// # Errors
+    /// The run ended.
+    pub fn wait_completed(&self, sequence: u64) -> Result<u64, WaitError> {
+        self.wait_for(&self.words().completed_bell.0, Some(Stage::Renderer), || {
+            let completed = self.completed_sequence();
+            Ok((completed >= sequence).then_some(completed))
+        })
+    }
+
+    /// So many frames of the run have left the sink.
+    pub fn set_written_frames(&self, count: u64) {
+        let words = self.words();
+        // Release: SYNC control.written, whatever was done for the frames comes before.
+        words.written_frames.0.fetch_max(count, Ordering::Release);
+        words.written_bell.0.ring();
+    }
+
+    /// Frames of the run that have left the sink.
+    #[must_use]
+    pub fn written_frames(&self) -> u64 {
+        // Acquire: SYNC control.written.
+        self.words().written_frames.0.load(Ordering::Acquire)
+    }
+
+    /// Waits until at least `count` frames have left the sink, and returns how many have. One waiter at a time.
+    ///
+    /// # Errors
+    /// The run ended.
+    pub fn wait_written(&self, count: u64) -> Result<u64, WaitError> {
+        self.wait_for(&self.words().written_bell.0, Some(Stage::Renderer), || {
+            let written = self.written_frames();
+            Ok((written >= count).then_some(written))
+        })
+    }
+
+    /// Replaces the newest camera. One process (the pilot) does this.
+    pub fn publish_camera(&self, camera: &Camera) {
+        let words: [u64; CAMERA_WORDS] = bytemuck::cast(*camera);
+        self.words().camera.0.write(&words);
+        self.words().camera_bell.0.ring();
+    }
+
+    /// The newest camera; `None` before the first, and when what is there is no camera.
+    #[must_use]
+    pub fn camera(&self) -> Option<Camera> {
+        let words = self.words().camera.0.read()?;
+        let camera: Camera = bytemuck::cast(words);
+        camera.is_valid().then_some(camera)
+    }
+
+    /// Sets the screen resolutions wanted of facets and texels, pixels.
+    pub fn set_resolutions(&self, r_z_px: f64, r_c_px: f64) {
+        // Relaxed: two numbers that are valid each for itself; a frame that takes one old and one new is a good frame.
+        self.words().r_z_bits.0.store(r_z_px.to_bits(), Ordering::Relaxed);
+        self.words().r_c_bits.0.store(r_c_px.to_bits(), Ordering::Relaxed);
+    }
+
+    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is no positive number.
+    #[must_use]
+    pub fn r_z_px(&self) -> Option<f64> {
+        positive(self.words().r_z_bits.0.load(Ordering::Relaxed))
+    }
+
+    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is no positive number.
+    #[must_use]
+    pub fn r_c_px(&self) -> Option<f64> {
+        positive(self.words().r_c_bits.0.load(Ordering::Relaxed))
+    }
+
+    /// Adds to a counter.
+    pub fn count(&self, counter: Counter, by: u64) {
+        // Relaxed: a sum.
+        self.words().counters[counter as usize].fetch_add(by, Ordering::Relaxed);
+    }
+
+    /// A counter's value.
+    #[must_use]
+    pub fn counter(&self, counter: Counter) -> u64 {
+        self.words().counters[counter as usize].load(Ordering::Relaxed)
+    }
+
+    /// All counters, by [`Counter`] as a number.
+    #[must_use]
+    pub fn counters(&self) -> [u64; COUNTERS] {
+        std::array::from_fn(|i| self.words().counters[i].load(Ordering::Relaxed))
+    }
+
+    /// Waits until `attempt` yields something: a short backoff, then sleeps on `bell` of at most [`WAIT_BOUND`] each.
+    /// After every one it looks at the state of the run, and after a full one whether launcher and peer live.
+    /// Allocates nothing.
+    pub(crate) fn wait_for<R>(
+        &self,
+        bell: &Bell,
+        peer: Option<Stage>,
+        mut attempt: impl FnMut() -> Result<Option<R>, ShmError>,
+    ) -> Result<R, WaitError> {
+        if let Some(found) = attempt()? {
+            return Ok(found);
+        }
+        let backoff = Backoff::new();
+        while !backoff.is_completed() {
+            backoff.snooze();
+            if let Some(found) = attempt()? {
+                return Ok(found);
+            }
+        }
+        let mut sleeps_with_dead_peer = 0;
+        loop {
+            bell.arm();
+            // Between announcement and sleep: see `Bell`.
+            let attempted = attempt();
+            if !matches!(attempted, Ok(None)) {
+                bell.disarm();
+            }
+            if let Some(found) = attempted? {
+                return Ok(found);
+            }
+            if let Err(ended) = self.check_running() {
+                bell.disarm();
+                return Err(ended);
+            }
+            let is_full_sleep = bell.sleep(WAIT_BOUND);
+            if let Some(found) = attempt()? {
+                return Ok(found);
+            }
+            if is_full_sleep {
+                self.check_running()?;
+                if !self.launcher.is_alive() {
+                    return Err(WaitError::LauncherGone);
+                }
+                if let Some((stage, process)) = peer.and_then(|stage| Some((stage, self.process_of(stage)?))) {
+                    sleeps_with_dead_peer = if process.is_alive() { 0 } else { sleeps_with_dead_peer + 1 };
+                    if sleeps_with_dead_peer >= PEER_GRACE {
+                        return Err(WaitError::PeerGone { stage });
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn positive(bits: u64) -> Option<f64> {
+    Some(f64::from_bits(bits)).filter(|value| value.is_finite() && *value > 0.0)
+}

@@ -1,0 +1,117 @@
+//! What lies in the control block, and the names of its numbers.
+
+use super::bell::Bell;
+use super::cursor::Padded;
+use super::region::SharedWords;
+use super::seqlock::SeqLock;
+use crate::camera::Camera;
+use crate::sync::{AtomicU32, AtomicU64};
+
+/// Words of a [`Camera`].
+pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
+
+/// Where a run stands. It only ever moves forward: a failed run does not stop in good order any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum RunState {
+    /// Frames are being made.
+    Running = 1,
+    /// All stages are to leave: the flight is over, or was interrupted.
+    Stopping = 2,
+    /// A stage died or gave up; all others are to leave.
+    Failed = 3,
+}
+
+/// Numbers that the stages add up for the report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Counter {
+    /// Tiles that frames wanted, each frame counted for itself.
+    TilesWanted = 0,
+    /// Tiles loaded into the pools.
+    TilesLoaded,
+    /// Tiles evicted from the pools.
+    TilesEvicted,
+    /// Tiles that could not be had.
+    TilesUnavailable,
+    /// Colour tiles copied to the device.
+    TilesUploaded,
+    /// Events that found their ring full.
+    EventsDropped,
+    /// Frames generated.
+    FramesGenerated,
+    /// Frames prepared.
+    FramesPrepared,
+    /// Frames drawn.
+    FramesDrawn,
+    /// Frames that were written although a tile that they wanted was missing.
+    FramesUnsettled,
+    /// Trees that did not fit into a half of the ping-pong buffer.
+    TreesCutShort,
+    /// Slots that the renderer refused because a number in them could not be.
+    SlotsRejected,
+}
+
+impl Counter {
+    /// All counters.
+    pub const ALL: [Self; 12] = [
+        Self::TilesWanted,
+        Self::TilesLoaded,
+        Self::TilesEvicted,
+        Self::TilesUnavailable,
+        Self::TilesUploaded,
+        Self::EventsDropped,
+        Self::FramesGenerated,
+        Self::FramesPrepared,
+        Self::FramesDrawn,
+        Self::FramesUnsettled,
+        Self::TreesCutShort,
+        Self::SlotsRejected,
+    ];
+}
+
+pub(crate) const COUNTERS: usize = 32;
+const _: () = assert!(Counter::ALL.len() <= COUNTERS);
+
+/// The entry of a stage.
+#[derive(Debug)]
+#[repr(C, align(128))]
+pub(crate) struct StageWords {
+    /// Its process, 0 before it came.
+    pub(crate) pid: AtomicU64,
+    pub(crate) start_time: AtomicU64,
+    /// Monotonic nanoseconds of its last sign of life.
+    pub(crate) heartbeat_nanos: AtomicU64,
+    /// How often a process took this place: a restarted stage is told from a slow one.
+    pub(crate) generation: AtomicU64,
+}
+
+/// The control block. Words that different processes write lie on different cache lines.
+#[derive(Debug)]
+#[repr(C)]
+pub(crate) struct ControlWords {
+    /// [`RunState`]; 0 is taken for running.
+    pub(crate) state: Padded<AtomicU32>,
+    pub(crate) stages: [StageWords; 3],
+    /// All frames up to this sequence are drawn; written by the renderer.
+    pub(crate) completed_sequence: Padded<AtomicU64>,
+    pub(crate) completed_bell: Padded<Bell>,
+    /// Frames that have left the sink; written by the renderer.
+    pub(crate) written_frames: Padded<AtomicU64>,
+    pub(crate) written_bell: Padded<Bell>,
+    /// Bits of two f64: the screen resolutions wanted now.
+    pub(crate) r_z_bits: Padded<AtomicU64>,
+    pub(crate) r_c_bits: Padded<AtomicU64>,
+    pub(crate) camera: Padded<SeqLock<CAMERA_WORDS>>,
+    pub(crate) camera_bell: Padded<Bell>,
+    pub(crate) counters: [AtomicU64; COUNTERS],
+}
+
+// SAFETY: atomics alone (padding between them is never read), repr(C), aligned to 128.
+unsafe impl SharedWords for ControlWords {}
+
+const _: () = {
+    assert!(size_of::<ControlWords>() == 12 * 128 + COUNTERS * 8);
+    assert!(size_of::<ControlWords>() as u64 <= super::layout::WORDS_BYTES);
+    assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
+};

@@ -1,0 +1,174 @@
+//! Two positions that count up for ever: how much the writer has published, how much the reader has given back. The
+//! ring, the ping-pong buffer (a ring of two halves) and the elevation ring are this and differ in what lies between.
+//!
+//! Each side keeps its own position privately, and the last it saw of the other's. It reads the other's once, into a
+//! local, and checks it: more filled items than there is room for is an error, never a loop.
+
+use super::bell::Bell;
+use super::error::ShmError;
+use super::layout::SegmentKind;
+use crate::sync::{AtomicU64, Ordering};
+
+/// 128 bytes: x86-64 prefetches cache lines in pairs, and some aarch64 cores have lines of this size.
+#[derive(Debug)]
+#[repr(C, align(128))]
+pub(crate) struct Padded<T>(pub(crate) T);
+
+/// The shared words of a writer and a reader, one per cache line.
+#[derive(Debug)]
+#[repr(C)]
+pub(crate) struct Positions {
+    /// Items published since the segment was made. Written by the writer.
+    write: Padded<AtomicU64>,
+    /// Items given back. Written by the reader.
+    read: Padded<AtomicU64>,
+    /// The reader sleeps here.
+    readable: Padded<Bell>,
+    /// The writer sleeps here.
+    writable: Padded<Bell>,
+}
+
+#[cfg(not(loom))]
+const _: () = {
+    assert!(size_of::<Positions>() == 512 && align_of::<Positions>() == 128);
+    assert!(std::mem::offset_of!(Positions, read) == 128 && std::mem::offset_of!(Positions, readable) == 256);
+};
+
+impl Positions {
+    #[cfg(loom)]
+    pub(crate) fn new() -> Self {
+        Self {
+            write: Padded(AtomicU64::new(0)),
+            read: Padded(AtomicU64::new(0)),
+            readable: Padded(Bell::new()),
+            writable: Padded(Bell::new()),
+        }
+    }
+
+    /// Where the reader sleeps.
+    pub(crate) fn readable(&self) -> &Bell {
+        &self.readable.0
+    }
+
+    /// Where the writer sleeps.
+    pub(crate) fn writable(&self) -> &Bell {
+        &self.writable.0
+    }
+
+    /// Both positions as they are, unchecked: for tests and displays.
+    #[cfg(test)]
+    pub(crate) fn raw(&self) -> [u64; 2] {
+        [self.write.0.load(Ordering::Acquire), self.read.0.load(Ordering::Acquire)]
+    }
+
+    #[cfg(test)]
+    pub(crate) fn overwrite(&self, write: u64, read: u64) {
+        self.write.0.store(write, Ordering::Release);
+        self.read.0.store(read, Ordering::Release);
+    }
+}
+
+fn checked_distance(kind: SegmentKind, write: u64, read: u64, capacity: u64, found: u64) -> Result<u64, ShmError> {
+    let filled = write.wrapping_sub(read);
+    if filled > capacity {
+        let expected = "at most the capacity away from the other side's position";
+        return Err(ShmError::corrupt(kind, "a position", found, expected));
+    }
+    Ok(filled)
+}
+
+/// The writer's side.
+#[derive(Debug)]
+pub(crate) struct WriteCursor {
+    kind: SegmentKind,
+    position: u64,
+    read_seen: u64,
+    capacity: u64,
+}
+
+impl WriteCursor {
+    /// Takes up where the positions stand: at 0 in a new segment, or where a writer that died had come to.
+    pub(crate) fn attach(positions: &Positions, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
+        // Acquire, both: SYNC ring.publish, ring.release of a writer before this one.
+        let position = positions.write.0.load(Ordering::Acquire);
+        let read_seen = positions.read.0.load(Ordering::Acquire);
+        checked_distance(kind, position, read_seen, capacity, read_seen)?;
+        Ok(Self { kind, position, read_seen, capacity })
+    }
+
+    /// The position that is filled next.
+    pub(crate) fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// Number of items that may be filled now; asks the reader's position again only when there was room for fewer
+    /// than `enough`.
+    pub(crate) fn room(&mut self, positions: &Positions, enough: u64) -> Result<u64, ShmError> {
+        let known = self.capacity - self.position.wrapping_sub(self.read_seen).min(self.capacity);
+        if known >= enough {
+            return Ok(known);
+        }
+        // Acquire: SYNC ring.release, the reader is done with the items below this position.
+        let read = positions.read.0.load(Ordering::Acquire);
+        let filled = checked_distance(self.kind, self.position, read, self.capacity, read)?;
+        self.read_seen = read;
+        Ok(self.capacity - filled)
+    }
+
+    /// Makes the next `count` items visible, which were filled before. The last statement of every write.
+    pub(crate) fn publish(&mut self, positions: &Positions, count: u64) {
+        self.position = self.position.wrapping_add(count);
+        // Release: SYNC ring.publish, the items' bytes come before.
+        positions.write.0.store(self.position, Ordering::Release);
+        positions.readable().ring();
+    }
+}
+
+/// The reader's side.
+#[derive(Debug)]
+pub(crate) struct ReadCursor {
+    kind: SegmentKind,
+    position: u64,
+    write_seen: u64,
+    capacity: u64,
+}
+
+impl ReadCursor {
+    /// Takes up where the positions stand.
+    pub(crate) fn attach(positions: &Positions, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
+        let position = positions.read.0.load(Ordering::Acquire);
+        // Acquire: SYNC ring.publish.
+        let write_seen = positions.write.0.load(Ordering::Acquire);
+        checked_distance(kind, write_seen, position, capacity, write_seen)?;
+        Ok(Self { kind, position, write_seen, capacity })
+    }
+
+    /// The position that is read next.
+    pub(crate) fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// Number of items that may be read now; asks the writer's position again only when none was left.
+    pub(crate) fn filled(&mut self, positions: &Positions) -> Result<u64, ShmError> {
+        let known = self.write_seen.wrapping_sub(self.position);
+        if known > 0 { Ok(known) } else { self.filled_now(positions) }
+    }
+
+    /// Number of items that may be read now, by the writer's newest position.
+    pub(crate) fn filled_now(&mut self, positions: &Positions) -> Result<u64, ShmError> {
+        // Acquire: SYNC ring.publish, the bytes of the items below this position are written.
+        let write = positions.write.0.load(Ordering::Acquire);
+        let filled = checked_distance(self.kind, write, self.position, self.capacity, write)?;
+        self.write_seen = write;
+        Ok(filled)
+    }
+
+    /// Gives the next `count` items back to the writer; at most as many as are known to be filled.
+    pub(crate) fn release(&mut self, positions: &Positions, count: u64) {
+        debug_assert!(count <= self.write_seen.wrapping_sub(self.position));
+        self.position = self.position.wrapping_add(count);
+        // Release: SYNC ring.release, our reads of the items come before.
+        positions.read.0.store(self.position, Ordering::Release);
+        positions.writable().ring();
+    }
+}

@@ -1,0 +1,247 @@
+//! The elevation ring: arrays of vertex heights from the preparer to the renderer, written in place and read in place
+//! by the device. First in, first out; the renderer gives back everything below a position when its frame is drawn.
+
+use super::control::Control;
+use super::cursor::{Positions, ReadCursor, WriteCursor};
+use super::error::{ShmError, WaitError};
+use super::header::{Role, RoleClaim, Segment};
+use super::layout::{SegmentKind, Stage};
+use super::run_id::RunId;
+use super::segments::{SegmentMemory, open_segment};
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+fn array_len(segment: &Segment) -> Result<u32, ShmError> {
+    let geometry = segment.geometry();
+    if geometry.kind != SegmentKind::ElevationRing {
+        return Err(ShmError::WrongKind { name: geometry.kind.name().to_owned(), kind: geometry.kind });
+    }
+    match u32::try_from(geometry.item_bytes / 4) {
+        Ok(len) if len > 0 && geometry.item_bytes.is_multiple_of(4) => Ok(len),
+        _ => {
+            let found = geometry.item_bytes;
+            Err(ShmError::corrupt(SegmentKind::ElevationRing, "the size of an array", found, "a number of f32"))
+        }
+    }
+}
+
+/// The preparer's end.
+#[derive(Debug)]
+pub struct ElevationWriter {
+    segment: Arc<Segment>,
+    cursor: WriteCursor,
+    len: u32,
+    _claim: RoleClaim,
+}
+
+impl ElevationWriter {
+    /// Opens the writing end; waits a moment for the segment to become ready.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, SegmentKind::ElevationRing)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        let len = array_len(segment)?;
+        let claim = RoleClaim::take(segment, Role::Writer)?;
+        let cursor = WriteCursor::attach(segment.words(), SegmentKind::ElevationRing, segment.geometry().capacity)?;
+        Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
+    }
+
+    /// Number of arrays. A frame must not use more: the renderer gives them back only after its end marker, so the wait
+    /// for another one would last until the run is stopped.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.segment.geometry().capacity as u32
+    }
+
+    /// Numbers in an array.
+    #[must_use]
+    pub fn array_f32(&self) -> u32 {
+        self.len
+    }
+
+    /// The position that the next array will have: one past the last that was published.
+    #[must_use]
+    pub fn next_position(&self) -> u64 {
+        self.cursor.position()
+    }
+
+    /// Waits for a free array. It becomes the renderer's with [`ArrayGuard::publish`].
+    ///
+    /// # Errors
+    /// The run ended, or the reader wrote what cannot be.
+    pub fn begin(&mut self, control: &Control) -> Result<ArrayGuard<'_>, WaitError> {
+        let cursor = &mut self.cursor;
+        let positions: &Positions = self.segment.words();
+        control.wait_for(positions.writable(), Some(Stage::Renderer), || {
+            Ok((cursor.room(positions, 1)? > 0).then_some(()))
+        })?;
+        Ok(ArrayGuard { writer: self })
+    }
+}
+
+/// An array that is being filled; derefs to its numbers. Dropped without [`ArrayGuard::publish`] it is as if it had not
+/// begun: the next one has the same position.
+#[derive(Debug)]
+#[must_use]
+pub struct ArrayGuard<'a> {
+    writer: &'a mut ElevationWriter,
+}
+
+impl ArrayGuard<'_> {
+    fn offset(&self) -> u64 {
+        let mask = self.writer.segment.geometry().capacity - 1;
+        self.writer.segment.item_offset(self.writer.cursor.position() & mask)
+    }
+
+    /// Its position: counts up over all arrays; modulo the capacity it is the array's index.
+    #[must_use]
+    pub fn position(&self) -> u64 {
+        self.writer.cursor.position()
+    }
+
+    /// The numbers, rows from the south, with whatever an earlier array left there.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        // SAFETY: the array is ours: `begin` found it given back, and it is not published. The slice borrows `self`.
+        unsafe { self.writer.segment.region().slice_mut(self.offset(), self.writer.len.into()) }
+    }
+
+    /// Makes the array visible to the renderer and returns its position.
+    pub fn publish(self) -> u64 {
+        let position = self.position();
+        let writer = self.writer;
+        writer.cursor.publish(writer.segment.words(), 1);
+        position
+    }
+}
+
+impl Deref for ArrayGuard<'_> {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        // SAFETY: as in `values_mut`; shared here.
+        unsafe { self.writer.segment.region().slice(self.offset(), self.writer.len.into()) }
+    }
+}
+
+impl DerefMut for ArrayGuard<'_> {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        self.values_mut()
+    }
+}
+
+/// The renderer's end.
+#[derive(Debug)]
+pub struct ElevationReader {
+    segment: Arc<Segment>,
+    cursor: ReadCursor,
+    len: u32,
+    _claim: RoleClaim,
+}
+
+impl ElevationReader {
+    /// Opens the reading end; waits a moment for the segment to become ready.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, SegmentKind::ElevationRing)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        let len = array_len(segment)?;
+        let claim = RoleClaim::take(segment, Role::Reader)?;
+        let cursor = ReadCursor::attach(segment.words(), SegmentKind::ElevationRing, segment.geometry().capacity)?;
+        Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
+    }
+
+    /// Number of arrays, a power of two.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.segment.geometry().capacity as u32
+    }
+
+    /// Numbers in an array.
+    #[must_use]
+    pub fn array_f32(&self) -> u32 {
+        self.len
+    }
+
+    /// Bytes from the start of an array to the start of the next, a multiple of 64.
+    #[must_use]
+    pub fn stride_bytes(&self) -> u64 {
+        self.segment.geometry().stride
+    }
+
+    /// Bytes from the start of the segment to the array of index 0, a multiple of 4096.
+    #[must_use]
+    pub fn data_offset(&self) -> u64 {
+        self.segment.geometry().data_offset
+    }
+
+    /// The whole segment, for import into a device: address and length are multiples of 4096.
+    #[must_use]
+    pub fn memory(&self) -> SegmentMemory {
+        SegmentMemory::new(&self.segment)
+    }
+
+    /// The position up to which arrays were given back.
+    #[must_use]
+    pub fn released_position(&self) -> u64 {
+        self.cursor.position()
+    }
+
+    /// Whether the array at `position` is published and not given back: the device may read it. The check for each
+    /// position that comes out of the ring.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    pub fn holds(&mut self, position: u64) -> Result<bool, ShmError> {
+        let behind = position.wrapping_sub(self.cursor.position());
+        // The known positions first: the writer's word is only read when it may tell more.
+        Ok(behind < self.cursor.filled(self.segment.words())?
+            || behind < self.cursor.filled_now(self.segment.words())?)
+    }
+
+    /// Index of the array at `position` within the segment, if the reader holds it.
+    ///
+    /// # Errors
+    /// As [`ElevationReader::holds`].
+    pub fn index_of(&mut self, position: u64) -> Result<Option<u32>, ShmError> {
+        let mask = self.segment.geometry().capacity - 1;
+        Ok(self.holds(position)?.then_some((position & mask) as u32))
+    }
+
+    /// The numbers of the array at `position`, in place; `None` when the reader does not hold it.
+    ///
+    /// # Errors
+    /// As [`ElevationReader::holds`].
+    pub fn read_array(&mut self, position: u64) -> Result<Option<&[f32]>, ShmError> {
+        let Some(index) = self.index_of(position)? else { return Ok(None) };
+        let offset = self.segment.item_offset(index.into());
+        // SAFETY: the array is ours until `released`, which needs `&mut self` that the slice's lifetime keeps from it.
+        Ok(Some(unsafe { self.segment.region().slice(offset, self.len.into()) }))
+    }
+
+    /// Gives back all arrays below the position `upto`: the device is done with them. A position that was given back
+    /// before changes nothing.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when that is more than was published; nothing is given back then.
+    pub fn released(&mut self, upto: u64) -> Result<(), ShmError> {
+        let count = upto.wrapping_sub(self.cursor.position());
+        if count == 0 || count > u64::MAX / 2 {
+            return Ok(());
+        }
+        let positions: &Positions = self.segment.words();
+        if count > self.cursor.filled_now(positions)? {
+            let expected = "at most the writer's position";
+            return Err(ShmError::corrupt(SegmentKind::ElevationRing, "the end of a frame's arrays", upto, expected));
+        }
+        self.cursor.release(positions, count);
+        Ok(())
+    }
+}

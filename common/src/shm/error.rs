@@ -1,0 +1,182 @@
+//! What can go wrong with a segment, and why a wait ended without what was waited for.
+
+use super::layout::{SegmentKind, Stage};
+
+/// A segment could not be made, opened or believed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ShmError {
+    /// `/dev/shm` cannot hold the run.
+    #[error(
+        "shared memory has too little room: the run needs {needed} bytes and /dev/shm has {available} bytes free \
+         (ask for less with --memory, or enlarge it: mount -o remount,size=… /dev/shm, docker run --shm-size=…)"
+    )]
+    NotEnoughSpace {
+        /// Bytes that the run needs.
+        needed: u64,
+        /// Bytes that are free.
+        available: u64,
+    },
+    /// The memory that the user allows is too little for the smallest tile pools.
+    #[error("{available} bytes of memory are too little for the tile pools, which need {needed} at least")]
+    MemoryTooSmall {
+        /// Bytes that the smallest pools need.
+        needed: u64,
+        /// Bytes that were allowed.
+        available: u64,
+    },
+    /// A segment of this name is there already.
+    #[error("the shared-memory segment {name} exists already")]
+    AlreadyExists {
+        /// Its name below `/dev/shm`.
+        name: String,
+    },
+    /// The segment did not become ready before the deadline.
+    #[error("the shared-memory segment {name} was not ready after {waited_ms} ms")]
+    NotReady {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// How long was waited, milliseconds.
+        waited_ms: u64,
+    },
+    /// The launcher whose run this is no longer lives.
+    #[error("the launcher of run {run} is gone, so its segment {name} will never be ready")]
+    PeerGone {
+        /// The run.
+        run: String,
+        /// The segment's name below `/dev/shm`.
+        name: String,
+    },
+    /// The segment was not made by this program, or its first bytes were overwritten.
+    #[error("{name} is not a TerraVision segment: it begins with {found:#018x} instead of {expected:#018x}")]
+    NotOurs {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// The first eight bytes.
+        found: u64,
+        /// The magic number.
+        expected: u64,
+    },
+    /// The segment was made by another build.
+    #[error(
+        "segment {name} has layout version {theirs}, this program has {ours}: launcher and stages are of different builds"
+    )]
+    VersionMismatch {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// Version of this program.
+        ours: u32,
+        /// Version in the segment.
+        theirs: u32,
+    },
+    /// The mapping is smaller than the layout that it should hold.
+    #[error("segment {name} has {found} bytes, expected {needed}")]
+    TooSmall {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// Bytes that the layout needs.
+        needed: u64,
+        /// Bytes that are mapped.
+        found: u64,
+    },
+    /// A number in the segment is not one that a healthy peer writes.
+    #[error("segment {name} is corrupt: {field} is {found}, expected {expected}")]
+    Corrupt {
+        /// The segment (its name, or its kind once it is open).
+        name: String,
+        /// What was read.
+        field: &'static str,
+        /// Its value.
+        found: u64,
+        /// What it should have been, in words.
+        expected: &'static str,
+    },
+    /// Each segment has one writer and one reader, and another holds this place.
+    #[error("the {role} of segment {name} is process {pid} already, which lives")]
+    RoleTaken {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// `writer` or `reader`.
+        role: &'static str,
+        /// The process that holds the place.
+        pid: u32,
+    },
+    /// The text is not the id of a run.
+    #[error("{text:?} is not the id of a run, expected tv-<pid>-<start time>")]
+    BadRunId {
+        /// The text.
+        text: String,
+    },
+    /// The segment's kind does not carry what was asked of it.
+    #[error("segment {name} is a {kind}, which is not what it was opened as")]
+    WrongKind {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// Its kind.
+        kind: SegmentKind,
+    },
+    /// The operating system refused.
+    #[error("cannot {action} {name}: {source}")]
+    Os {
+        /// What was tried, a verb.
+        action: &'static str,
+        /// The segment or path.
+        name: String,
+        /// The system's reason.
+        source: rustix::io::Errno,
+    },
+    /// The segment could not be mapped.
+    #[error("cannot {action} the shared-memory segment {name}: {source}")]
+    Map {
+        /// What was tried, a verb.
+        action: &'static str,
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// The reason.
+        source: shared_memory::ShmemError,
+    },
+}
+
+impl ShmError {
+    /// A corrupt number in a segment that is open; off the hot path.
+    #[cold]
+    pub(crate) fn corrupt(kind: SegmentKind, field: &'static str, found: u64, expected: &'static str) -> Self {
+        Self::Corrupt { name: kind.name().to_owned(), field, found, expected }
+    }
+}
+
+/// Why a blocking call came back without what it waited for. The caller ends its work.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WaitError {
+    /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a signal.
+    #[error("the run is stopping")]
+    Stopping,
+    /// The run has failed: another stage died or gave up.
+    #[error("the run has failed")]
+    Failed,
+    /// The launcher is gone; nobody will ever finish the run.
+    #[error("the launcher is gone")]
+    LauncherGone,
+    /// The stage on the other side is gone, and the launcher has not replaced it.
+    #[error("the {stage} is gone")]
+    PeerGone {
+        /// The stage.
+        stage: Stage,
+    },
+    /// What the other side wrote cannot be.
+    #[error(transparent)]
+    PeerCorrupt {
+        /// What was found.
+        #[from]
+        source: ShmError,
+    },
+}
+
+impl WaitError {
+    /// Whether this is the orderly end of a run, which is no failure of the stage that sees it.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        matches!(self, Self::Stopping)
+    }
+}

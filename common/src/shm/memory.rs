@@ -1,0 +1,66 @@
+//! The same handles over memory of this process alone: for tests and benches that need no second process.
+
+use super::control::Control;
+use super::elevation_ring::{ElevationReader, ElevationWriter};
+use super::error::ShmError;
+use super::header::Segment;
+use super::layout::{Geometry, SegmentKind, half_bytes};
+use super::ping_pong::{TreeReader, TreeWriter};
+use super::pool::{PoolReader, PoolWriter};
+use super::process::ProcessId;
+use super::region::Region;
+use super::ring::{Consumer, Producer};
+use bytemuck::Pod;
+use std::sync::Arc;
+
+pub(crate) fn segment(kind: SegmentKind, capacity: u64, item_bytes: u64) -> Result<Arc<Segment>, ShmError> {
+    let Some(geometry) = Geometry::checked(kind, capacity, item_bytes) else {
+        let expected = "a possible number of items (a power of two for a ring)";
+        return Err(ShmError::corrupt(kind, "the capacity", capacity, expected));
+    };
+    Ok(Arc::new(Segment::create(Region::heap(geometry.total_bytes)?, geometry)?))
+}
+
+/// A control block whose launcher is this process.
+///
+/// # Errors
+/// [`ShmError::Os`] when `/proc` cannot be read.
+pub fn control() -> Result<Control, ShmError> {
+    Control::attach(&segment(SegmentKind::Control, 1, 0)?, ProcessId::own()?)
+}
+
+/// Both ends of a ring of `capacity` slots.
+///
+/// # Errors
+/// When `capacity` is no power of two.
+pub fn ring<T: Pod>(capacity: u32) -> Result<(Producer<T>, Consumer<T>), ShmError> {
+    let segment = segment(SegmentKind::Ring, capacity.into(), size_of::<T>() as u64)?;
+    Ok((Producer::attach(&segment)?, Consumer::attach(&segment)?))
+}
+
+/// Both ends of a ping-pong buffer with `nodes` nodes a half.
+///
+/// # Errors
+/// When `nodes` is 0.
+pub fn ping_pong(nodes: u32) -> Result<(TreeWriter, TreeReader), ShmError> {
+    let segment = segment(SegmentKind::PingPong, 2, half_bytes(nodes.into()))?;
+    Ok((TreeWriter::attach(&segment)?, TreeReader::attach(&segment)?))
+}
+
+/// Both ends of an elevation ring of `arrays` arrays of `array_f32` numbers.
+///
+/// # Errors
+/// When `arrays` is no power of two, or `array_f32` is 0.
+pub fn elevation_ring(arrays: u32, array_f32: u32) -> Result<(ElevationWriter, ElevationReader), ShmError> {
+    let segment = segment(SegmentKind::ElevationRing, arrays.into(), u64::from(array_f32) * 4)?;
+    Ok((ElevationWriter::attach(&segment)?, ElevationReader::attach(&segment)?))
+}
+
+/// Both sides of a tile pool of `slots` slots of `slot_bytes` bytes.
+///
+/// # Errors
+/// When `slots` is 0.
+pub fn pool(slots: u32, slot_bytes: u64) -> Result<(PoolWriter, PoolReader), ShmError> {
+    let segment = segment(SegmentKind::ColorPool, slots.into(), slot_bytes)?;
+    Ok((PoolWriter::attach(&segment)?, PoolReader::attach(&segment)?))
+}

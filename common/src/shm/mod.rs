@@ -1,0 +1,89 @@
+//! Shared memory between the processes of a run.
+//!
+//! | segment | writer | reader | when full |
+//! |---|---|---|---|
+//! | control block: [`Control`] | all | all | – |
+//! | camera ring: [`Producer`]/[`Consumer`] of [`CameraRecord`] | launcher | generator | the launcher waits |
+//! | ping-pong buffer: [`TreeWriter`], [`TreeReader`] | generator | preparer | the generator waits |
+//! | ring: [`Producer`]/[`Consumer`] of [`crate::slot::Slot`] | preparer | renderer | the preparer waits |
+//! | elevation ring: [`ElevationWriter`], [`ElevationReader`] | preparer | renderer | the preparer waits |
+//! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | preparer | renderer, preparer | `allocate` says so |
+//! | three event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
+//!
+//! The launcher makes all of them ([`RunSegments`]), stages open them by the run's name ([`RunId`]), and [`memory`] makes
+//! the same handles over memory of one process, for tests and benches.
+//!
+//! # Trust
+//! The other side is our own code, but it may be dead, half started, of another build, or killed in the middle of a
+//! write. Nothing that it wrote makes this side read out of bounds, wait for ever or panic: positions, counts and indices
+//! are read once and checked, and what cannot be is [`ShmError::Corrupt`]. A thing becomes visible by one store, the last
+//! of its write, so that a killed writer publishes nothing half; its successor goes on from the last published position.
+//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers (SIGBUS).
+//!
+//! # Waiting
+//! Blocking calls take the [`Control`] of the run. They back off for a few microseconds, then sleep on a futex that the
+//! processes share, at most [`WAIT_BOUND`] at a time; after each sleep they look whether the run goes on, and whether the
+//! launcher and the peer live ([`WaitError`]).
+//!
+//! # Example
+//! ```
+//! use terravision_common::shm::memory;
+//! let control = memory::control()?;
+//! let (mut producer, mut consumer) = memory::ring::<u64>(8)?;
+//! producer.push(&42, &control)?;
+//! assert_eq!(consumer.pop(&control)?, 42);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The algorithms ([`bell`], [`cursor`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
+//! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
+#![expect(unsafe_code, reason = "shared memory is reached through raw addresses; every block says why it is sound")]
+
+mod bell;
+mod cursor;
+mod error;
+mod layout;
+mod process;
+mod ring_core;
+mod run_id;
+mod seqlock;
+mod slot_words;
+
+#[cfg(not(loom))]
+mod control;
+#[cfg(not(loom))]
+mod control_words;
+#[cfg(not(loom))]
+mod elevation_ring;
+#[cfg(not(loom))]
+mod header;
+#[cfg(not(loom))]
+pub mod memory;
+#[cfg(not(loom))]
+mod ping_pong;
+#[cfg(not(loom))]
+mod pool;
+#[cfg(not(loom))]
+mod region;
+#[cfg(not(loom))]
+mod ring;
+#[cfg(not(loom))]
+mod segments;
+
+#[cfg(not(loom))]
+pub use control::{Control, Counter, RunState, WAIT_BOUND};
+#[cfg(not(loom))]
+pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
+pub use error::{ShmError, WaitError};
+#[cfg(not(loom))]
+pub use header::LAYOUT_VERSION;
+pub use layout::{CameraRecord, Layout, SegmentKind, Stage};
+#[cfg(not(loom))]
+pub use ping_pong::{TreeGuard, TreeHalf, TreeReader, TreeWriter};
+#[cfg(not(loom))]
+pub use pool::{FillGuard, PoolBytes, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
+#[cfg(not(loom))]
+pub use ring::{Consumer, Producer};
+pub use run_id::RunId;
+#[cfg(not(loom))]
+pub use segments::{RunSegments, SegmentMemory, free_bytes, reap_dead_runs};

@@ -1,0 +1,34 @@
+//! Tile pools: slots of one size, each with a tile, in a segment that the renderer and the device read in place.
+//!
+//! The table before the slots says of each which tile it holds, which generation of it, and the last frame that wanted
+//! it. A slot that a frame in flight names is not filled anew: its last frame has to be completed first (design §7).
+//! A full pool makes [`PoolWriter::allocate`] return `None`, and the caller waits for frames to complete.
+
+mod reader;
+mod writer;
+
+pub use super::slot_words::{SlotInfo, SlotState};
+pub use reader::{PoolBytes, PoolReader};
+pub use writer::{FillGuard, PoolWriter, Residency};
+
+use super::error::ShmError;
+use super::header::Segment;
+use super::layout::SegmentKind;
+use super::region::SharedWords;
+use super::slot_words::SlotWords;
+
+// SAFETY: atomics alone, repr(C), aligned to 8.
+unsafe impl SharedWords for SlotWords {}
+
+/// The table of a segment that is a pool.
+pub(crate) fn table(segment: &Segment) -> &[SlotWords] {
+    let geometry = segment.geometry();
+    segment.region().words_slice(geometry.table_offset, geometry.capacity)
+}
+
+pub(crate) fn check_is_pool(segment: &Segment) -> Result<(), ShmError> {
+    match segment.kind() {
+        SegmentKind::ColorPool | SegmentKind::ElevationPool => Ok(()),
+        kind => Err(ShmError::WrongKind { name: kind.name().to_owned(), kind }),
+    }
+}

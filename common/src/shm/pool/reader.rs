@@ -1,0 +1,146 @@
+//! The pool as its readers see it.
+
+use super::{check_is_pool, table};
+use crate::node::NodeId;
+use crate::shm::error::ShmError;
+use crate::shm::header::Segment;
+use crate::shm::layout::SegmentKind;
+use crate::shm::run_id::RunId;
+use crate::shm::segments::{SegmentMemory, open_segment};
+use crate::shm::slot_words::{SlotInfo, SlotWords};
+use std::ops::Deref;
+use std::sync::Arc;
+
+/// Reads a tile pool. There may be several.
+#[derive(Debug, Clone)]
+pub struct PoolReader {
+    segment: Arc<Segment>,
+}
+
+impl PoolReader {
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]); waits a moment for the segment
+    /// to become ready.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, kind)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        check_is_pool(segment)?;
+        Ok(Self::of(segment))
+    }
+
+    pub(super) fn of(segment: &Arc<Segment>) -> Self {
+        Self { segment: Arc::clone(segment) }
+    }
+
+    /// Number of slots.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.segment.geometry().capacity as u32
+    }
+
+    /// Bytes of a slot.
+    #[must_use]
+    pub fn slot_bytes(&self) -> u64 {
+        self.segment.geometry().item_bytes
+    }
+
+    /// Bytes from the start of the segment to the slot; `None` for a slot that does not exist.
+    #[must_use]
+    pub fn slot_offset(&self, slot: u32) -> Option<u64> {
+        (u64::from(slot) < self.segment.geometry().capacity).then(|| self.segment.item_offset(slot.into()))
+    }
+
+    /// The whole segment, for import into a device: address and length are multiples of 4096.
+    #[must_use]
+    pub fn memory(&self) -> SegmentMemory {
+        SegmentMemory::new(&self.segment)
+    }
+
+    /// The tile of this generation in this slot, in place; `None` when the slot does not exist or holds another.
+    ///
+    /// The bytes stay as they are while a frame that wanted the slot is not completed: read them for such frames only.
+    #[must_use]
+    pub fn bytes(&self, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
+        bytes(&self.segment, slot, generation)
+    }
+
+    /// What a slot holds; `None` for a slot that does not exist.
+    #[must_use]
+    pub fn info(&self, slot: u32) -> Option<SlotInfo> {
+        table(&self.segment).get(slot as usize).map(|words| words.info(slot))
+    }
+
+    /// What the slots hold, each read consistently for itself.
+    pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
+        (0u32..).zip(table(&self.segment)).map(|(slot, words)| words.info(slot))
+    }
+
+    /// Slot and generation of a node's tile, if it is readable. Looks through the whole table.
+    #[must_use]
+    pub fn find(&self, node: NodeId) -> Option<(u32, u32)> {
+        self.slots()
+            .find(|info| info.node == Some(node) && info.state.is_readable())
+            .map(|info| (info.slot, info.generation))
+    }
+
+    /// Frame `sequence` wants the tile of this generation: it stays until that frame is completed. `false` when it is
+    /// gone already.
+    #[must_use]
+    pub fn touch(&self, slot: u32, generation: u32, sequence: u64) -> bool {
+        table(&self.segment).get(slot as usize).is_some_and(|words| words.touch(Some(generation), sequence))
+    }
+}
+
+pub(super) fn bytes(segment: &Segment, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
+    let words = table(segment).get(slot as usize)?;
+    if !words.is_readable(generation) {
+        return None;
+    }
+    let offset = segment.item_offset(slot.into());
+    // SAFETY: published (SYNC pool.publish), and not filled anew before the frames that want it are completed, by the
+    // protocol that `PoolReader::bytes` states.
+    let bytes = unsafe { segment.region().slice(offset, segment.geometry().item_bytes) };
+    Some(PoolBytes { bytes, words, generation })
+}
+
+/// The bytes of a tile in its slot.
+#[derive(Debug, Clone, Copy)]
+pub struct PoolBytes<'a> {
+    bytes: &'a [u8],
+    words: &'a SlotWords,
+    generation: u32,
+}
+
+impl<'a> PoolBytes<'a> {
+    /// The bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// The bytes as numbers; a slot begins at a multiple of 64.
+    #[must_use]
+    pub fn f32(&self) -> &'a [f32] {
+        let whole = self.bytes.len() / 4 * 4;
+        bytemuck::cast_slice(&self.bytes[..whole])
+    }
+
+    /// Whether the slot still holds this tile. After a use that the protocol covers it does; a reader that lost its
+    /// place sees that it did.
+    #[must_use]
+    pub fn is_still_valid(&self) -> bool {
+        self.words.is_readable(self.generation)
+    }
+}
+
+impl Deref for PoolBytes<'_> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        self.bytes
+    }
+}

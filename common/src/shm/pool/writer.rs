@@ -1,0 +1,301 @@
+//! The pool as its only writer sees it: who is in it, and which slot is filled next.
+
+use super::reader::{PoolBytes, PoolReader, bytes};
+use super::{check_is_pool, table};
+use crate::node::NodeId;
+use crate::shm::error::ShmError;
+use crate::shm::header::{Role, RoleClaim, Segment};
+use crate::shm::layout::SegmentKind;
+use crate::shm::run_id::RunId;
+use crate::shm::segments::open_segment;
+use crate::shm::slot_words::{SlotInfo, SlotWords};
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
+
+/// Eviction candidates taken from one look through the table.
+const CANDIDATES: usize = 256;
+
+/// Fills a tile pool, evicts from it, and knows where each node's tile is. One per pool.
+#[derive(Debug)]
+pub struct PoolWriter {
+    place: Arc<WriterPlace>,
+    /// Slot of each node that is in the pool or was put into a slot that has not been claimed again.
+    slot_of: HashMap<u64, u32, BuildHasherDefault<NodeHasher>>,
+    /// The node that [`PoolWriter::slot_of`] has for each slot.
+    node_of: Vec<Option<NodeId>>,
+    /// Slots to claim next, the least recently wanted last, with the sequence that they had.
+    candidates: Vec<(u64, u32)>,
+}
+
+/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other threads.
+#[derive(Debug)]
+struct WriterPlace {
+    segment: Arc<Segment>,
+    _claim: RoleClaim,
+}
+
+impl WriterPlace {
+    fn words(&self, slot: u32) -> Option<&SlotWords> {
+        table(&self.segment).get(slot as usize)
+    }
+}
+
+/// Whether a node's tile is in a pool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Residency {
+    /// It is not.
+    Absent,
+    /// It is being loaded.
+    Filling,
+    /// It is, and can be read.
+    Resident {
+        /// Its slot.
+        slot: u32,
+        /// Its generation.
+        generation: u32,
+    },
+}
+
+impl PoolWriter {
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write; waits a moment for the
+    /// segment to become ready. After a writer that was killed, the tiles that it published stay, and slots that it was
+    /// filling are free.
+    ///
+    /// # Errors
+    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another writer lives.
+    pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, kind)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        check_is_pool(segment)?;
+        let claim = RoleClaim::take(segment, Role::Writer)?;
+        let place = Arc::new(WriterPlace { segment: Arc::clone(segment), _claim: claim });
+        let capacity = segment.geometry().capacity as usize;
+        // Twice the room: a map of this fill never grows, it only cleans itself in place.
+        let mut slot_of = HashMap::with_capacity_and_hasher(2 * capacity, BuildHasherDefault::default());
+        let mut node_of = vec![None; capacity];
+        for ((slot, words), node_of) in (0u32..).zip(table(segment)).zip(&mut node_of) {
+            words.recover();
+            let info = words.info(slot);
+            if let (Some(node), true) = (info.node, info.state.is_readable()) {
+                *node_of = Some(node);
+                slot_of.insert(node.pack(), slot);
+            }
+        }
+        Ok(Self { place, slot_of, node_of, candidates: Vec::with_capacity(capacity) })
+    }
+
+    /// Number of slots.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.place.segment.geometry().capacity as u32
+    }
+
+    /// Bytes of a slot.
+    #[must_use]
+    pub fn slot_bytes(&self) -> u64 {
+        self.place.segment.geometry().item_bytes
+    }
+
+    /// A reader of the same pool.
+    #[must_use]
+    pub fn reader(&self) -> PoolReader {
+        PoolReader::of(&self.place.segment)
+    }
+
+    /// Whether a node's tile is in the pool. Costs one look into a hash table.
+    #[must_use]
+    pub fn residency(&self, node: NodeId) -> Residency {
+        let Some(&slot) = self.slot_of.get(&node.pack()) else { return Residency::Absent };
+        let Some(words) = self.place.words(slot) else { return Residency::Absent };
+        let usage = words.usage();
+        match usage.state {
+            super::SlotState::Free => Residency::Absent,
+            super::SlotState::Filling => Residency::Filling,
+            super::SlotState::Ready | super::SlotState::Locked => {
+                Residency::Resident { slot, generation: words.generation() }
+            }
+        }
+    }
+
+    /// Slot and generation of a node's tile, if it can be read. Costs one look into a hash table.
+    #[must_use]
+    pub fn find(&self, node: NodeId) -> Option<(u32, u32)> {
+        match self.residency(node) {
+            Residency::Resident { slot, generation } => Some((slot, generation)),
+            Residency::Absent | Residency::Filling => None,
+        }
+    }
+
+    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one wanted least recently
+    /// whose last frame is at most `completed_sequence` ([`crate::shm::Control::completed_sequence`]) and that is not
+    /// locked. `None` when there is none (wait for a frame to complete), or when the tile is in the pool or being loaded
+    /// ([`PoolWriter::residency`] tells which).
+    ///
+    /// Allocates no memory. The guard may be filled and published on any thread.
+    pub fn allocate(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
+        if self.residency(node) != Residency::Absent {
+            return None;
+        }
+        let (slot, generation) = self.claim(node, sequence, completed_sequence)?;
+        let before = self.node_of.get_mut(slot as usize)?.replace(node);
+        if let Some(before) = before
+            && self.slot_of.get(&before.pack()) == Some(&slot)
+        {
+            self.slot_of.remove(&before.pack());
+        }
+        self.slot_of.insert(node.pack(), slot);
+        Some(FillGuard { place: Arc::clone(&self.place), slot, generation, is_open: true })
+    }
+
+    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64) -> Option<(u32, u32)> {
+        loop {
+            if self.candidates.is_empty() {
+                self.find_candidates(completed);
+            }
+            let (seen, slot) = self.candidates.pop()?;
+            let words = self.place.words(slot)?;
+            // A candidate that was wanted since is none any more.
+            if words.usage().sequence == seen
+                && let Some(generation) = words.claim(node, sequence, completed)
+            {
+                return Some((slot, generation));
+            }
+        }
+    }
+
+    /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these,
+    /// so the order over several looks is the order of one.
+    fn find_candidates(&mut self, completed: u64) {
+        for (slot, words) in (0u32..).zip(table(&self.place.segment)) {
+            let usage = words.usage();
+            if usage.is_reusable(completed) {
+                self.candidates.push((usage.sequence, slot));
+            }
+        }
+        let newest_first = |a: &(u64, u32), b: &(u64, u32)| b.cmp(a);
+        let surplus = self.candidates.len().saturating_sub(CANDIDATES);
+        if surplus > 0 {
+            self.candidates.select_nth_unstable_by(surplus, newest_first);
+            self.candidates.drain(..surplus);
+        }
+        self.candidates.sort_unstable_by(newest_first);
+    }
+
+    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it stays until that frame
+    /// is completed. `false` when the slot holds nothing or does not exist.
+    pub fn touch(&self, slot: u32, sequence: u64) -> bool {
+        self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
+    }
+
+    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what it found.
+    pub fn touch_node(&self, node: NodeId, sequence: u64) -> Residency {
+        let residency = self.residency(node);
+        if residency != Residency::Absent
+            && let Some(&slot) = self.slot_of.get(&node.pack())
+        {
+            self.touch(slot, sequence);
+        }
+        residency
+    }
+
+    /// Keeps the tile in this slot for ever; `false` when the slot holds none.
+    pub fn lock(&self, slot: u32) -> bool {
+        self.place.words(slot).is_some_and(SlotWords::lock)
+    }
+
+    /// The tile of this generation in this slot, in place; `None` when the slot does not exist or holds another.
+    #[must_use]
+    pub fn bytes(&self, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
+        bytes(&self.place.segment, slot, generation)
+    }
+
+    /// What the slots hold.
+    pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
+        (0u32..).zip(table(&self.place.segment)).map(|(slot, words)| words.info(slot))
+    }
+}
+
+/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the slot is free again.
+#[derive(Debug)]
+#[must_use]
+pub struct FillGuard {
+    place: Arc<WriterPlace>,
+    slot: u32,
+    generation: u32,
+    is_open: bool,
+}
+
+impl FillGuard {
+    /// The slot.
+    #[must_use]
+    pub fn slot(&self) -> u32 {
+        self.slot
+    }
+
+    /// The generation that the tile will have.
+    #[must_use]
+    pub fn generation(&self) -> u32 {
+        self.generation
+    }
+
+    /// The slot's bytes, with whatever an earlier tile left there.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        let segment = &self.place.segment;
+        let offset = segment.item_offset(self.slot.into());
+        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader takes a slot that is
+        // being filled); the slice borrows `self`, the one guard of the slot.
+        unsafe { segment.region().slice_mut(offset, segment.geometry().item_bytes) }
+    }
+
+    /// The slot's bytes as numbers.
+    pub fn f32_mut(&mut self) -> &mut [f32] {
+        let bytes = self.bytes_mut();
+        let whole = bytes.len() / 4 * 4;
+        bytemuck::cast_slice_mut(&mut bytes[..whole])
+    }
+
+    /// Makes the tile visible. Returns its slot and generation.
+    pub fn publish(mut self) -> (u32, u32) {
+        self.is_open = false;
+        if let Some(words) = self.place.words(self.slot) {
+            words.publish();
+        }
+        (self.slot, self.generation)
+    }
+}
+
+impl Drop for FillGuard {
+    fn drop(&mut self) {
+        if self.is_open
+            && let Some(words) = self.place.words(self.slot)
+        {
+            words.abandon();
+        }
+    }
+}
+
+/// Hash of a packed node id: one multiplication. The ids are ours, so nobody chooses them to collide.
+#[derive(Debug, Default, Clone, Copy)]
+pub(crate) struct NodeHasher(u64);
+
+impl Hasher for NodeHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(byte.into());
+        }
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        // 2^64 divided by the golden ratio, made odd (Knuth, The Art of Computer Programming 3, 6.4). The upper half
+        // is mixed into the lower: the table takes bits from both ends.
+        let product = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = product ^ product >> 32;
+    }
+}

@@ -1,0 +1,212 @@
+//! The ring: fixed-size records from one producer to one consumer, in order.
+//!
+//! A full ring makes [`Producer::push`] wait and [`Producer::try_push`] give the item back; an empty one makes
+//! [`Consumer::pop`] wait. The slot ring and the camera ring wait; event rings are dropped into, and count it.
+
+use super::control::Control;
+use super::cursor::Positions;
+use super::error::{ShmError, WaitError};
+use super::header::{Role, RoleClaim, Segment};
+use super::layout::{SegmentKind, Stage};
+use super::region::SharedWords;
+use super::ring_core::{Items, ReadEnd, WriteEnd};
+use super::run_id::RunId;
+use super::segments::open_segment;
+use bytemuck::Pod;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+// SAFETY: atomics alone, repr(C), aligned to 128.
+unsafe impl SharedWords for Positions {}
+
+/// Slots in a segment.
+struct SegmentItems<T> {
+    segment: Arc<Segment>,
+    item: PhantomData<fn(T) -> T>,
+}
+
+// SAFETY: `put` and `take` compute the slot's address from the checked geometry; the positions lie in the segment.
+unsafe impl<T: Pod> Items for SegmentItems<T> {
+    type Item = T;
+
+    fn positions(&self) -> &Positions {
+        self.segment.words()
+    }
+
+    unsafe fn put(&self, index: u64, item: &T) {
+        // SAFETY: the slot is the caller's, by its promise.
+        unsafe { self.segment.region().write(self.segment.item_offset(index), item) }
+    }
+
+    unsafe fn take(&self, index: u64) -> T {
+        // SAFETY: the slot is the caller's, by its promise.
+        unsafe { self.segment.region().read(self.segment.item_offset(index)) }
+    }
+}
+
+/// Checks that a segment is a ring of `T`s.
+fn typed<T: Pod>(segment: &Arc<Segment>) -> Result<SegmentItems<T>, ShmError> {
+    let kind = segment.kind();
+    let is_ring = !matches!(
+        kind,
+        SegmentKind::Control
+            | SegmentKind::PingPong
+            | SegmentKind::ElevationRing
+            | SegmentKind::ColorPool
+            | SegmentKind::ElevationPool
+    );
+    if !is_ring {
+        return Err(ShmError::WrongKind { name: kind.name().to_owned(), kind });
+    }
+    let item_bytes = segment.geometry().item_bytes;
+    if item_bytes != size_of::<T>() as u64 {
+        return Err(ShmError::corrupt(kind, "the size of a slot", item_bytes, "the size of the records it carries"));
+    }
+    Ok(SegmentItems { segment: Arc::clone(segment), item: PhantomData })
+}
+
+/// The writing end of a ring. One per ring, whichever process has it.
+pub struct Producer<T: Pod> {
+    end: WriteEnd<SegmentItems<T>>,
+    reader: Option<Stage>,
+    _claim: RoleClaim,
+}
+
+impl<T: Pod> std::fmt::Debug for Producer<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Producer").field("reader", &self.reader).finish_non_exhaustive()
+    }
+}
+
+impl<T: Pod> Producer<T> {
+    /// Opens the writing end of a run's ring; waits a moment for the segment to become ready. After a producer that was
+    /// killed it goes on behind the last item that was published.
+    ///
+    /// # Errors
+    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another producer lives.
+    pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, kind)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        let items = typed(segment)?;
+        let claim = RoleClaim::take(segment, Role::Writer)?;
+        let geometry = segment.geometry();
+        let end = WriteEnd::attach(items, geometry.kind, geometry.capacity)?;
+        Ok(Self { end, reader: geometry.kind.reader(), _claim: claim })
+    }
+
+    /// Number of slots.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.end.items.segment.geometry().capacity as u32
+    }
+
+    /// Puts an item in; waits while the ring is full.
+    ///
+    /// # Errors
+    /// The run ended, or the reader wrote what cannot be.
+    pub fn push(&mut self, item: &T, control: &Control) -> Result<(), WaitError> {
+        self.push_all(std::slice::from_ref(item), control)
+    }
+
+    /// Puts items in, in order; waits while the ring is full. What fits becomes visible together, with one look at the
+    /// reader and at most one wake: this is how to push a frame.
+    ///
+    /// # Errors
+    /// The run ended (some of the items may be in), or the reader wrote what cannot be.
+    pub fn push_all(&mut self, items: &[T], control: &Control) -> Result<(), WaitError> {
+        let end = &mut self.end;
+        let segment = Arc::clone(&end.items.segment);
+        let positions: &Positions = segment.words();
+        let mut rest = items;
+        while !rest.is_empty() {
+            let count = control.wait_for(positions.writable(), self.reader, || {
+                let count = end.try_push_some(rest)?;
+                Ok((count > 0).then_some(count))
+            })?;
+            rest = rest.get(count..).unwrap_or_default();
+        }
+        Ok(())
+    }
+
+    /// Puts an item in without waiting.
+    ///
+    /// # Errors
+    /// Gives the item back when the ring is full (or its positions are corrupt: nothing would ever be taken from it).
+    pub fn try_push(&mut self, item: T) -> Result<(), T> {
+        match self.end.try_push(&item) {
+            Ok(true) => Ok(()),
+            Ok(false) | Err(_) => Err(item),
+        }
+    }
+}
+
+/// The reading end of a ring. One per ring, whichever process has it.
+pub struct Consumer<T: Pod> {
+    end: ReadEnd<SegmentItems<T>>,
+    writer: Option<Stage>,
+    _claim: RoleClaim,
+}
+
+impl<T: Pod> std::fmt::Debug for Consumer<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Consumer").field("writer", &self.writer).finish_non_exhaustive()
+    }
+}
+
+impl<T: Pod> Consumer<T> {
+    /// Opens the reading end of a run's ring; waits a moment for the segment to become ready. After a consumer that was
+    /// killed it goes on with the first item that was not taken.
+    ///
+    /// # Errors
+    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another consumer lives.
+    pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, kind)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        let items = typed(segment)?;
+        let claim = RoleClaim::take(segment, Role::Reader)?;
+        let geometry = segment.geometry();
+        let end = ReadEnd::attach(items, geometry.kind, geometry.capacity)?;
+        Ok(Self { end, writer: geometry.kind.writer(), _claim: claim })
+    }
+
+    /// Number of slots.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.end.items.segment.geometry().capacity as u32
+    }
+
+    /// Takes the next item out; waits while the ring is empty.
+    ///
+    /// # Errors
+    /// The run ended, or the writer wrote what cannot be.
+    pub fn pop(&mut self, control: &Control) -> Result<T, WaitError> {
+        // The common case makes no reference count dance.
+        if let Some(item) = self.end.try_pop()? {
+            return Ok(item);
+        }
+        let end = &mut self.end;
+        let segment = Arc::clone(&end.items.segment);
+        let positions: &Positions = segment.words();
+        control.wait_for(positions.readable(), self.writer, || end.try_pop())
+    }
+
+    /// Takes the next item out, if there is one.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    pub fn try_pop(&mut self) -> Result<Option<T>, ShmError> {
+        self.end.try_pop()
+    }
+
+    /// Number of items that wait to be taken.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    pub fn pending(&mut self) -> Result<u64, ShmError> {
+        self.end.len()
+    }
+}

@@ -1,0 +1,103 @@
+//! The ring's algorithm, apart from where its slots live: a mapping in the processes, the heap under the model checker.
+
+use super::cursor::{Positions, ReadCursor, WriteCursor};
+use super::error::ShmError;
+use super::layout::SegmentKind;
+
+/// Where the slots of a ring are.
+///
+/// # Safety
+/// - `put` and `take` reach the one slot that `index` names, any index below the capacity, and no other.
+/// - All clones or views of one store have the same positions.
+pub(crate) unsafe trait Items {
+    /// What a slot holds.
+    type Item: Copy;
+
+    fn positions(&self) -> &Positions;
+
+    /// Fills a slot.
+    ///
+    /// # Safety
+    /// - `index` is below the capacity, and the protocol gives the slot to the caller.
+    unsafe fn put(&self, index: u64, item: &Self::Item);
+
+    /// Copies a slot out.
+    ///
+    /// # Safety
+    /// - `index` is below the capacity, and the protocol gives the slot to the caller.
+    unsafe fn take(&self, index: u64) -> Self::Item;
+}
+
+/// The writer's end.
+#[derive(Debug)]
+pub(crate) struct WriteEnd<S> {
+    pub(crate) items: S,
+    cursor: WriteCursor,
+    mask: u64,
+}
+
+impl<S: Items> WriteEnd<S> {
+    /// `capacity` is a power of two, checked when the segment was opened, and the caller the only writer.
+    pub(crate) fn attach(items: S, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
+        debug_assert!(capacity.is_power_of_two());
+        let cursor = WriteCursor::attach(items.positions(), kind, capacity)?;
+        Ok(Self { items, cursor, mask: capacity - 1 })
+    }
+
+    /// Puts one item in; `false` when the ring is full.
+    pub(crate) fn try_push(&mut self, item: &S::Item) -> Result<bool, ShmError> {
+        Ok(self.try_push_some(std::slice::from_ref(item))? == 1)
+    }
+
+    /// Puts in as many as there is room for, and makes them visible together. Returns how many.
+    pub(crate) fn try_push_some(&mut self, items: &[S::Item]) -> Result<usize, ShmError> {
+        let positions = self.items.positions();
+        let room = self.cursor.room(positions, items.len() as u64)?;
+        let count = room.min(items.len() as u64);
+        for (offset, item) in (0..count).zip(items) {
+            let index = self.cursor.position().wrapping_add(offset) & self.mask;
+            // SAFETY: masked; the slot is ours since `room` found it given back (SYNC ring.release), and we have not
+            // published it.
+            unsafe { self.items.put(index, item) }
+        }
+        if count > 0 {
+            self.cursor.publish(positions, count);
+        }
+        Ok(count as usize)
+    }
+}
+
+/// The reader's end.
+#[derive(Debug)]
+pub(crate) struct ReadEnd<S> {
+    pub(crate) items: S,
+    cursor: ReadCursor,
+    mask: u64,
+}
+
+impl<S: Items> ReadEnd<S> {
+    /// As [`WriteEnd::attach`], for the only reader.
+    pub(crate) fn attach(items: S, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
+        debug_assert!(capacity.is_power_of_two());
+        let cursor = ReadCursor::attach(items.positions(), kind, capacity)?;
+        Ok(Self { items, cursor, mask: capacity - 1 })
+    }
+
+    /// Takes one item out; `None` when the ring is empty.
+    pub(crate) fn try_pop(&mut self) -> Result<Option<S::Item>, ShmError> {
+        let positions = self.items.positions();
+        if self.cursor.filled(positions)? == 0 {
+            return Ok(None);
+        }
+        // SAFETY: masked; the slot is ours since `filled` found it published (SYNC ring.publish), and we have not given
+        // it back.
+        let item = unsafe { self.items.take(self.cursor.position() & self.mask) };
+        self.cursor.release(positions, 1);
+        Ok(Some(item))
+    }
+
+    /// Number of items that wait in the ring now.
+    pub(crate) fn len(&mut self) -> Result<u64, ShmError> {
+        self.cursor.filled_now(self.items.positions())
+    }
+}

@@ -1,0 +1,204 @@
+//! Making, opening and removing the segments of a run.
+//!
+//! The launcher makes all of them before it starts a stage, and is the only one that removes them. Stages open them by
+//! name. What a launcher that was killed left behind is removed at the next start ([`reap_dead_runs`]).
+
+use super::error::ShmError;
+use super::header::{NotUsable, Segment};
+use super::layout::{Layout, SegmentKind};
+use super::region::Region;
+use super::run_id::RunId;
+use rustix::fd::OwnedFd;
+use rustix::fs::{FallocateFlags, FlockOperation, Mode};
+use rustix::io::Errno;
+use rustix::shm;
+use shared_memory::{ShmemConf, ShmemError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Where POSIX shared memory lives on Linux.
+const SHM_FOLDER: &str = "/dev/shm";
+/// How long an opener waits for a segment that is not ready. The launcher makes them before it starts a stage.
+const OPEN_DEADLINE: Duration = Duration::from_secs(2);
+
+/// All segments of a run, which the launcher holds as long as the run lasts; dropping it removes them.
+#[derive(Debug)]
+pub struct RunSegments {
+    run: RunId,
+    /// The mappings own the names. One that stays open keeps its pages, whoever removes its name.
+    segments: Vec<Arc<Segment>>,
+    /// Locked for as long as the launcher lives, also where its process id means nothing (containers that share
+    /// /dev/shm): nobody takes these for the segments of a dead run.
+    _locks: Vec<OwnedFd>,
+}
+
+impl RunSegments {
+    /// Makes the segments of a run, with all their memory, so that no stage dies of a page that cannot be had.
+    ///
+    /// # Errors
+    /// [`ShmError::NotEnoughSpace`] with what is needed; nothing is left behind then.
+    pub fn create(run: &RunId, layout: &Layout) -> Result<Self, ShmError> {
+        let needed = layout.total_bytes();
+        let available = free_bytes()?;
+        if available < needed {
+            return Err(ShmError::NotEnoughSpace { needed, available });
+        }
+        let mut made = Self { run: *run, segments: Vec::new(), _locks: Vec::new() };
+        // The control block last: it is what stages open first.
+        for &kind in SegmentKind::ALL.iter().rev() {
+            made.create_one(kind, layout)?;
+        }
+        Ok(made)
+    }
+
+    fn create_one(&mut self, kind: SegmentKind, layout: &Layout) -> Result<(), ShmError> {
+        let geometry = layout.geometry(kind);
+        let name = self.run.segment_name(kind);
+        let too_large = || ShmError::NotEnoughSpace { needed: geometry.total_bytes, available: isize::MAX as u64 };
+        let size = usize::try_from(geometry.total_bytes).map_err(|_too_large| too_large())?;
+        let shmem = ShmemConf::new().size(size).os_id(&name).create().map_err(|source| match source {
+            ShmemError::MappingIdExists => ShmError::AlreadyExists { name: name.clone() },
+            source => ShmError::Map { action: "create", name: name.clone(), source },
+        })?;
+        // From here on a failure drops the mapping, which owns the name and removes it.
+        let os = |action| {
+            let name = name.clone();
+            move |source| ShmError::Os { action, name, source }
+        };
+        let file = shm::open(&*name, shm::OFlags::RDWR, Mode::empty()).map_err(os("open"))?;
+        reserve(&file, geometry.total_bytes).map_err(|source| match source {
+            Errno::NOSPC => {
+                ShmError::NotEnoughSpace { needed: layout.total_bytes(), available: free_bytes().unwrap_or(0) }
+            }
+            source => os("reserve the memory of")(source),
+        })?;
+        rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(os("lock"))?;
+        let segment = Segment::create(Region::mapping(shmem, &name)?, geometry)?;
+        self.segments.push(Arc::new(segment));
+        self._locks.push(file);
+        Ok(())
+    }
+
+    /// The run.
+    #[must_use]
+    pub fn run(&self) -> &RunId {
+        &self.run
+    }
+
+    /// Bytes of shared memory that the run takes.
+    #[must_use]
+    pub fn total_bytes(&self) -> u64 {
+        self.segments.iter().map(|segment| segment.geometry().total_bytes).sum()
+    }
+}
+
+/// `fallocate`, again when a signal came in between.
+fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
+    loop {
+        match rustix::fs::fallocate(file, FallocateFlags::empty(), 0, bytes) {
+            Err(Errno::INTR) => {}
+            other => return other,
+        }
+    }
+}
+
+/// Bytes that `/dev/shm` has free.
+///
+/// # Errors
+/// [`ShmError::Os`] when there is none.
+pub fn free_bytes() -> Result<u64, ShmError> {
+    let stat = rustix::fs::statvfs(SHM_FOLDER);
+    let stat = stat.map_err(|source| ShmError::Os { action: "examine", name: SHM_FOLDER.to_owned(), source })?;
+    Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+}
+
+/// Opens a segment of a run, and waits for it a moment if it is not ready.
+pub(crate) fn open_segment(run: &RunId, kind: SegmentKind) -> Result<Arc<Segment>, ShmError> {
+    open_before(run, kind, OPEN_DEADLINE)
+}
+
+pub(crate) fn open_before(run: &RunId, kind: SegmentKind, deadline: Duration) -> Result<Arc<Segment>, ShmError> {
+    let name = run.segment_name(kind);
+    let start = Instant::now();
+    loop {
+        match try_open(&name, kind) {
+            Ok(segment) => return Ok(Arc::new(segment)),
+            Err(NotUsable::Never(error)) => return Err(error),
+            Err(NotUsable::NotYet) => {}
+        }
+        if !run.is_alive() {
+            return Err(ShmError::PeerGone { run: run.to_string(), name });
+        }
+        if start.elapsed() >= deadline {
+            return Err(ShmError::NotReady { name, waited_ms: deadline.as_millis() as u64 });
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn try_open(name: &str, kind: SegmentKind) -> Result<Segment, NotUsable> {
+    let mut shmem = match ShmemConf::new().os_id(name).open() {
+        Ok(shmem) => shmem,
+        // The crate gives the errno. No such name: not made yet; or made and not sized yet, which cannot be mapped.
+        Err(ShmemError::MapOpenFailed(errno))
+            if errno == Errno::NOENT.raw_os_error().cast_unsigned()
+                || errno == Errno::INVAL.raw_os_error().cast_unsigned() =>
+        {
+            return Err(NotUsable::NotYet);
+        }
+        Err(source) => return Err(NotUsable::Never(ShmError::Map { action: "open", name: name.to_owned(), source })),
+    };
+    shmem.set_owner(false);
+    let region = Region::mapping(shmem, name).map_err(NotUsable::Never)?;
+    Segment::check(region, kind, name)
+}
+
+/// Removes the segments of runs whose launcher is dead. Those of living runs, and whatever else is in `/dev/shm`, stay.
+/// Returns the names that were removed.
+#[must_use]
+pub fn reap_dead_runs() -> Vec<String> {
+    let Ok(entries) = std::fs::read_dir(SHM_FOLDER) else { return Vec::new() };
+    let mut removed: Vec<String> = entries
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| RunId::of_segment(name).is_some_and(|(run, _)| !run.is_alive()))
+        .filter(|name| remove_unlocked(name))
+        .collect();
+    removed.sort();
+    removed
+}
+
+/// Removes a segment unless a living launcher holds its lock; `false` also when it is another user's.
+fn remove_unlocked(name: &str) -> bool {
+    let Ok(file) = shm::open(name, shm::OFlags::RDWR, Mode::empty()) else { return false };
+    rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() && shm::unlink(name).is_ok()
+}
+
+/// The memory of a whole segment, kept mapped while this value lives: what a device imports.
+#[derive(Debug, Clone)]
+pub struct SegmentMemory {
+    segment: Arc<Segment>,
+}
+
+impl SegmentMemory {
+    pub(crate) fn new(segment: &Arc<Segment>) -> Self {
+        Self { segment: Arc::clone(segment) }
+    }
+
+    /// Address of the first byte, a multiple of 4096. Other processes write these bytes at any time.
+    #[must_use]
+    pub fn as_ptr(&self) -> *mut u8 {
+        self.segment.region().as_ptr()
+    }
+
+    /// Length in bytes, a multiple of 4096.
+    #[must_use]
+    pub fn len(&self) -> u64 {
+        self.segment.geometry().total_bytes
+    }
+
+    /// Never: a segment has a header.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}

@@ -1,0 +1,68 @@
+//! A value that one side replaces at will and others read whole or not at all, without waiting for each other.
+
+use crate::sync::{AtomicU64, Ordering, fence};
+
+/// `N` words behind a counter that is odd while they are written.
+#[derive(Debug)]
+#[repr(C)]
+pub(crate) struct SeqLock<const N: usize> {
+    sequence: AtomicU64,
+    words: [AtomicU64; N],
+}
+
+/// Looks at a value that keeps changing before a reader gives up. A writer takes some 20 ns for a write.
+const LOOKS: u32 = 64;
+
+impl<const N: usize> SeqLock<N> {
+    #[cfg(loom)]
+    pub(crate) fn new() -> Self {
+        Self { sequence: AtomicU64::new(0), words: std::array::from_fn(|_| AtomicU64::new(0)) }
+    }
+
+    /// Replaces the value. One writer at a time; a second one would mix the words, which readers must expect anyway. A
+    /// writer that was killed in here leaves an odd counter, and the next write mends it.
+    pub(crate) fn write(&self, value: &[u64; N]) {
+        // Relaxed: ours alone.
+        let before = self.sequence.load(Ordering::Relaxed);
+        let odd = before.wrapping_add(1) | 1;
+        self.sequence.store(odd, Ordering::Relaxed);
+        // SYNC seqlock.begin: whoever reads one of the new words, and then fences, sees the odd counter.
+        fence(Ordering::Release);
+        for (word, value) in self.words.iter().zip(value) {
+            word.store(*value, Ordering::Relaxed);
+        }
+        // Release: SYNC seqlock.end, the words come before.
+        self.sequence.store(odd.wrapping_add(1), Ordering::Release);
+    }
+
+    /// The value, whole; `None` before the first write, or when a write is always under way (its writer died in it).
+    pub(crate) fn read(&self) -> Option<[u64; N]> {
+        for _ in 0..LOOKS {
+            // Acquire: SYNC seqlock.end.
+            let before = self.sequence.load(Ordering::Acquire);
+            if before == 0 {
+                return None;
+            }
+            if before.is_multiple_of(2) {
+                let value = std::array::from_fn(|i| self.words[i].load(Ordering::Relaxed));
+                // SYNC seqlock.begin.
+                fence(Ordering::Acquire);
+                if self.sequence.load(Ordering::Relaxed) == before {
+                    return Some(value);
+                }
+            }
+            relax();
+        }
+        None
+    }
+}
+
+#[cfg(not(loom))]
+fn relax() {
+    std::hint::spin_loop();
+}
+
+#[cfg(loom)]
+fn relax() {
+    loom::thread::yield_now();
+}

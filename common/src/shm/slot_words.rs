@@ -1,0 +1,237 @@
+//! The state of one pool slot, as its atomics.
+//!
+//! ```text
+//!             claim (free, or ready and no frame in flight names it)
+//!    Free ──────────────▶ Filling ──publish──▶ Ready ──lock──▶ Locked
+//!     ▲                      │                   │
+//!     └──────abandon─────────┘                   └──claim──▶ Filling (another generation)
+//! ```
+//!
+//! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that "nobody wants it,
+//! I take it" and "I want it, keep it" decide in one step which of them was first, whichever processes say so.
+
+use crate::node::NodeId;
+use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
+
+const STATE_BITS: u32 = 2;
+const TAG_BITS: u32 = 14;
+const TAG_MASK: u64 = (1 << TAG_BITS) - 1;
+/// Sequences have 48 bits: 8,900 years at 1,000 frames a second.
+pub(crate) const MAX_SEQUENCE: u64 = (1 << (64 - STATE_BITS - TAG_BITS)) - 1;
+
+/// What a slot is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SlotState {
+    /// Holds nothing.
+    Free = 0,
+    /// Is being filled.
+    Filling = 1,
+    /// Holds a tile, until no frame needs it and another tile needs the room.
+    Ready = 2,
+    /// Holds a tile for ever.
+    Locked = 3,
+}
+
+impl SlotState {
+    /// Whether a tile can be read from it.
+    #[must_use]
+    pub fn is_readable(self) -> bool {
+        matches!(self, Self::Ready | Self::Locked)
+    }
+}
+
+/// The use word, taken apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Use {
+    pub(crate) state: SlotState,
+    pub(crate) tag: u64,
+    pub(crate) sequence: u64,
+}
+
+impl Use {
+    fn unpack(word: u64) -> Self {
+        let state = match word & 3 {
+            0 => SlotState::Free,
+            1 => SlotState::Filling,
+            2 => SlotState::Ready,
+            _ => SlotState::Locked,
+        };
+        Self { state, tag: (word >> STATE_BITS) & TAG_MASK, sequence: word >> (STATE_BITS + TAG_BITS) }
+    }
+
+    fn pack(self) -> u64 {
+        self.sequence.min(MAX_SEQUENCE) << (STATE_BITS + TAG_BITS) | self.tag << STATE_BITS | self.state as u64
+    }
+
+    /// Whether it may be filled anew when all frames up to `completed` are done with.
+    pub(crate) fn is_reusable(self, completed: u64) -> bool {
+        match self.state {
+            SlotState::Free => true,
+            SlotState::Ready => self.sequence <= completed,
+            SlotState::Filling | SlotState::Locked => false,
+        }
+    }
+
+    fn is_of(self, generation: u32) -> bool {
+        self.tag == u64::from(generation) & TAG_MASK
+    }
+}
+
+/// One entry of a pool's table; 32 bytes.
+#[derive(Debug)]
+#[repr(C)]
+pub(crate) struct SlotWords {
+    /// [`Use`], packed.
+    usage: AtomicU64,
+    /// [`NodeId::pack`] of the tile.
+    node: AtomicU64,
+    /// How often the slot was filled; never 0 for a slot that holds a tile.
+    generation: AtomicU32,
+    reserved: [AtomicU32; 3],
+}
+
+#[cfg(not(loom))]
+const _: () = assert!(size_of::<SlotWords>() as u64 == super::layout::TABLE_ENTRY_BYTES);
+
+/// What a slot holds, read consistently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SlotInfo {
+    /// The slot.
+    pub slot: u32,
+    /// The tile's node; `None` for a slot that was never filled.
+    pub node: Option<NodeId>,
+    /// Its generation: changes whenever the slot is filled anew.
+    pub generation: u32,
+    /// What the slot is doing.
+    pub state: SlotState,
+    /// Sequence of the last frame that wanted it.
+    pub last_used: u64,
+}
+
+impl SlotWords {
+    #[cfg(loom)]
+    pub(crate) fn new() -> Self {
+        Self {
+            usage: AtomicU64::new(0),
+            node: AtomicU64::new(0),
+            generation: AtomicU32::new(0),
+            reserved: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
+        }
+    }
+
+    pub(crate) fn usage(&self) -> Use {
+        // Acquire: SYNC pool.publish, what a readable slot holds is written.
+        Use::unpack(self.usage.load(Ordering::Acquire))
+    }
+
+    pub(crate) fn generation(&self) -> u32 {
+        // Relaxed: compared with what the caller has; the use word orders.
+        self.generation.load(Ordering::Relaxed)
+    }
+
+    /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be done with by an
+    /// Acquire (SYNC control.completed), so nobody reads the old tile. Returns the new generation.
+    pub(crate) fn claim(&self, node: NodeId, sequence: u64, completed: u64) -> Option<u32> {
+        // Relaxed: the exchange below checks it.
+        let word = self.usage.load(Ordering::Relaxed);
+        let before = Use::unpack(word);
+        if !before.is_reusable(completed) {
+            return None;
+        }
+        let generation = self.generation().wrapping_add(1).max(1);
+        let after = Use { state: SlotState::Filling, tag: u64::from(generation) & TAG_MASK, sequence };
+        // Acquire: SYNC pool.free, the fill that was abandoned here is over. A failure means that a reader wants it now.
+        self.usage.compare_exchange(word, after.pack(), Ordering::Acquire, Ordering::Relaxed).ok()?;
+        // SYNC pool.refill: whoever reads the new generation or node, and then fences, sees that the slot is not ready.
+        fence(Ordering::Release);
+        self.generation.store(generation, Ordering::Relaxed);
+        self.node.store(node.pack(), Ordering::Relaxed);
+        Some(generation)
+    }
+
+    /// Makes the tile visible. Only the slot's filler calls it, once.
+    pub(crate) fn publish(&self) {
+        // An exchange of bits, since readers may raise the sequence at the same time: Filling (1) becomes Ready (2).
+        // Release: SYNC pool.publish, the tile's bytes come before.
+        self.usage.fetch_xor(SlotState::Filling as u64 ^ SlotState::Ready as u64, Ordering::Release);
+    }
+
+    /// Gives the slot up unfilled. Only the slot's filler calls it, once.
+    pub(crate) fn abandon(&self) {
+        // Filling (1) becomes Free (0). Release: SYNC pool.free, our writes to the bytes come before.
+        self.usage.fetch_xor(SlotState::Filling as u64, Ordering::Release);
+    }
+
+    /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the slot no longer has this
+    /// generation (any, for `None`).
+    pub(crate) fn touch(&self, generation: Option<u32>, sequence: u64) -> bool {
+        let mut word = self.usage.load(Ordering::Relaxed);
+        loop {
+            let before = Use::unpack(word);
+            if before.state == SlotState::Free || generation.is_some_and(|wanted| !before.is_of(wanted)) {
+                return false;
+            }
+            if before.sequence >= sequence {
+                return true;
+            }
+            let after = Use { sequence, ..before };
+            // Relaxed: the order of changes of this one word decides between a touch and a claim.
+            match self.usage.compare_exchange_weak(word, after.pack(), Ordering::Relaxed, Ordering::Relaxed) {
+                Ok(_) => return true,
+                Err(other) => word = other,
+            }
+        }
+    }
+
+    /// Keeps a readable slot for ever; `false` when it holds nothing.
+    pub(crate) fn lock(&self) -> bool {
+        let mut word = self.usage.load(Ordering::Relaxed);
+        loop {
+            let before = Use::unpack(word);
+            if !before.state.is_readable() {
+                return false;
+            }
+            let after = Use { state: SlotState::Locked, ..before };
+            // Relaxed: as in `touch`.
+            match self.usage.compare_exchange_weak(word, after.pack(), Ordering::Relaxed, Ordering::Relaxed) {
+                Ok(_) => return true,
+                Err(other) => word = other,
+            }
+        }
+    }
+
+    /// Whether the slot holds the tile of this generation, readable.
+    pub(crate) fn is_readable(&self, generation: u32) -> bool {
+        let usage = self.usage();
+        generation != 0 && usage.state.is_readable() && usage.is_of(generation) && self.generation() == generation
+    }
+
+    /// State, node and generation that belong together. A slot that changes meanwhile is reported as being filled.
+    pub(crate) fn info(&self, slot: u32) -> SlotInfo {
+        let before = self.usage();
+        // Relaxed, both: ordered by the Acquire before and the fence behind.
+        let generation = self.generation();
+        let node = self.node.load(Ordering::Relaxed);
+        // SYNC pool.refill.
+        fence(Ordering::Acquire);
+        let after = Use::unpack(self.usage.load(Ordering::Relaxed));
+        let is_same = before.tag == after.tag && before.state.is_readable() == after.state.is_readable();
+        let state = if is_same { after.state } else { SlotState::Filling };
+        let node = if generation == 0 { None } else { NodeId::unpack(node) };
+        SlotInfo { slot, node, generation, state, last_used: after.sequence }
+    }
+
+    /// Frees a slot whose filler is dead. Only the new writer calls it, before it fills anything.
+    pub(crate) fn recover(&self) {
+        if self.usage().state == SlotState::Filling {
+            self.abandon();
+        }
+    }
+
+    #[cfg(all(test, not(loom)))]
+    pub(crate) fn overwrite(&self, usage: u64, node: u64, generation: u32) {
+        self.usage.store(usage, Ordering::Release);
+        self.node.store(node, Ordering::Release);
+        self.generation.store(generation, Ordering::Release);
+    }
+}
