@@ -212,8 +212,7 @@ impl Traversal {
         for found in &mut self.found {
             found.is_elevation_leaf = !found.is_split;
         }
-        // A colour leaf covers one facet of its elevation leaf at least.
-        let deepest = self.world.elevation_tile().ilog2() as u8;
+        let deepest = deepest_color_below(&self.world);
         let color_minus_elevation = view.level.color_minus_elevation();
         for leaf in 0..elevation_nodes {
             if self.found[leaf].is_split {
@@ -245,6 +244,13 @@ impl Traversal {
             self.found[at].is_drawn = is_drawn;
         }
     }
+}
+
+/// Levels that a colour leaf may lie below its elevation leaf. Its block is then two cells wide at least: where the edge
+/// of a restricted tree's leaf collapses every other vertex, no facet reaches into the next block.
+#[must_use]
+pub fn deepest_color_below(world: &World) -> u8 {
+    world.elevation_tile().ilog2() as u8 - 1
 }
 
 /// The node of the same level `east` columns and `north` rows away, when it exists.

@@ -1,0 +1,263 @@
+//! Elevation arrays: the height of every vertex of an elevation leaf (design §5).
+//!
+//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels `floor(l)` and
+//! `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor of a vertex is the level of the
+//! coarsest leaf that touches it, so every leaf that has this vertex computes the same: all of it is a function of the
+//! lattice point and the floor, evaluated with the same operations in the same order.
+//!
+//! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
+
+use crate::truncation::{ElevationLeaf, Tiles};
+use terravision_common::facet::{CellPosition, facet_linear, tile_elevation};
+use terravision_common::level::LevelFunction;
+use terravision_common::node::NodeId;
+use terravision_common::world::World;
+
+/// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it has one post per
+/// side of a finest node.
+pub const SMOOTH_LEVEL: u8 = 5;
+
+/// An elevation tile that the frame needs is not there: the tiles changed while the frame was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the elevation tile of node {node} left the pool while a frame needed it")]
+pub struct TileVanished {
+    /// The node.
+    pub node: NodeId,
+}
+
+/// Makes elevation arrays; keeps its buffers.
+#[derive(Debug)]
+pub struct Heights {
+    world: World,
+    /// Lattice coordinates and world coordinates of columns and rows.
+    columns: Vec<u64>,
+    rows: Vec<u64>,
+    xs: Vec<f64>,
+    ys: Vec<f64>,
+    /// Places of columns in the tile at hand.
+    cells: Vec<CellPosition>,
+    /// One row of one level.
+    row: Vec<f64>,
+    /// Levels, then heights, of the whole array.
+    levels: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+impl Heights {
+    /// Buffers for leaves of a world.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let posts = world.elevation_posts() as usize;
+        Self {
+            world: *world,
+            columns: vec![0; posts],
+            rows: vec![0; posts],
+            xs: vec![0.0; posts],
+            ys: vec![0.0; posts],
+            cells: vec![CellPosition::default(); posts],
+            row: vec![0.0; posts],
+            levels: vec![0.0; posts * posts],
+            sums: vec![0.0; posts * posts],
+        }
+    }
+
+    /// Fills `out`, `(Nz + 1)²` numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
+    /// relative to the eye, metres, exaggerated. Tiles of the leaf and of all its ancestors have to be there.
+    ///
+    /// # Errors
+    /// [`TileVanished`] when one is not.
+    pub fn make(
+        &mut self,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        leaf: &ElevationLeaf,
+        out: &mut [f32],
+    ) -> Result<(), TileVanished> {
+        let node = leaf.node;
+        self.place(node);
+        let highest = self.make_levels(level, tiles, node)?;
+        self.make_heights(tiles, node, highest)?;
+        let (exaggeration, eye_z) = (level.exaggeration(), level.eye().z);
+        for (out, z) in out.iter_mut().zip(&self.sums) {
+            *out = relative_height(exaggeration, *z, eye_z);
+        }
+        self.make_seams(level, tiles, leaf, out)
+    }
+
+    /// Where the vertices are: columns and rows, clamped to the extent.
+    fn place(&mut self, node: NodeId) {
+        let origin = self.world.node_origin(node);
+        let unit = self.world.lattice_unit_m();
+        let axes = [(&mut self.columns, &mut self.xs), (&mut self.rows, &mut self.ys)];
+        for (axis, (lattice, metres)) in axes.into_iter().enumerate() {
+            let extent = u64::from(self.world.extent()[axis]);
+            for (index, (lattice, metres)) in (0u64..).zip(lattice.iter_mut().zip(metres)) {
+                *lattice = (origin[axis] + (index << node.q())).min(extent);
+                *metres = *lattice as f64 * unit;
+            }
+        }
+    }
+
+    /// The level wanted at each vertex inside the leaf's own range; returns the highest.
+    fn make_levels(&mut self, level: &LevelFunction, tiles: &impl Tiles, node: NodeId) -> Result<f64, TileVanished> {
+        let posts = self.columns.len();
+        let (root, floor) = (f64::from(self.world.root().q()), f64::from(node.q()));
+        let smooth = ancestor_tile(&self.world, tiles, node, smooth_level(&self.world, node.q()))?;
+        self.enter(smooth.0);
+        let mut highest = floor;
+        for j in 0..posts {
+            self.interpolate_row(&smooth, j);
+            for z in &mut self.row {
+                *z *= level.exaggeration();
+            }
+            let levels = &mut self.levels[j * posts..][..posts];
+            level.elevation_levels(&self.xs, self.ys[j], &self.row, levels);
+            for l in levels {
+                *l = l.max(floor).min(root);
+                highest = highest.max(*l);
+            }
+        }
+        Ok(highest)
+    }
+
+    fn make_heights(&mut self, tiles: &impl Tiles, node: NodeId, highest: f64) -> Result<(), TileVanished> {
+        let posts = self.columns.len();
+        self.sums.fill(0.0);
+        let last = (highest as u8 + 1).min(self.world.root().q());
+        for q in node.q()..=last {
+            let tile = ancestor_tile(&self.world, tiles, node, q)?;
+            self.enter(tile.0);
+            for j in 0..posts {
+                self.interpolate_row(&tile, j);
+                let range = j * posts..(j + 1) * posts;
+                for ((sum, l), z) in self.sums[range.clone()].iter_mut().zip(&self.levels[range]).zip(&self.row) {
+                    *sum += weight(*l, q) * z;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Vertices that a coarser leaf touches, too.
+    fn make_seams(
+        &self,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        leaf: &ElevationLeaf,
+        out: &mut [f32],
+    ) -> Result<(), TileVanished> {
+        let last = self.columns.len() - 1;
+        let mut make = |floor: u8, i: usize, j: usize| {
+            if floor > leaf.node.q() {
+                let point = LatticePoint { x: self.columns[i], y: self.rows[j] };
+                out[j * (last + 1) + i] = vertex_height(&self.world, level, tiles, leaf.node, point, floor)?;
+            }
+            Ok(())
+        };
+        let [west, east, south, north] = leaf.seams.edges;
+        for k in 1..last {
+            make(west, 0, k)?;
+            make(east, last, k)?;
+            make(south, k, 0)?;
+            make(north, k, last)?;
+        }
+        let [south_west, south_east, north_west, north_east] = leaf.seams.corners;
+        make(south_west, 0, 0)?;
+        make(south_east, last, 0)?;
+        make(north_west, 0, last)?;
+        make(north_east, last, last)
+    }
+
+    fn enter(&mut self, tile: NodeId) {
+        let (x0, cells) = (self.world.node_origin(tile)[0], self.world.elevation_tile());
+        for (cell, x) in self.cells.iter_mut().zip(&self.columns) {
+            *cell = CellPosition::new(*x, x0, tile.q(), cells);
+        }
+    }
+
+    /// Elevation of the entered tile along row `j` of the array.
+    fn interpolate_row(&mut self, (tile, posts): &(NodeId, &[f32]), j: usize) {
+        let (y0, cells) = (self.world.node_origin(*tile)[1], self.world.elevation_tile());
+        let y = CellPosition::new(self.rows[j], y0, tile.q(), cells);
+        let stride = cells as usize + 1;
+        let (south, rest) = posts[y.cell as usize * stride..].split_at(stride);
+        let north = &rest[..stride];
+        for (z, x) in self.row.iter_mut().zip(&self.cells) {
+            let i = x.cell as usize;
+            let [z00, z10, z01, z11] = [south[i], south[i + 1], north[i], north[i + 1]].map(f64::from);
+            *z = facet_linear(z00, z10, z01, z11, x.offset, y.offset);
+        }
+    }
+}
+
+/// A point of the lattice inside the extent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LatticePoint {
+    /// Lattice units east of the origin.
+    pub x: u64,
+    /// Lattice units north of the origin.
+    pub y: u64,
+}
+
+/// Height of one vertex relative to the eye, as [`Heights::make`] has it: on a leaf `node`, with `floor` the level of
+/// the coarsest leaf that touches it.
+///
+/// # Errors
+/// [`TileVanished`] when the tile of an ancestor is not there.
+pub fn vertex_height(
+    world: &World,
+    level: &LevelFunction,
+    tiles: &impl Tiles,
+    node: NodeId,
+    point: LatticePoint,
+    floor: u8,
+) -> Result<f32, TileVanished> {
+    let cells = world.elevation_tile();
+    let elevation = |q: u8| {
+        let (tile, posts) = ancestor_tile(world, tiles, node, q)?;
+        let [x0, y0] = world.node_origin(tile);
+        let (x, y) = (CellPosition::new(point.x, x0, q, cells), CellPosition::new(point.y, y0, q, cells));
+        Ok(tile_elevation(posts, cells, x, y))
+    };
+    let root = world.root().q();
+    let smooth = elevation(smooth_level(world, floor))? * level.exaggeration();
+    let unit = world.lattice_unit_m();
+    let p = glam::DVec3::new(point.x as f64 * unit, point.y as f64 * unit, smooth);
+    let l = level.elevation_level_at(p).max(f64::from(floor)).min(f64::from(root));
+    let lower = l as u8;
+    let mut sum = 0.0;
+    for q in lower..=(lower + 1).min(root) {
+        sum += weight(l, q) * elevation(q)?;
+    }
+    Ok(relative_height(level.exaggeration(), sum, level.eye().z))
+}
+
+/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on both sides. A level
+/// that does not take part adds an exact zero, so a sum over more levels has the same bits.
+#[inline(always)]
+fn weight(l: f64, q: u8) -> f64 {
+    (1.0 - (l - f64::from(q)).abs()).max(0.0)
+}
+
+#[inline(always)]
+fn relative_height(exaggeration: f64, z: f64, eye_z: f64) -> f32 {
+    (exaggeration * z - eye_z) as f32
+}
+
+fn smooth_level(world: &World, floor: u8) -> u8 {
+    SMOOTH_LEVEL.min(world.root().q()).max(floor)
+}
+
+fn ancestor_tile<'t, T: Tiles>(
+    world: &World,
+    tiles: &'t T,
+    node: NodeId,
+    q: u8,
+) -> Result<(NodeId, &'t [f32]), TileVanished> {
+    let ancestor = node.ancestor(q);
+    let posts = world.elevation_posts() as usize;
+    match tiles.elevation(ancestor).and_then(|tile| tile.get(..posts * posts)) {
+        Some(tile) => Ok((ancestor, tile)),
+        None => Err(TileVanished { node: ancestor }),
+    }
+}

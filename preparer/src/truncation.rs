@@ -1,0 +1,283 @@
+//! Truncation: what of a frame's tree is drawn, given the tiles that are there (design §6), and where its elevation
+//! leaves meet (design §5).
+//!
+//! A node is expanded when the tiles of all its visible children are there; else it is drawn itself, with the tiles that
+//! it has. After that a leaf may lie beside one that is coarser by any number of levels. Edges can bridge up to
+//! `log2 Nz` levels, where the coarser leaf's facets still have a vertex at both ends of the finer leaf's edge; a leaf
+//! that would need more is drawn coarser, too. So are colour leaves whose block is narrower than what an edge of their
+//! elevation leaf collapses: facets at the edge would reach into the next block, and beyond their colour tile.
+
+use crate::frame_tree::{FrameTree, Tile};
+use terravision_common::database::Layer;
+use terravision_common::node::NodeId;
+use terravision_common::node_table::NodeTable;
+use terravision_common::traversal::neighbor_in;
+use terravision_common::world::World;
+
+/// Where a tile lies in the colour pool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColorPlace {
+    /// The node whose tile it is.
+    pub node: NodeId,
+    /// Slot of the pool.
+    pub slot: u32,
+    /// Generation of the slot.
+    pub generation: u32,
+}
+
+/// The tiles that are there. They stay while a frame is made.
+pub trait Tiles {
+    /// Slot and generation of a node's colour tile.
+    fn color(&self, node: NodeId) -> Option<(u32, u32)>;
+    /// Posts of a node's elevation tile, `(Nz + 1)²`, row 0 in the south.
+    fn elevation(&self, node: NodeId) -> Option<&[f32]>;
+}
+
+/// The root's tiles are not there: nothing can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the {} tile of the root node {} cannot be had, and no picture can be drawn without it; ingest the world again", tile.layer, tile.node)]
+pub struct RootMissing {
+    /// The tile.
+    pub tile: Tile,
+}
+
+/// How a leaf meets its neighbours: for each place on its border, the level of the coarsest leaf that touches there,
+/// the leaf itself included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seams {
+    /// Inside the west, east, south and north edge.
+    pub edges: [u8; 4],
+    /// At the south west, south east, north west and north east corner.
+    pub corners: [u8; 4],
+}
+
+/// An elevation leaf that is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ElevationLeaf {
+    /// The node.
+    pub node: NodeId,
+    /// How it meets its neighbours.
+    pub seams: Seams,
+    /// Its colour leaves: a range of [`Truncation::color_leaves`].
+    pub first_color_leaf: u32,
+    /// End of that range.
+    pub end_color_leaf: u32,
+    index: u32,
+}
+
+impl ElevationLeaf {
+    /// log2 of the vertices that collapse on its edges, the most of the four.
+    fn most_snap(&self) -> u8 {
+        self.seams.edges.into_iter().max().unwrap_or(0).saturating_sub(self.node.q())
+    }
+}
+
+/// A colour leaf that is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColorLeaf {
+    /// The node: the area that is drawn.
+    pub node: NodeId,
+    /// The tile that it is drawn with: its own, or the nearest ancestor's that has one.
+    pub color: ColorPlace,
+    index: u32,
+}
+
+/// What is drawn of one frame's tree, near to far; keeps its buffers from frame to frame.
+#[derive(Debug)]
+pub struct Truncation {
+    world: World,
+    colors: Vec<Option<(u32, u32)>>,
+    is_there: Vec<bool>,
+    is_blocked: Vec<bool>,
+    stack: Vec<Step>,
+    table: NodeTable,
+    elevation_leaves: Vec<ElevationLeaf>,
+    color_leaves: Vec<ColorLeaf>,
+    node_count: u32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    index: u32,
+    color: ColorPlace,
+}
+
+impl Truncation {
+    /// Buffers for trees of up to `nodes` nodes.
+    #[must_use]
+    pub fn new(world: &World, nodes: u32) -> Self {
+        let nodes = nodes as usize;
+        Self {
+            world: *world,
+            colors: Vec::with_capacity(nodes),
+            is_there: Vec::with_capacity(nodes),
+            is_blocked: Vec::with_capacity(nodes),
+            stack: Vec::with_capacity(4 * 26),
+            table: NodeTable::new(nodes),
+            elevation_leaves: Vec::with_capacity(nodes),
+            color_leaves: Vec::with_capacity(nodes),
+            node_count: 0,
+        }
+    }
+
+    /// Elevation leaves, near to far.
+    #[must_use]
+    pub fn elevation_leaves(&self) -> &[ElevationLeaf] {
+        &self.elevation_leaves
+    }
+
+    /// Colour leaves, near to far.
+    #[must_use]
+    pub fn color_leaves(&self) -> &[ColorLeaf] {
+        &self.color_leaves
+    }
+
+    /// Nodes of the truncated tree.
+    #[must_use]
+    pub fn node_count(&self) -> u32 {
+        self.node_count
+    }
+
+    /// Truncates a frame's tree to the tiles that are there. Each tile is looked at once, so that all of the frame
+    /// agrees.
+    ///
+    /// # Errors
+    /// [`RootMissing`] when not even the root can be drawn.
+    pub fn truncate(&mut self, tree: &FrameTree, tiles: &impl Tiles) -> Result<(), RootMissing> {
+        self.colors.clear();
+        self.is_there.clear();
+        self.is_blocked.clear();
+        self.elevation_leaves.clear();
+        self.color_leaves.clear();
+        self.node_count = 0;
+        for node in &tree.nodes {
+            let color = if node.wants_color { tiles.color(node.id) } else { None };
+            let has_elevation = !node.wants_elevation || tiles.elevation(node.id).is_some();
+            self.colors.push(color);
+            self.is_there.push(has_elevation && (!node.wants_color || color.is_some()));
+            self.is_blocked.push(false);
+        }
+        let Some(root) = tree.nodes.first() else { return Ok(()) };
+        let missing = |layer| RootMissing { tile: Tile { layer, node: root.id } };
+        let (slot, generation) = self.colors[0].ok_or(missing(Layer::Color))?;
+        if !self.is_there[0] {
+            return Err(missing(Layer::Elevation));
+        }
+        let color = ColorPlace { node: root.id, slot, generation };
+        loop {
+            self.collect(tree, color);
+            if self.meet(tree) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Walks the tree depth first and collects the leaves.
+    fn collect(&mut self, tree: &FrameTree, root_color: ColorPlace) {
+        self.elevation_leaves.clear();
+        self.color_leaves.clear();
+        self.table.clear();
+        self.node_count = 0;
+        self.stack.clear();
+        self.stack.push(Step { index: 0, color: root_color });
+        while let Some(Step { index, color }) = self.stack.pop() {
+            let node = tree.nodes[index as usize];
+            self.node_count += 1;
+            let children = node.children();
+            let is_expanded = !children.is_empty()
+                && !self.is_blocked[index as usize]
+                && self.is_there[children.clone()].iter().all(|is_there| *is_there);
+            // Cut above its elevation leaves, a node becomes one.
+            if node.is_elevation_leaf || (!is_expanded && node.wants_elevation) {
+                let first = self.color_leaves.len() as u32;
+                let seams = Seams { edges: [node.id.q(); 4], corners: [node.id.q(); 4] };
+                let leaf =
+                    ElevationLeaf { node: node.id, seams, first_color_leaf: first, end_color_leaf: first, index };
+                // The table has room for every node of a tree.
+                if self.table.insert(node.id, self.elevation_leaves.len() as u32).is_ok() {
+                    self.elevation_leaves.push(leaf);
+                }
+            }
+            if !is_expanded {
+                self.color_leaves.push(ColorLeaf { node: node.id, color, index });
+                if let Some(leaf) = self.elevation_leaves.last_mut() {
+                    leaf.end_color_leaf = self.color_leaves.len() as u32;
+                }
+                continue;
+            }
+            for child in children.rev() {
+                let own = self.colors[child].map(|(slot, generation)| ColorPlace {
+                    node: tree.nodes[child].id,
+                    slot,
+                    generation,
+                });
+                self.stack.push(Step { index: child as u32, color: own.unwrap_or(color) });
+            }
+        }
+    }
+
+    /// Finds every elevation leaf's neighbours. `false` when some are too coarse for it: the nodes above that are coarse
+    /// enough have been marked to be drawn in their place.
+    fn meet(&mut self, tree: &FrameTree) -> bool {
+        let most = self.world.elevation_tile().ilog2() as u8;
+        let mut is_bridged = true;
+        for at in 0..self.elevation_leaves.len() {
+            let seams = self.seams(self.elevation_leaves[at].node);
+            self.elevation_leaves[at].seams = seams;
+            let leaf = self.elevation_leaves[at];
+            let snap = leaf.most_snap();
+            if snap > most {
+                self.block(tree, leaf.index, leaf.node.q() + snap - most);
+                is_bridged = false;
+                continue;
+            }
+            // Blocks of 2^snap cells lie this far below.
+            let finest = (leaf.node.q() + snap).saturating_sub(most);
+            for color in leaf.first_color_leaf..leaf.end_color_leaf {
+                let ColorLeaf { node, index, .. } = self.color_leaves[color as usize];
+                if node.q() < finest {
+                    self.block(tree, index, finest);
+                    is_bridged = false;
+                }
+            }
+        }
+        is_bridged
+    }
+
+    /// Marks the node of level `q` above a node (or itself) to be drawn as it is.
+    fn block(&mut self, tree: &FrameTree, index: u32, q: u8) {
+        let mut index = index as usize;
+        while tree.nodes[index].id.q() < q {
+            index = tree.nodes[index].parent as usize;
+        }
+        self.is_blocked[index] = true;
+    }
+
+    fn seams(&self, node: NodeId) -> Seams {
+        let level = |east, north| self.leaf_level(node, east, north).unwrap_or(0).max(node.q());
+        let edges = [level(-1, 0), level(1, 0), level(0, -1), level(0, 1)];
+        let [west, east, south, north] = edges;
+        let corners = [
+            level(-1, -1).max(south).max(west),
+            level(1, -1).max(south).max(east),
+            level(-1, 1).max(north).max(west),
+            level(1, 1).max(north).max(east),
+        ];
+        Seams { edges, corners }
+    }
+
+    /// Level of the elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or
+    /// none.
+    fn leaf_level(&self, node: NodeId, east: i32, north: i32) -> Option<u8> {
+        let mut id = neighbor_in(&self.world, node, east, north)?;
+        loop {
+            if self.table.get(id).is_some() {
+                return Some(id.q());
+            }
+            if id.q() + 1 >= self.world.levels() {
+                return None;
+            }
+            id = id.parent();
+        }
+    }
+}
