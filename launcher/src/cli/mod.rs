@@ -1,0 +1,331 @@
+//! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]); [`crate::plan`] turns it
+//! into a validated plan.
+
+pub mod values;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use terravision_common::level::Measure;
+use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
+
+const AFTER_HELP: &str = "\
+A world from nothing, flown:
+  terravision synth -o w
+  terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv
+  terravision fly w.tv -o film.mp4
+
+EXIT STATUS
+  0    done
+  1    the run failed (a stage died, no Vulkan device, no space left)
+  2    bad usage or bad input; the same command will fail again
+  3    the flight finished, but some tiles were missing or damaged and were drawn
+       from coarser ones; the report lists them
+  130  interrupted by Ctrl-C or TERM
+
+ENVIRONMENT
+  TERRAVISION_LOG     'stages' passes on what the stages say while they run
+  RAYON_NUM_THREADS   default of --threads
+  VK_ICD_FILENAMES    which Vulkan drivers the loader sees
+
+Messages go to standard error, results to standard output.";
+
+/// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films, stills, depth and
+/// ground positions, on a GPU or on none.
+///
+/// Three processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
+/// sees, the preparer makes elevation without cracks, the renderer draws it with Vulkan. This program starts them,
+/// flies the camera, watches over them and cleans up after them.
+#[derive(Debug, Parser)]
+#[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
+#[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Make a believable mountain world: dem.tif and ortho.tif
+    #[command(disable_help_flag = true)]
+    Synth(PassedOn),
+    /// Turn rasters into a terrain database
+    #[command(disable_help_flag = true)]
+    Ingest(PassedOn),
+    /// Say what a terrain database holds
+    Info(InfoArgs),
+    /// Say whether this machine has what a flight needs, and what to install if not
+    Doctor(DoctorArgs),
+    /// Fly a camera path over a terrain database, into a film, a folder of pictures or a pipe
+    Fly(Box<FlyArgs>),
+    /// Draw one picture from one pose; on request also depth and ground position of every pixel
+    Still(Box<StillArgs>),
+    /// Write the poses of a camera path, one per frame, as a JSON path that can be edited and flown
+    Path(Box<PathArgs>),
+    /// Measure the stages, the queues between them, and ingest
+    #[command(disable_help_flag = true)]
+    Bench(PassedOn),
+}
+
+/// Arguments that go to another program as they are.
+#[derive(Debug, Args)]
+pub struct PassedOn {
+    /// Passed on as typed; `--help` explains them.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
+    pub arguments: Vec<OsString>,
+}
+
+/// `terravision info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// The terrain database, a folder that `terravision ingest` made
+    pub world: PathBuf,
+    /// Print one JSON object in place of text
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `terravision doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// The `--memory` of the flight to check for
+    #[arg(long, value_name = "SIZE", default_value = "512MiB")]
+    pub memory: MemorySize,
+}
+
+/// How the picture is made; shared by `fly` and `still`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Picture")]
+pub struct PictureArgs {
+    /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<PictureSize>,
+    /// Vertical field of view, degrees [default: the path's own, else 60]
+    #[arg(long, value_name = "DEGREES")]
+    pub vfov: Option<f64>,
+    /// Colour of the sky, three numbers from 0 to 255 [default: the path's own, else 150,190,235]
+    #[arg(long, value_name = "R,G,B")]
+    pub sky: Option<Rgb>,
+    /// Factor on all heights of the terrain
+    ///
+    /// 2 makes mountains twice as high. The camera's height is not changed.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub exaggeration: f64,
+    /// A preset of --facet-px and --samples
+    ///
+    /// 'default' draws facets of 10 pixels, one sample a pixel. 'best' draws facets of 3 pixels with four samples a
+    /// pixel: nearer to the true picture at several times the cost. A flag given as well wins over the preset.
+    #[arg(long, value_enum, default_value_t = Quality::Default)]
+    pub quality: Quality,
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, best: 3]
+    ///
+    /// Smaller shows finer relief and costs more: time grows with the square of its inverse.
+    #[arg(long, value_name = "PIXELS")]
+    pub facet_px: Option<f64>,
+    /// Wanted size of the colour texels on screen, pixels [default: 1]
+    ///
+    /// Smaller sharpens until the source has no more to give, and needs more tiles; larger blurs and loads less.
+    #[arg(long, value_name = "PIXELS")]
+    pub texel_px: Option<f64>,
+    /// Samples per pixel: 1, or 4 for smooth edges [default: 1, best: 4]
+    #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
+    pub samples: Option<u32>,
+    /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
+    #[arg(long, value_enum, default_value_t = MeasureChoice::Area)]
+    pub measure: MeasureChoice,
+    /// Draw the leaves of the quad tree over the picture
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub overlay: Option<Overlay>,
+}
+
+/// What a run may use; shared by `fly` and `still`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Resources")]
+pub struct ResourceArgs {
+    /// Memory for the pools of tiles, e.g. 256MiB or 2GiB
+    ///
+    /// The picture does not depend on it, as long as it suffices. More saves loading when a flight comes back to where
+    /// it has been. All processes together use about 300 MB more than this. Half of it is shared memory: see
+    /// 'terravision doctor'.
+    #[arg(long, value_name = "SIZE", default_value = "512MiB")]
+    pub memory: MemorySize,
+    /// Threads that load and decode tiles [default: RAYON_NUM_THREADS, else one per core]
+    ///
+    /// The picture does not depend on it.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<u32>,
+    /// Ask for the Vulkan validation layer; its first complaint ends the run (for developers)
+    #[arg(long)]
+    pub validation: bool,
+    /// Say nothing but warnings and errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Where the camera goes; shared by `fly` and `path`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Flight")]
+pub struct CourseArgs {
+    /// The camera path: a file (JSON, KML tour or GPX track), or 'orbit'
+    ///
+    /// 'orbit' circles the point of the world with the strongest relief once in 240 frames. The formats of files are
+    /// in docs/camera-paths.md.
+    #[arg(long, value_name = "FILE|orbit", default_value = "orbit")]
+    pub path: PathBuf,
+    /// Only frames A up to, not including, B
+    ///
+    /// They are the same bytes that these frames have in the whole flight, so that a film can be made in pieces.
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<FrameRange>,
+    /// Frames per second of the film; of a path that is given in time also how many are made [default: the path's own,
+    /// else 30]
+    #[arg(long, value_name = "N")]
+    pub fps: Option<f64>,
+    /// Height above ground at which a GPX track is flown, metres [default: 150]
+    #[arg(long, value_name = "METRES")]
+    pub agl: Option<f64>,
+    /// Fly a path that is given in time N times as fast
+    #[arg(long, value_name = "N")]
+    pub speed: Option<f64>,
+}
+
+/// `terravision fly`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+EXAMPLES
+  terravision fly w.tv -o film.mp4
+  terravision fly w.tv --path tour.kml --quality best -o frames/ --report report.json
+  terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
+  terravision fly w.tv --path path.json --frames 100..200 -o part2/
+  terravision fly w.tv -o - | ffmpeg -i - -c:v libvpx-vp9 film.webm
+
+The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
+number of lifted frames is told.")]
+pub struct FlyArgs {
+    /// The terrain database, a folder that `terravision ingest` made
+    pub world: PathBuf,
+    /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, or - for Y4M on standard output
+    ///
+    /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
+    /// that name when it is complete, never before.
+    #[arg(short, long, value_name = "FILM|DIR/|-")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub course: CourseArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub resources: ResourceArgs,
+    /// Write a report of the run, JSON (docs/report.md)
+    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
+    pub report: Option<PathBuf>,
+    /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
+    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
+    pub trace: Option<PathBuf>,
+}
+
+/// `terravision still`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+EXAMPLES
+  terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 -o a.png
+  terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
+      --quality best -o a.png --depth depth.tif --ground ground.tif")]
+pub struct StillArgs {
+    /// The terrain database, a folder that `terravision ingest` made
+    pub world: PathBuf,
+    /// Where the camera is: easting, northing (metres, in the world's CRS) and height (metres)
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, help_heading = "Pose")]
+    pub eye: Triple,
+    /// Where it looks, degrees clockwise from grid north
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Pose")]
+    pub heading: f64,
+    /// How far up it looks, degrees from the horizontal, -90 to 90
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Pose")]
+    pub pitch: f64,
+    /// How far it leans to the right, degrees
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, default_value_t = 0.0, help_heading = "Pose")]
+    pub roll: f64,
+    /// The picture, a PNG file
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
+    #[arg(long, value_name = "FILE.tif")]
+    pub depth: Option<PathBuf>,
+    /// Also write what every pixel sees: float64 TIFF of easting, northing and height, NaN for sky
+    #[arg(long, value_name = "FILE.tif")]
+    pub ground: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub resources: ResourceArgs,
+    /// Write a report of the run, JSON (docs/report.md)
+    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
+    pub report: Option<PathBuf>,
+    /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
+    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
+    pub trace: Option<PathBuf>,
+}
+
+/// `terravision path`.
+#[derive(Debug, Args)]
+pub struct PathArgs {
+    /// The terrain database, a folder that `terravision ingest` made
+    pub world: PathBuf,
+    /// Where the poses go: a JSON file, or - for standard output
+    #[arg(short, long, value_name = "FILE.json|-", default_value = "-")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub course: CourseArgs,
+    /// Factor on all heights of the terrain, for heights above ground
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub exaggeration: f64,
+}
+
+/// A preset of how fine the picture is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Quality {
+    /// Facets of 10 pixels, one sample a pixel
+    Default,
+    /// Facets of 3 pixels, four samples a pixel
+    Best,
+}
+
+/// What is drawn over the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Overlay {
+    /// The leaves of the quad tree
+    Tree,
+}
+
+/// [`Measure`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MeasureChoice {
+    /// The shorter side: fewest facets, blurred at glancing angles
+    Min,
+    /// The area: an even load
+    Area,
+    /// The longer side: the best picture, several times the facets at glancing angles
+    Max,
+}
+
+impl From<MeasureChoice> for Measure {
+    fn from(choice: MeasureChoice) -> Self {
+        match choice {
+            MeasureChoice::Min => Self::Min,
+            MeasureChoice::Area => Self::Area,
+            MeasureChoice::Max => Self::Max,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

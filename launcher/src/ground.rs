@@ -1,0 +1,192 @@
+//! The ground under the camera: read from the terrain database, as it is drawn close by.
+
+use crate::path::orbit::Extent;
+use crate::path::{Ground, Pose};
+use glam::DVec2;
+use std::cell::RefCell;
+use std::collections::HashMap;
+use terravision_common::database::{TileScratch, TileSource};
+use terravision_common::facet::facet_linear;
+use terravision_common::node::NodeId;
+use terravision_common::world::World;
+
+/// The camera stays at least this high above ground, metres.
+pub const CLEARANCE_M: f64 = 2.0;
+/// Tiles that are kept; a flight goes on from the tile where it was.
+const KEPT_TILES: usize = 512;
+
+/// Heights of a world's ground, exaggerated as it is drawn, at positions in its CRS. For one thread; blocks on storage.
+pub struct WorldGround<'a> {
+    source: &'a dyn TileSource,
+    world: &'a World,
+    exaggeration: f64,
+    /// Finest level that is read.
+    level: u8,
+    cache: RefCell<Cache>,
+}
+
+#[derive(Default)]
+struct Cache {
+    scratch: TileScratch,
+    /// Posts by node; `None` for a tile that cannot be had.
+    tiles: HashMap<NodeId, Option<Vec<f32>>>,
+}
+
+impl std::fmt::Debug for WorldGround<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("WorldGround").field("level", &self.level).finish_non_exhaustive()
+    }
+}
+
+impl<'a> WorldGround<'a> {
+    /// The ground at the finest level.
+    #[must_use]
+    pub fn finest(source: &'a dyn TileSource, world: &'a World, exaggeration: f64) -> Self {
+        Self { source, world, exaggeration, level: world.finest_elevation_level(), cache: RefCell::default() }
+    }
+
+    /// The ground at the coarsest level whose posts are not farther apart than `spacing_m` (or the finest level).
+    #[must_use]
+    pub fn coarse(source: &'a dyn TileSource, world: &'a World, exaggeration: f64, spacing_m: f64) -> Self {
+        let finest = world.finest_elevation_level();
+        let level = (finest..world.levels()).rev().find(|&q| world.elevation_spacing_m(q) <= spacing_m);
+        Self { level: level.unwrap_or(finest), ..Self::finest(source, world, exaggeration) }
+    }
+
+    /// The world's extent in its CRS.
+    #[must_use]
+    pub fn extent(&self) -> Extent {
+        let low = DVec2::from_array(self.world.fields().origin);
+        Extent { low, high: low + DVec2::from_array(self.world.extent_m()) }
+    }
+
+    /// Height at a place inside one node's square; `None` when the tile cannot be had.
+    fn height_in(&self, node: NodeId, place: DVec2) -> Option<f64> {
+        let mut cache = self.cache.borrow_mut();
+        let Cache { scratch, tiles } = &mut *cache;
+        if tiles.len() > KEPT_TILES {
+            tiles.clear();
+        }
+        let posts = self.world.elevation_posts() as usize;
+        let tile = tiles.entry(node).or_insert_with(|| {
+            let mut heights = vec![0f32; posts * posts];
+            self.source.read_elevation(node, &mut heights, scratch).is_ok().then_some(heights)
+        });
+        let heights = tile.as_ref()?;
+        let spacing = self.world.elevation_spacing_m(node.q());
+        let corner = DVec2::from_array(self.world.node_origin(node).map(|v| v as f64 * self.world.lattice_unit_m()));
+        let at = ((place - corner) / spacing).clamp(DVec2::ZERO, DVec2::splat((posts - 1) as f64));
+        let cell = at.floor().min(DVec2::splat((posts - 2) as f64));
+        let offset = at - cell;
+        let first = cell.y as usize * posts + cell.x as usize;
+        let z = |index: usize| f64::from(heights[index]);
+        Some(facet_linear(z(first), z(first + 1), z(first + posts), z(first + posts + 1), offset.x, offset.y))
+    }
+}
+
+impl Ground for WorldGround<'_> {
+    fn height_m(&self, x: f64, y: f64) -> Option<f64> {
+        let place = DVec2::new(x, y) - DVec2::from_array(self.world.fields().origin);
+        let extent = DVec2::from_array(self.world.extent_m());
+        if !(place.is_finite() && place.cmpge(DVec2::ZERO).all() && place.cmple(extent).all()) {
+            return None;
+        }
+        // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
+        (self.level..self.world.levels()).find_map(|q| {
+            let side = self.world.node_side_m(q);
+            let [columns, rows] = self.world.nodes_at(q);
+            let m = ((place.x / side) as u32).min(columns - 1);
+            let n = ((place.y / side) as u32).min(rows - 1);
+            Some(self.height_in(NodeId::new(m, n, q)?, place)? * self.exaggeration)
+        })
+    }
+}
+
+/// Lifts a pose that is below ground + [`CLEARANCE_M`]; `true` if it was.
+pub fn lift(pose: &mut Pose, ground: &dyn Ground) -> bool {
+    let Some(height) = ground.height_m(pose.position.x, pose.position.y) else { return false };
+    let is_low = pose.position.z < height + CLEARANCE_M;
+    if is_low {
+        pose.position.z = height + CLEARANCE_M;
+    }
+    is_low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use terravision_common::database::{Layer, TileError};
+    use terravision_common::world::WorldFields;
+
+    /// Height = easting + 3 * northing at every level, but the finest tiles of the first column are missing.
+    struct Slope(World);
+
+    impl TileSource for Slope {
+        fn read_elevation(&self, node: NodeId, out: &mut [f32], _: &mut TileScratch) -> Result<(), TileError> {
+            if node.q() == 0 && node.m() == 0 {
+                return Err(TileError::Missing { layer: Layer::Elevation, node });
+            }
+            let posts = self.0.elevation_posts() as usize;
+            let origin = self.0.node_origin(node);
+            for (k, z) in out.iter_mut().enumerate() {
+                let x = origin[0] as f64 + ((k % posts) as f64) * f64::from(1u32 << node.q());
+                let y = origin[1] as f64 + ((k / posts) as f64) * f64::from(1u32 << node.q());
+                *z = ((x + 3.0 * y) * self.0.lattice_unit_m()) as f32;
+            }
+            Ok(())
+        }
+
+        fn read_color(&self, node: NodeId, _: &mut [u8], _: &mut TileScratch) -> Result<(), TileError> {
+            Err(TileError::Missing { layer: Layer::Color, node })
+        }
+    }
+
+    fn world() -> World {
+        World::new(WorldFields {
+            origin: [500_000.0, 4_000_000.0],
+            lattice_unit_m: 10.0,
+            extent: [20, 13],
+            elevation_tile: 4,
+            color_tile: 16,
+            levels: 4,
+            finest_elevation_level: 0,
+            finest_color_level: 0,
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn heights_come_from_the_finest_tile_that_can_be_had() {
+        let world = world();
+        let source = Slope(world);
+        let ground = WorldGround::finest(&source, &world, 2.0);
+        for (x, y) in [(0.0, 0.0), (3.0, 4.0), (200.0, 130.0), (199.9, 0.1), (55.5, 66.6)] {
+            let height = ground.height_m(500_000.0 + x, 4_000_000.0 + y).unwrap();
+            assert!((height - 2.0 * (x + 3.0 * y)).abs() < 1e-6, "{x} {y}: {height}");
+        }
+        for (x, y) in [(-0.1, 0.0), (200.1, 0.0), (0.0, 130.1), (f64::NAN, 0.0)] {
+            assert_eq!(ground.height_m(500_000.0 + x, 4_000_000.0 + y), None);
+        }
+        assert_eq!(WorldGround::coarse(&source, &world, 1.0, 45.0).level, 2);
+        assert_eq!(WorldGround::coarse(&source, &world, 1.0, 1.0).level, 0);
+    }
+
+    #[test]
+    fn low_poses_are_lifted_and_high_ones_stay() {
+        let world = world();
+        let source = Slope(world);
+        let ground = WorldGround::finest(&source, &world, 1.0);
+        let pose = |z| Pose {
+            position: DVec3::new(500_100.0, 4_000_000.0, z),
+            heading_rad: 0.0,
+            pitch_rad: 0.0,
+            roll_rad: 0.0,
+        };
+        let (mut low, mut high, mut outside) = (pose(50.0), pose(102.5), pose(-5.0));
+        outside.position.x = 0.0;
+        assert!(lift(&mut low, &ground) && low.position.z == 102.0);
+        assert!(!lift(&mut high, &ground) && high.position.z == 102.5);
+        assert!(!lift(&mut outside, &ground) && outside.position.z == -5.0);
+    }
+}

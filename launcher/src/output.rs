@@ -1,0 +1,212 @@
+//! Where results go: written under a temporary name beside the final one, and renamed when all is well, so that an
+//! interrupted run leaves no half film.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Why a result cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OutputError {
+    /// The file cannot be made.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// The folder cannot be made or written to.
+    #[error("cannot write into the folder {}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// There is something else of that name.
+    #[error("cannot write {}: it is a folder; for frames in a folder end its name with a slash", path.display())]
+    IsFolder {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+/// A file under its temporary name. Dropped before [`TemporaryFile::finish`] it is removed.
+#[derive(Debug)]
+pub struct TemporaryFile {
+    temporary: PathBuf,
+    path: PathBuf,
+    is_finished: bool,
+}
+
+impl TemporaryFile {
+    /// Makes an empty file beside `path`, of the same extension; `run` makes its name unique. It shows at once whether
+    /// the place can be written to.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn create(path: &Path, run: &str) -> Result<Self, OutputError> {
+        let fail = |source| OutputError::Write { path: path.to_owned(), source };
+        if path.is_dir() {
+            return Err(OutputError::IsFolder { path: path.to_owned() });
+        }
+        let Some(stem) = path.file_stem() else {
+            return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is no file name")));
+        };
+        let mut name = OsString::from(".");
+        name.push(stem);
+        name.push(format!(".{run}.part"));
+        if let Some(extension) = path.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        let temporary = path.with_file_name(name);
+        File::create(&temporary).map_err(fail)?;
+        Ok(Self { temporary, path: path.to_owned(), is_finished: false })
+    }
+
+    /// The temporary name.
+    #[must_use]
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
+    /// The final name.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the file its final name, in place of one that has it.
+    ///
+    /// # Errors
+    /// [`OutputError::Write`].
+    pub fn finish(mut self) -> Result<(), OutputError> {
+        fs::rename(&self.temporary, &self.path)
+            .map_err(|source| OutputError::Write { path: self.path.clone(), source })?;
+        self.is_finished = true;
+        Ok(())
+    }
+
+    /// Writes the whole content and gives the file its final name.
+    ///
+    /// # Errors
+    /// [`OutputError::Write`].
+    pub fn finish_with(
+        self,
+        write: impl FnOnce(&mut io::BufWriter<File>) -> io::Result<()>,
+    ) -> Result<(), OutputError> {
+        let fail = |source| OutputError::Write { path: self.path.clone(), source };
+        let file = OpenOptions::new().write(true).truncate(true).open(&self.temporary).map_err(fail)?;
+        let mut writer = io::BufWriter::new(file);
+        write(&mut writer).and_then(|()| writer.flush()).map_err(fail)?;
+        drop(writer);
+        self.finish()
+    }
+}
+
+impl Drop for TemporaryFile {
+    fn drop(&mut self) {
+        if !self.is_finished {
+            // Nobody is left to tell, and there may be nothing to remove.
+            drop(fs::remove_file(&self.temporary));
+        }
+    }
+}
+
+/// A folder for frames. Dropped while it is empty and of our making, it is removed.
+#[derive(Debug)]
+pub struct FrameFolder {
+    path: PathBuf,
+    is_ours: bool,
+}
+
+impl FrameFolder {
+    /// Makes the folder, and those above it, if need be; tries whether it can be written to.
+    ///
+    /// # Errors
+    /// [`OutputError::Folder`].
+    pub fn create(path: &Path, run: &str) -> Result<Self, OutputError> {
+        let fail = |source| OutputError::Folder { path: path.to_owned(), source };
+        let is_ours = !path.exists();
+        fs::create_dir_all(path).map_err(fail)?;
+        let folder = Self { path: path.to_owned(), is_ours };
+        let probe = path.join(format!(".{run}.part"));
+        File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(fail)?;
+        Ok(folder)
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for FrameFolder {
+    fn drop(&mut self) {
+        if self.is_ours {
+            // Fails, as it should, when there is a frame in it.
+            drop(fs::remove_dir(&self.path));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scratch(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("terravision-output-{}-{name}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_file_appears_whole_or_not_at_all() {
+        let folder = scratch("file");
+        let path = folder.join("film.mp4");
+        fs::write(&path, "old").unwrap();
+        let file = TemporaryFile::create(&path, "tv-1-2").unwrap();
+        assert_eq!(file.temporary().extension(), path.extension());
+        fs::write(file.temporary(), "half").unwrap();
+        drop(file);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+        TemporaryFile::create(&path, "tv-1-2").unwrap().finish_with(|w| w.write_all(b"new")).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "new");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_said_before_the_run() {
+        let folder = scratch("bad");
+        for path in [folder.join("missing/film.mp4"), PathBuf::from("/proc/film.mp4"), PathBuf::from("/")] {
+            let message = TemporaryFile::create(&path, "r").unwrap_err().to_string();
+            assert!(message.starts_with("cannot write"), "{message}");
+        }
+        assert!(TemporaryFile::create(&folder, "r").unwrap_err().to_string().contains("end its name with a slash"));
+        fs::write(folder.join("file"), "").unwrap();
+        assert!(FrameFolder::create(&folder.join("file/frames"), "r").is_err());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn an_empty_folder_of_ours_goes_away_and_others_stay() {
+        let folder = scratch("frames");
+        drop(FrameFolder::create(&folder.join("a"), "r").unwrap());
+        assert!(!folder.join("a").exists());
+        let made = FrameFolder::create(&folder.join("b"), "r").unwrap();
+        fs::write(made.path().join("frame-000000.png"), "").unwrap();
+        drop(made);
+        assert!(folder.join("b").exists());
+        drop(FrameFolder::create(&folder, "r").unwrap());
+        assert!(folder.exists());
+        fs::remove_dir_all(folder).unwrap();
+    }
+}

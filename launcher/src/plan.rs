@@ -1,0 +1,494 @@
+//! What is to be flown: the validated plan that is made of the command line, the path file and the world. Nothing in it
+//! is left to interpret.
+
+use crate::cli::values::{FrameRange, PictureSize, Rgb};
+use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, ResourceArgs, StillArgs};
+use crate::failure::Failure;
+use crate::ground::{self, WorldGround};
+use crate::output::{FrameFolder, TemporaryFile};
+use crate::path::crs::Georeference;
+use crate::path::orbit::{self, Extent};
+use crate::path::{self, CameraPath, Course, CourseOptions, Pose};
+use anyhow::anyhow;
+use glam::DVec3;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use terravision_common::camera::Camera;
+use terravision_common::database::Database;
+use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::shm::{Layout, RunId, ShmError};
+
+/// Where `--path orbit` is meant, unless a file has that name.
+const ORBIT: &str = "orbit";
+/// Default height of a GPX track above ground, metres.
+const DEFAULT_AGL_M: f64 = 150.0;
+const DEFAULT_FPS: f64 = 30.0;
+const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
+const DEFAULT_VFOV_DEG: f64 = 60.0;
+const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+/// Frames that are recorded or drawn at a time.
+const FRAMES_IN_FLIGHT: u32 = 2;
+/// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
+const FAR_FROM_WORLD: f64 = 2.0;
+
+/// A run of the pipeline, ready to start.
+#[derive(Debug)]
+pub struct FlightPlan {
+    /// The run's name.
+    pub run: RunId,
+    /// What the stages are told.
+    pub config: RunConfig,
+    /// The run's shared memory.
+    pub layout: Layout,
+    /// The camera of each frame, from the first.
+    pub cameras: Vec<Camera>,
+    /// Files that get their final names at the end.
+    pub files: Vec<TemporaryFile>,
+    /// The folder of frames, if that is where they go.
+    pub folder: Option<FrameFolder>,
+    /// The report, if one is wanted.
+    pub report: Option<TemporaryFile>,
+    /// The trace, if one is wanted.
+    pub trace: Option<TemporaryFile>,
+    /// What is done differently than asked, a sentence each.
+    pub warnings: Vec<String>,
+    /// Whether the run says nothing but warnings and errors.
+    pub is_quiet: bool,
+    /// Where the pictures go, for people.
+    pub destination: String,
+}
+
+/// Opens a world and says in one sentence why it cannot be flown.
+///
+/// # Errors
+/// Bad input: not there, half written, newer, damaged.
+pub fn open_world(path: &Path) -> Result<Database, Failure> {
+    Database::open(path).map_err(Failure::bad_input)
+}
+
+/// The CRS of a world, for paths in other coordinates.
+///
+/// # Errors
+/// Bad input: the manifest's PROJ string is wrong.
+pub fn georeference(database: &Database) -> Result<Georeference, Failure> {
+    let crs = &database.manifest().crs;
+    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).map_err(Failure::bad_input)
+}
+
+/// The path that `--path` means.
+///
+/// # Errors
+/// Bad input: the file cannot be read or is no path.
+pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> Result<CameraPath, Failure> {
+    let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
+    let world = database.world();
+    if args.path == Path::new(ORBIT) {
+        let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
+        let ground = WorldGround::coarse(database, world, exaggeration, spacing);
+        return Ok(orbit::orbit(&ground.extent(), &ground));
+    }
+    let ground = WorldGround::finest(database, world, exaggeration);
+    path::load(&args.path, &georeference(database)?, &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
+}
+
+/// Frames per second, and how many times as fast a path in time is flown.
+///
+/// # Errors
+/// Bad input: a number out of range.
+pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
+    let fps = args.fps.or(path.settings.fps).unwrap_or(DEFAULT_FPS);
+    let fps = in_range("--fps", fps, 0.001, 1000.0, "frames per second from 0.001 to 1000")?;
+    let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
+    if args.speed.is_some() && !path.course.is_timed() {
+        return Err(Failure::bad_input(anyhow!(
+            "--speed is for paths that are given in time (keyframes, KML, GPX); this one has a pose per frame"
+        )));
+    }
+    Ok((fps, speed))
+}
+
+/// The frames to fly: those asked for, or all.
+///
+/// # Errors
+/// Bad input: the path has fewer frames.
+pub fn frame_range(asked: Option<FrameRange>, course: &Course, fps: f64, speed: f64) -> Result<[u64; 2], Failure> {
+    let count = course.frame_count(fps, speed).map_err(Failure::bad_input)?;
+    match (asked, count) {
+        (Some(range), Some(count)) if range.end > count => Err(Failure::bad_input(anyhow!(
+            "--frames {}..{}: the path has {count} frames (0..{count}) at {fps} frames a second",
+            range.first,
+            range.end
+        ))),
+        (Some(range), _) if range.end - range.first > path::MAX_FRAMES => Err(Failure::bad_input(anyhow!(
+            "--frames {}..{}: at most {} frames are flown in one run",
+            range.first,
+            range.end,
+            path::MAX_FRAMES
+        ))),
+        (Some(range), _) => Ok([range.first, range.end]),
+        (None, Some(count)) => Ok([0, count]),
+        (None, None) => Ok([0, orbit::ROUND_FRAMES as u64]),
+    }
+}
+
+/// The plan of `terravision fly`.
+///
+/// # Errors
+/// Bad input, in one sentence.
+pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
+    let database = open_world(&args.world)?;
+    let exaggeration = exaggeration(args.picture.exaggeration)?;
+    let path = load_path(&args.course, &database, exaggeration)?;
+    let (fps, speed) = pace(&args.course, &path)?;
+    let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
+    let poses: Option<Vec<Pose>> = (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
+    let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
+    let mut draft = Draft::new(&database, &args.picture, &args.resources, path.settings)?;
+    draft.fps = fps;
+    draft.frames = frames;
+    draft.poses = poses;
+
+    let run = draft.run.to_string();
+    if args.output == Path::new("-") {
+        if std::io::stdout().is_terminal() {
+            return Err(Failure::bad_input(anyhow!(
+                "-o - writes a film to standard output, which is a terminal; send it to a program or a file, \
+                 e.g. terravision fly … -o - | ffmpeg -i - film.webm"
+            )));
+        }
+        draft.sink = SinkConfig::Y4mStdout;
+        draft.destination = "standard output".into();
+    } else if is_folder_name(&args.output) {
+        let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
+        draft.sink = SinkConfig::PngFolder(folder.path().to_owned());
+        draft.folder = Some(folder);
+    } else if has_extension(&args.output, &["mp4", "mkv", "mov"]) {
+        if find_program("ffmpeg").is_none() {
+            return Err(Failure::failed(anyhow!(
+                "ffmpeg is not installed, and makes the film: apt-get install ffmpeg, or write frames with -o DIR/"
+            )));
+        }
+        let file = TemporaryFile::create(&args.output, &run).map_err(Failure::bad_input)?;
+        draft.sink = SinkConfig::Film(file.temporary().to_owned());
+        draft.files.push(file);
+    } else {
+        return Err(Failure::bad_input(anyhow!(
+            "-o {}: expected a film (.mp4, .mkv, .mov), a folder that ends with a slash, or - for standard output",
+            args.output.display()
+        )));
+    }
+    if draft.destination.is_empty() {
+        draft.destination = args.output.display().to_string();
+    }
+    draft.finish(args.report.as_deref(), args.trace.as_deref())
+}
+
+/// The plan of `terravision still`.
+///
+/// # Errors
+/// Bad input, in one sentence.
+pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
+    let database = open_world(&args.world)?;
+    exaggeration(args.picture.exaggeration)?;
+    const ANGLE: &str = "degrees from -1000000 to 1000000";
+    let pose = Pose {
+        position: DVec3::from_array(args.eye.0),
+        heading_rad: in_range("--heading", args.heading, -1e6, 1e6, ANGLE)?.to_radians(),
+        pitch_rad: in_range("--pitch", args.pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians(),
+        roll_rad: in_range("--roll", args.roll, -1e6, 1e6, ANGLE)?.to_radians(),
+    };
+    let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
+    draft.poses = vec![pose];
+    let run = draft.run.to_string();
+    if is_folder_name(&args.output) || !has_extension(&args.output, &["png"]) {
+        return Err(Failure::bad_input(anyhow!("-o {}: expected a PNG file, e.g. a.png", args.output.display())));
+    }
+    let mut temporary = |path: &Path| -> Result<PathBuf, Failure> {
+        let file = TemporaryFile::create(path, &run).map_err(Failure::bad_input)?;
+        let name = file.temporary().to_owned();
+        draft.files.push(file);
+        Ok(name)
+    };
+    let picture = temporary(&args.output)?;
+    let depth = args.depth.as_deref().map(&mut temporary).transpose()?;
+    let ground = args.ground.as_deref().map(&mut temporary).transpose()?;
+    draft.sink = SinkConfig::PngFile(picture);
+    draft.depth = depth;
+    draft.ground = ground;
+    draft.destination = args.output.display().to_string();
+    draft.finish(args.report.as_deref(), args.trace.as_deref())
+}
+
+/// A plan in the making.
+struct Draft<'a> {
+    run: RunId,
+    database: &'a Database,
+    settings: path::PathSettings,
+    picture: &'a PictureArgs,
+    resources: &'a ResourceArgs,
+    fps: f64,
+    frames: [u64; 2],
+    poses: Vec<Pose>,
+    sink: SinkConfig,
+    depth: Option<PathBuf>,
+    ground: Option<PathBuf>,
+    files: Vec<TemporaryFile>,
+    folder: Option<FrameFolder>,
+    destination: String,
+}
+
+impl<'a> Draft<'a> {
+    fn new(
+        database: &'a Database,
+        picture: &'a PictureArgs,
+        resources: &'a ResourceArgs,
+        settings: path::PathSettings,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            run: RunId::new_for_this_process().map_err(Failure::failed)?,
+            database,
+            settings,
+            picture,
+            resources,
+            fps: DEFAULT_FPS,
+            frames: [0, 1],
+            poses: Vec::new(),
+            sink: SinkConfig::Null,
+            depth: None,
+            ground: None,
+            files: Vec::new(),
+            folder: None,
+            destination: String::new(),
+        })
+    }
+
+    fn finish(self, report: Option<&Path>, trace: Option<&Path>) -> Result<FlightPlan, Failure> {
+        let Self { database, picture, resources, settings, .. } = self;
+        let world = database.world();
+        let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
+        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
+        let size = picture.size.unwrap_or(PictureSize {
+            width: settings.width.unwrap_or(DEFAULT_SIZE.width),
+            height: settings.height.unwrap_or(DEFAULT_SIZE.height),
+        });
+        let (facet_px, samples) = match picture.quality {
+            Quality::Default => (10.0, 1),
+            Quality::Best => (3.0, 4),
+        };
+        let r_z_px =
+            in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
+        let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
+        let exaggeration = exaggeration(picture.exaggeration)?;
+        let loader_threads = loader_threads(resources.threads)?;
+        let layout =
+            Layout::for_run(world, resources.memory.0, size.width, size.height).map_err(|error| match error {
+                ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
+                    "--memory {}: the tile pools of this world need at least {}",
+                    bytes_for_people(resources.memory.0),
+                    bytes_for_people(needed)
+                )),
+                other => Failure::failed(other),
+            })?;
+
+        let ground = WorldGround::finest(database, world, exaggeration);
+        let mut warnings = Vec::new();
+        check_distance(&self.poses, &ground.extent(), &mut warnings)?;
+        let origin = glam::DVec2::from_array(world.fields().origin);
+        let mut lifted = 0;
+        let mut cameras = Vec::with_capacity(self.poses.len());
+        for (i, mut pose) in self.poses.into_iter().enumerate() {
+            lifted += usize::from(ground::lift(&mut pose, &ground));
+            let camera = Camera {
+                eye_in_world: (pose.position - origin.extend(0.0)).to_array(),
+                heading_rad: pose.heading_rad,
+                pitch_rad: pose.pitch_rad,
+                roll_rad: pose.roll_rad,
+                vfov_rad,
+                width: size.width,
+                height: size.height,
+                timestamp_nanos: 0,
+            };
+            if !camera.is_valid() {
+                let frame = self.frames[0] + i as u64;
+                return Err(Failure::bad_input(anyhow!("frame {frame}: the pose is out of all bounds: {pose:?}")));
+            }
+            cameras.push(camera);
+        }
+        if lifted > 0 {
+            warnings.push(format!(
+                "{lifted} of {} frames were below ground + {} m and were lifted",
+                cameras.len(),
+                ground::CLEARANCE_M
+            ));
+        }
+        let run = self.run.to_string();
+        let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
+        Ok(FlightPlan {
+            config: RunConfig {
+                run_id: run.clone(),
+                // The stages run in this folder too, but an absolute name reads better in messages.
+                world: std::path::absolute(database.path()).unwrap_or_else(|_| database.path().to_owned()),
+                width: size.width,
+                height: size.height,
+                fps: self.fps,
+                frames: self.frames,
+                r_z_px,
+                r_c_px,
+                measure: picture.measure.into(),
+                exaggeration,
+                loader_threads,
+                render: RenderConfig {
+                    sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
+                    samples: picture.samples.unwrap_or(samples),
+                    has_tree_overlay: picture.overlay == Some(Overlay::Tree),
+                    has_validation: resources.validation,
+                    frames_in_flight: FRAMES_IN_FLIGHT,
+                    sink: self.sink,
+                    depth: self.depth,
+                    ground: self.ground,
+                },
+            },
+            report: report.map(temporary).transpose()?,
+            trace: trace.map(temporary).transpose()?,
+            run: self.run,
+            layout,
+            cameras,
+            files: self.files,
+            folder: self.folder,
+            warnings,
+            is_quiet: resources.quiet,
+            destination: self.destination,
+        })
+    }
+}
+
+/// A path that never comes near the world is an error, one that leaves it is worth a warning.
+fn check_distance(poses: &[Pose], extent: &Extent, warnings: &mut Vec<String>) -> Result<(), Failure> {
+    let reach = FAR_FROM_WORLD * extent.size().max_element();
+    let is_far = |pose: &&Pose| extent.distance(pose.position.truncate()) > reach;
+    let far = poses.iter().filter(is_far).count();
+    if far == poses.len() {
+        let eye = poses.first().map_or(DVec3::ZERO, |pose| pose.position);
+        return Err(Failure::bad_input(anyhow!(
+            "the camera is nowhere near the world: it starts at {:.0}, {:.0}, and the world reaches from {:.0}, {:.0} \
+             to {:.0}, {:.0}; are both in the same CRS?",
+            eye.x,
+            eye.y,
+            extent.low.x,
+            extent.low.y,
+            extent.high.x,
+            extent.high.y
+        )));
+    }
+    if far > 0 {
+        warnings.push(format!("{far} of {} frames are far outside of the world", poses.len()));
+    }
+    Ok(())
+}
+
+fn in_range(name: &str, value: f64, low: f64, high: f64, expected: &str) -> Result<f64, Failure> {
+    if (low..=high).contains(&value) {
+        Ok(value)
+    } else {
+        Err(Failure::bad_input(anyhow!("{name} {value}: expected {expected}")))
+    }
+}
+
+fn exaggeration(value: f64) -> Result<f64, Failure> {
+    in_range("--exaggeration", value, 0.01, 100.0, "a factor from 0.01 to 100")
+}
+
+/// Threads that load tiles: as asked, as `RAYON_NUM_THREADS` says, or one per core.
+fn loader_threads(asked: Option<u32>) -> Result<u32, Failure> {
+    const EXPECTED: &str = "a whole number from 1 to 256";
+    let cores = || std::thread::available_parallelism().map_or(1, |n| n.get().min(256) as u32);
+    let (name, threads) = match (asked, std::env::var("RAYON_NUM_THREADS")) {
+        (Some(threads), _) => ("--threads", threads),
+        // Rayon takes 0 for "as many as there are cores".
+        (None, Ok(text)) if text.trim().is_empty() || text.trim() == "0" => return Ok(cores()),
+        (None, Ok(text)) => match text.trim().parse() {
+            Ok(threads) => ("RAYON_NUM_THREADS", threads),
+            Err(_not_a_number) => {
+                return Err(Failure::bad_input(anyhow!("RAYON_NUM_THREADS is {text:?}: expected {EXPECTED}")));
+            }
+        },
+        (None, Err(_not_set)) => return Ok(cores()),
+    };
+    match threads {
+        1..=256 => Ok(threads),
+        _ => Err(Failure::bad_input(anyhow!("{name} {threads}: expected {EXPECTED}"))),
+    }
+}
+
+fn is_folder_name(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().ends_with(b"/") || path.is_dir()
+}
+
+fn has_extension(path: &Path, known: &[&str]) -> bool {
+    path.extension().and_then(|e| e.to_str()).is_some_and(|e| known.contains(&e.to_ascii_lowercase().as_str()))
+}
+
+/// The program of that name in the folders of `PATH`.
+#[must_use]
+pub fn find_program(name: &str) -> Option<PathBuf> {
+    use std::os::unix::fs::PermissionsExt;
+    let is_program = |path: &PathBuf| {
+        path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
+    };
+    std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(is_program)
+}
+
+/// Bytes as people say them, with a unit.
+#[must_use]
+pub fn bytes_for_people(bytes: u64) -> String {
+    const UNITS: [(&str, u64); 3] = [("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)];
+    for (unit, size) in UNITS {
+        if bytes >= size {
+            let value = bytes as f64 / size as f64;
+            return if value < 10.0 && bytes % size != 0 { format!("{value:.1} {unit}") } else { format!("{value:.0} {unit}") };
+        }
+    }
+    format!("{bytes} bytes")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    fn pose(x: f64) -> Pose {
+        Pose { position: DVec3::new(x, 0.0, 0.0), heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0 }
+    }
+
+    #[test]
+    fn a_path_far_from_the_world_is_an_error_and_one_that_leaves_it_a_warning() {
+        let extent = Extent { low: DVec2::ZERO, high: DVec2::new(100.0, 50.0) };
+        let mut warnings = Vec::new();
+        assert!(check_distance(&[pose(50.0), pose(299.0)], &extent, &mut warnings).is_ok() && warnings.is_empty());
+        assert!(check_distance(&[pose(50.0), pose(301.0)], &extent, &mut warnings).is_ok());
+        assert_eq!(warnings, ["1 of 2 frames are far outside of the world"]);
+        let failure = check_distance(&[pose(301.0)], &extent, &mut warnings).unwrap_err();
+        assert!(failure.to_string().contains("nowhere near the world"), "{failure}");
+    }
+
+    #[test]
+    fn frames_that_the_path_does_not_have_are_refused() {
+        let course = Course::Frames(vec![pose(0.0); 10]);
+        let range = |first, end| Some(FrameRange { first, end });
+        assert_eq!(frame_range(range(3, 10), &course, 30.0, 1.0).unwrap(), [3, 10]);
+        assert_eq!(frame_range(None, &course, 30.0, 1.0).unwrap(), [0, 10]);
+        let message = frame_range(range(3, 11), &course, 30.0, 1.0).unwrap_err().to_string();
+        assert!(message.contains("the path has 10 frames"), "{message}");
+        let round = Course::Round(vec![pose(0.0); 240]);
+        assert_eq!(frame_range(None, &round, 30.0, 1.0).unwrap(), [0, 240]);
+        assert_eq!(frame_range(range(200, 500), &round, 30.0, 1.0).unwrap(), [200, 500]);
+        assert!(frame_range(range(0, 900_000_000), &round, 30.0, 1.0).is_err());
+    }
+
+    #[test]
+    fn sizes_read_well() {
+        assert_eq!(bytes_for_people(512 << 20), "512 MiB");
+        assert_eq!(bytes_for_people(1_500_000_000), "1.4 GiB");
+        assert_eq!(bytes_for_people(12), "12 bytes");
+    }
+}
