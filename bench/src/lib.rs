@@ -1,1 +1,11 @@
-//! To be written.
+//! TerraVision's benches: each stage alone, the queues between them, the whole, and ingest; as ratios of things that
+//! were measured in one run, because times of a shared machine say little.
+
+#![forbid(unsafe_code)]
+
+pub mod cli;
+pub mod machine;
+pub mod measurement;
+pub mod plot;
+pub mod queues;
+pub mod report;

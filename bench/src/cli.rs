@@ -1,0 +1,86 @@
+//! The command line of `terravision bench`.
+
+use crate::queues::Queue;
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Measures the stages, the queues between them, the whole pipeline, and ingest.
+///
+/// Every figure that counts is a ratio of two things measured in the same run: times of a shared machine say little by
+/// themselves. Figures with a target get a verdict; a missed target never makes the program fail.
+#[derive(Debug, Parser)]
+#[command(name = "terravision bench", version, max_term_width = 100)]
+pub struct Cli {
+    /// What to measure; everything when nothing is said
+    #[command(subcommand)]
+    pub verb: Option<Verb>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub options: Options,
+}
+
+/// What to measure.
+#[derive(Debug, Clone, Subcommand)]
+pub enum Verb {
+    /// Each stage alone: trees, elevation samples, slots, frames, pixels, triangles per second
+    Stages,
+    /// The whole pipeline against the renderer alone, fed with the frames that the pipeline had recorded
+    Replay,
+    /// The queues between the processes: time of a hand-over, things per second
+    Queues,
+    /// Ingest: megabytes of source pixels per second
+    Ingest,
+    /// The other end of the queues, a process of its own
+    #[command(hide = true)]
+    Reader(ReaderArgs),
+}
+
+/// Arguments of the hidden reader.
+#[derive(Debug, Clone, Args)]
+pub struct ReaderArgs {
+    /// The run.
+    #[arg(long)]
+    pub run: String,
+    /// What to read.
+    #[arg(long, value_enum)]
+    pub queue: Queue,
+    /// How much.
+    #[arg(long)]
+    pub count: u64,
+    /// Say by an event that a thing was read.
+    #[arg(long)]
+    pub acknowledge: bool,
+}
+
+/// Options of all verbs.
+#[derive(Debug, Clone, Args)]
+pub struct Options {
+    /// Print one JSON object in place of a table
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Also draw plots (SVG) into this folder
+    #[arg(short, long, global = true, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Fly over this terrain database [default: a synthetic world, made once and kept under the cache folder]
+    #[arg(long, global = true, value_name = "WORLD")]
+    pub world: Option<PathBuf>,
+    /// Posts along a side of the synthetic world
+    #[arg(long, global = true, value_name = "N", default_value_t = 2048)]
+    pub world_size: u32,
+    /// Frames of the flight
+    #[arg(long, global = true, value_name = "N", default_value_t = 240)]
+    pub frames: u64,
+    /// Size of the picture
+    #[arg(long, global = true, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
+    pub size: [u32; 2],
+    /// Memory for the pools of tiles, MiB
+    #[arg(long, global = true, value_name = "MIB", default_value_t = 1024)]
+    pub memory_mib: u64,
+}
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse::<u32>().ok().filter(|side| (16..=16_384).contains(side));
+    text.split_once('x')
+        .and_then(|(width, height)| Some([side(width)?, side(height)?]))
+        .ok_or_else(|| "expected two numbers of pixels like 1280x720".to_owned())
+}

@@ -1,0 +1,80 @@
+//! Runs the verbs and prints what they found.
+
+use crate::cli::{Options, Verb};
+use crate::machine::Machine;
+use crate::measurement::{Measurement, table};
+use crate::plot::{self, Curve};
+use crate::queues;
+use anyhow::Context;
+use serde_json::json;
+use std::io::Write;
+
+/// What a verb found.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Numbers.
+    pub measurements: Vec<Measurement>,
+    /// Curves over frames.
+    pub curves: Vec<Curve>,
+    /// Facts that are no numbers: the device, the database.
+    pub facts: Vec<(&'static str, String)>,
+}
+
+/// Measures, then prints.
+///
+/// # Errors
+/// When something could not be measured, or written.
+pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
+    let machine = Machine::this();
+    let mut found = Found::default();
+    let wants = |name: &str| match verb {
+        None => true,
+        Some(Verb::Queues) => name == "queues",
+        Some(Verb::Stages) => name == "stages",
+        Some(Verb::Replay) => name == "replay",
+        Some(Verb::Ingest) => name == "ingest",
+        Some(Verb::Reader(_)) => false,
+    };
+    if wants("queues") {
+        found.measurements.extend(queues::run(queues::Load::default()).context("queues")?);
+    }
+    print(&machine, &found, options)
+}
+
+fn print(machine: &Machine, found: &Found, options: &Options) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    if options.json {
+        let verdicts: Vec<_> = found.measurements.iter().map(Measurement::verdict).collect();
+        let facts: serde_json::Map<_, _> = found.facts.iter().map(|(k, v)| ((*k).to_owned(), json!(v))).collect();
+        let object = json!({
+            "schema": "terravision-bench-1",
+            "machine": machine,
+            "facts": facts,
+            "measurements": found.measurements,
+            "verdicts": verdicts,
+            "curves": found.curves.iter().map(|c| json!({"name": c.name, "ms": c.values})).collect::<Vec<_>>(),
+        });
+        writeln!(out, "{object:#}")?;
+    } else {
+        let release = if machine.is_release { "release" } else { "development" };
+        let Machine { processor, cores, kernel, load, commit, .. } = machine;
+        writeln!(out, "{processor}, {cores} cores, Linux {kernel}, load {load}; commit {commit}, {release} build")?;
+        for (name, value) in &found.facts {
+            writeln!(out, "{name}: {value}")?;
+        }
+        write!(out, "\n{}", table(&found.measurements))?;
+    }
+    if let Some(folder) = &options.output {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        let mut benches: Vec<&str> = found.measurements.iter().map(|m| m.bench).collect();
+        benches.dedup();
+        for bench in benches {
+            let of_bench: Vec<_> = found.measurements.iter().filter(|m| m.bench == bench).cloned().collect();
+            plot::bars(folder, bench, &of_bench)?;
+        }
+        if !found.curves.is_empty() {
+            plot::curves(folder, "frames", &found.curves)?;
+        }
+    }
+    Ok(())
+}
