@@ -18,31 +18,44 @@ pub(crate) struct Bell {
 #[cfg(not(loom))]
 const _: () = assert!(size_of::<Bell>() == 4);
 
+/// How a sleep went.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Slept<R> {
+    /// What was waited for was there.
+    NotAtAll(R),
+    /// Somebody rang, or the sleep was disturbed.
+    UntilRung,
+    /// The bound passed.
+    Fully,
+}
+
 impl Bell {
     #[cfg(loom)]
     pub(crate) fn new() -> Self {
         Self { word: AtomicU32::new(NOBODY) }
     }
 
-    /// The waiter announces its sleep. It then looks once more for what it waits for, and only sleeps if that is still
-    /// missing: either it sees what was published, or the publisher sees the announcement.
-    pub(crate) fn arm(&self) {
+    /// One sleep, unless `attempt` finds what is waited for: announces the sleep, looks once more, and sleeps until rung,
+    /// at most for `bound`. Wakes without cause are possible. Either the waiter sees what was published, or the
+    /// publisher sees the announcement.
+    pub(crate) fn sleep_unless<R, E>(
+        &self,
+        bound: Duration,
+        attempt: impl FnOnce() -> Result<Option<R>, E>,
+    ) -> Result<Slept<R>, E> {
         // Relaxed: the fence orders it. SYNC bell.sleep: pairs with the fence in `ring`, in one total order of fences.
         self.word.store(SLEEPER, Ordering::Relaxed);
         fence(Ordering::SeqCst);
-    }
-
-    /// The waiter found what it waits for, or gives up.
-    pub(crate) fn disarm(&self) {
-        // Relaxed: a late zero costs one needless wake, an early one nothing.
+        let attempted = attempt();
+        let slept = match attempted {
+            Ok(None) if wait(&self.word, SLEEPER, bound) => Ok(Slept::Fully),
+            Ok(None) => Ok(Slept::UntilRung),
+            Ok(Some(found)) => Ok(Slept::NotAtAll(found)),
+            Err(error) => Err(error),
+        };
+        // Relaxed: a late zero costs a needless wake, and an early one nothing.
         self.word.store(NOBODY, Ordering::Relaxed);
-    }
-
-    /// Sleeps until rung, at most for `bound`. Returns whether the bound passed. Wakes without cause are possible.
-    pub(crate) fn sleep(&self, bound: Duration) -> bool {
-        let timed_out = wait(&self.word, SLEEPER, bound);
-        self.disarm();
-        timed_out
+        slept
     }
 
     /// Wakes the sleeper, if there is one. Called after what it waits for was published.

@@ -1,6 +1,6 @@
 //! The control block: how the run stands, who lives, which frames are done; and how every wait ends.
 
-use super::bell::Bell;
+use super::bell::{Bell, Slept};
 use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords};
 pub use super::control_words::{Counter, RunState};
 use super::error::{ShmError, WaitError};
@@ -295,34 +295,24 @@ impl Control {
         }
         let mut sleeps_with_dead_peer = 0;
         loop {
-            bell.arm();
-            // Between announcement and sleep: see `Bell`.
-            let attempted = attempt();
-            if !matches!(attempted, Ok(None)) {
-                bell.disarm();
-            }
-            if let Some(found) = attempted? {
-                return Ok(found);
-            }
-            if let Err(ended) = self.check_running() {
-                bell.disarm();
-                return Err(ended);
-            }
-            let is_full_sleep = bell.sleep(WAIT_BOUND);
-            if let Some(found) = attempt()? {
-                return Ok(found);
-            }
-            if is_full_sleep {
-                self.check_running()?;
-                if !self.launcher.is_alive() {
-                    return Err(WaitError::LauncherGone);
-                }
-                if let Some((stage, process)) = peer.and_then(|stage| Some((stage, self.process_of(stage)?))) {
-                    sleeps_with_dead_peer = if process.is_alive() { 0 } else { sleeps_with_dead_peer + 1 };
-                    if sleeps_with_dead_peer >= PEER_GRACE {
-                        return Err(WaitError::PeerGone { stage });
+            self.check_running()?;
+            match bell.sleep_unless(WAIT_BOUND, &mut attempt)? {
+                Slept::NotAtAll(found) => return Ok(found),
+                Slept::UntilRung => {}
+                Slept::Fully => {
+                    if !self.launcher.is_alive() {
+                        return Err(WaitError::LauncherGone);
+                    }
+                    if let Some((stage, process)) = peer.and_then(|stage| Some((stage, self.process_of(stage)?))) {
+                        sleeps_with_dead_peer = if process.is_alive() { 0 } else { sleeps_with_dead_peer + 1 };
+                        if sleeps_with_dead_peer >= PEER_GRACE {
+                            return Err(WaitError::PeerGone { stage });
+                        }
                     }
                 }
+            }
+            if let Some(found) = attempt()? {
+                return Ok(found);
             }
         }
     }

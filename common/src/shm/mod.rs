@@ -37,6 +37,10 @@
 //!
 //! The algorithms ([`bell`], [`cursor`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
 //! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
+#![cfg_attr(
+    loom,
+    allow(dead_code, unreachable_pub, reason = "the checker builds the algorithms without the segments that use them")
+)]
 #![expect(unsafe_code, reason = "shared memory is reached through raw addresses; every block says why it is sound")]
 
 mod bell;
@@ -69,6 +73,16 @@ mod region;
 mod ring;
 #[cfg(not(loom))]
 mod segments;
+
+#[cfg(not(loom))]
+pub mod measure;
+
+#[cfg(test)]
+#[cfg(loom)]
+mod loom_tests;
+#[cfg(test)]
+#[cfg(not(loom))]
+mod tests;
 
 #[cfg(not(loom))]
 pub use control::{Control, Counter, RunState, WAIT_BOUND};

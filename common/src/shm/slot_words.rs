@@ -227,11 +227,4 @@ impl SlotWords {
             self.abandon();
         }
     }
-
-    #[cfg(all(test, not(loom)))]
-    pub(crate) fn overwrite(&self, usage: u64, node: u64, generation: u32) {
-        self.usage.store(usage, Ordering::Release);
-        self.node.store(node, Ordering::Release);
-        self.generation.store(generation, Ordering::Release);
-    }
 }

@@ -151,8 +151,14 @@ impl PoolWriter {
     }
 
     fn claim(&mut self, node: NodeId, sequence: u64, completed: u64) -> Option<(u32, u32)> {
+        let mut looks = 0;
         loop {
             if self.candidates.is_empty() {
+                // Candidates of a fresh look fail only when readers want them at this very moment.
+                if looks == 2 {
+                    return None;
+                }
+                looks += 1;
                 self.find_candidates(completed);
             }
             let (seen, slot) = self.candidates.pop()?;
@@ -255,6 +261,12 @@ impl FillGuard {
         let bytes = self.bytes_mut();
         let whole = bytes.len() / 4 * 4;
         bytemuck::cast_slice_mut(&mut bytes[..whole])
+    }
+
+    /// Leaves the slot as a process that is killed here would.
+    #[cfg(test)]
+    pub(crate) fn abandon_as_if_killed(mut self) {
+        self.is_open = false;
     }
 
     /// Makes the tile visible. Returns its slot and generation.

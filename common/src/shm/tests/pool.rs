@@ -1,0 +1,192 @@
+//! The pool against a simple model, and what its writer and readers are promised.
+
+use super::within_deadline;
+use crate::node::NodeId;
+use crate::shm::layout::SegmentKind;
+use crate::shm::memory::{self, segment};
+use crate::shm::pool::{PoolReader, PoolWriter, Residency, SlotState};
+use proptest::prelude::*;
+use std::collections::HashMap;
+
+fn node(number: u32) -> NodeId {
+    NodeId::new(number, 3, 1).unwrap()
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    /// A frame wants this tile: touch it, or load it (published, or given up).
+    Want {
+        node: u32,
+        is_good: bool,
+    },
+    NextFrame,
+    Complete {
+        behind: u64,
+    },
+    Lock {
+        node: u32,
+    },
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        6 => (0u32..20, prop::bool::weighted(0.9)).prop_map(|(node, is_good)| Step::Want { node, is_good }),
+        2 => Just(Step::NextFrame),
+        2 => (0u64..4).prop_map(|behind| Step::Complete { behind }),
+        1 => (0u32..3).prop_map(|node| Step::Lock { node }),
+    ]
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    slot: u32,
+    generation: u32,
+    last_used: u64,
+    is_locked: bool,
+}
+
+proptest! {
+    /// Tiles stay while a frame in flight wants them, the least recently wanted goes first, and locked ones never.
+    #[test]
+    fn a_pool_is_a_least_recently_wanted_cache(steps in proptest::collection::vec(step(), 0..300)) {
+        const SLOTS: usize = 8;
+        let (mut writer, reader) = memory::pool(SLOTS as u32, 64).unwrap();
+        let mut model: HashMap<u32, Entry> = HashMap::new();
+        let (mut sequence, mut completed) = (1u64, 0u64);
+        for step in steps {
+            match step {
+                Step::NextFrame => sequence += 1,
+                Step::Complete { behind } => completed = completed.max(sequence.saturating_sub(behind + 1)),
+                Step::Lock { node: number } => {
+                    if let Some((slot, _)) = writer.find(node(number)) {
+                        prop_assert!(writer.lock(slot));
+                        model.get_mut(&number).unwrap().is_locked = true;
+                    }
+                }
+                Step::Want { node: number, is_good } => {
+                    let residency = writer.touch_node(node(number), sequence);
+                    if let Some(entry) = model.get_mut(&number) {
+                        entry.last_used = sequence;
+                        let Entry { slot, generation, .. } = *entry;
+                        prop_assert_eq!(residency, Residency::Resident { slot, generation });
+                        prop_assert!(writer.allocate(node(number), sequence, completed).is_none());
+                        continue;
+                    }
+                    prop_assert_eq!(residency, Residency::Absent);
+                    let oldest = model
+                        .values()
+                        .filter(|entry| !entry.is_locked && entry.last_used <= completed)
+                        .map(|entry| entry.last_used)
+                        .min();
+                    let has_room = model.len() < SLOTS || oldest.is_some();
+                    let guard = writer.allocate(node(number), sequence, completed);
+                    prop_assert_eq!(guard.is_some(), has_room);
+                    let Some(mut guard) = guard else { continue };
+                    // Whoever was in that slot was the least recently wanted, and only gone if no slot was free.
+                    let evicted = model.iter().find(|(_, entry)| entry.slot == guard.slot()).map(|(n, e)| (*n, *e));
+                    if let Some((evicted, entry)) = evicted {
+                        prop_assert_eq!(Some(entry.last_used), oldest);
+                        prop_assert!(!entry.is_locked);
+                        prop_assert!(reader.bytes(entry.slot, entry.generation).is_none());
+                        model.remove(&evicted);
+                    }
+                    guard.bytes_mut().fill(number as u8);
+                    if is_good {
+                        let (slot, generation) = guard.publish();
+                        model.insert(number, Entry { slot, generation, last_used: sequence, is_locked: false });
+                    } else {
+                        drop(guard);
+                        prop_assert_eq!(writer.residency(node(number)), Residency::Absent);
+                    }
+                }
+            }
+            for (&number, entry) in &model {
+                let tile = reader.bytes(entry.slot, entry.generation).unwrap();
+                prop_assert!(tile.iter().all(|&byte| byte == number as u8));
+                prop_assert_eq!(reader.find(node(number)), Some((entry.slot, entry.generation)));
+            }
+            prop_assert_eq!(reader.slots().filter(|info| info.state.is_readable()).count(), model.len());
+        }
+    }
+}
+
+#[test]
+fn a_slot_given_up_is_found_again_even_when_all_others_are_wanted() {
+    let (mut writer, _) = memory::pool(2, 64).unwrap();
+    writer.allocate(node(1), 1, 0).unwrap().publish();
+    drop(writer.allocate(node(2), 1, 0).unwrap());
+    let (slot, _) = writer.allocate(node(3), 1, 0).unwrap().publish();
+    assert!(writer.allocate(node(4), 1, 0).is_none(), "both slots are wanted by frame 1");
+    assert_eq!(writer.find(node(2)), None);
+    assert_eq!(writer.find(node(3)).map(|(slot, _)| slot), Some(slot));
+}
+
+#[test]
+fn a_tile_that_is_being_loaded_is_neither_evicted_nor_loaded_twice() {
+    let (mut writer, reader) = memory::pool(1, 64).unwrap();
+    let guard = writer.allocate(node(1), 1, 0).unwrap();
+    assert_eq!(writer.residency(node(1)), Residency::Filling);
+    assert!(writer.allocate(node(1), 1, u64::MAX).is_none());
+    assert!(writer.allocate(node(2), 9, u64::MAX).is_none());
+    assert!(reader.bytes(guard.slot(), guard.generation()).is_none());
+    // Wanted by a later frame while it loads: it stays for that frame.
+    assert_eq!(writer.touch_node(node(1), 5), Residency::Filling);
+    let (slot, generation) = guard.publish();
+    assert!(writer.allocate(node(2), 6, 4).is_none());
+    assert!(reader.bytes(slot, generation).is_some_and(|tile| tile.is_still_valid()));
+    assert!(writer.allocate(node(2), 6, 5).is_some());
+}
+
+#[test]
+fn generations_tell_a_tile_from_the_one_before_it() {
+    let (mut writer, reader) = memory::pool(1, 64).unwrap();
+    let (slot, first) = writer.allocate(node(1), 1, 0).unwrap().publish();
+    let (_, second) = writer.allocate(node(2), 2, 1).unwrap().publish();
+    assert_ne!(first, second);
+    assert!(reader.bytes(slot, first).is_none());
+    assert!(!reader.touch(slot, first, 9) && reader.touch(slot, second, 9));
+    assert!(reader.bytes(slot, second).is_some());
+    assert!(reader.bytes(1, second).is_none() && reader.bytes(slot, 0).is_none());
+    assert_eq!(reader.info(slot).unwrap().last_used, 9);
+}
+
+#[test]
+fn a_writer_that_takes_over_keeps_published_tiles_and_frees_half_filled_slots() {
+    let segment = segment(SegmentKind::ColorPool, 3, 64).unwrap();
+    let mut first = PoolWriter::attach(&segment).unwrap();
+    let kept = first.allocate(node(1), 1, 0).unwrap().publish();
+    let mut guard = first.allocate(node(2), 1, 0).unwrap();
+    guard.bytes_mut().fill(1);
+    let half_filled = guard.slot();
+    // A guard on another thread still has the writer's place.
+    drop(first);
+    assert!(PoolWriter::attach(&segment).is_err());
+    // As if the process had been killed: the slot stays as it is, the place is free.
+    guard.abandon_as_if_killed();
+    let second = PoolWriter::attach(&segment).unwrap();
+    assert_eq!(second.find(node(1)), Some(kept));
+    assert_eq!(second.residency(node(2)), Residency::Absent);
+    let reader = PoolReader::attach(&segment).unwrap();
+    assert_eq!(reader.info(half_filled).unwrap().state, SlotState::Free);
+}
+
+#[test]
+fn decoding_threads_fill_slots_while_the_writer_goes_on() {
+    within_deadline(|| {
+        let (mut writer, reader) = memory::pool(64, 4096).unwrap();
+        std::thread::scope(|scope| {
+            for number in 0..64 {
+                let mut guard = writer.allocate(node(number), 1, 0).unwrap();
+                scope.spawn(move || {
+                    guard.bytes_mut().fill(number as u8);
+                    guard.publish();
+                });
+                writer.touch_node(node(number / 2), 1);
+            }
+        });
+        for number in 0..64 {
+            let (slot, generation) = writer.find(node(number)).unwrap();
+            assert!(reader.bytes(slot, generation).unwrap().iter().all(|&byte| byte == number as u8));
+        }
+    });
+}
