@@ -1,47 +1,92 @@
-//! Measures how long ring and ping-pong buffer take from one process to another:
+//! How long ring and ping-pong buffer take from one process to another:
 //! `cargo run --release -p terravision-common --example hand_over`.
 //!
 //! Also the smallest program that shares memory between two processes: make the segments, start the other process with
-//! the run's name, open the handles on both sides.
+//! the run's name, open the handles on both sides. A message goes to the other process and an answer comes back; half of
+//! that is a hand-over. The first process rests before each message: without a rest the other one has just begun to
+//! wait, with one it sleeps.
 
+use bytemuck::Zeroable;
 use std::error::Error;
 use std::io::Write;
 use std::process::Command;
-use std::time::Duration;
-use terravision_common::shm::measure::{Latencies, Plan, receive, send};
-use terravision_common::shm::{Layout, RunId, RunSegments};
+use std::time::{Duration, Instant};
+use terravision_common::shm::{
+    CameraRecord, Consumer, Control, Layout, Producer, RunId, RunSegments, SegmentKind, TreeReader, TreeWriter,
+};
+use terravision_common::slot::{FrameEnd, Slot, SlotContent};
+use terravision_common::tree::TreeHeader;
+
+const ROUNDS: u64 = 2000;
+const RESTS_MICROS: [u64; 4] = [0, 50, 500, 5000];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    if let [run, pause_micros] = arguments.as_slice() {
-        send(&RunId::parse(run)?, plan(pause_micros.parse()?))?;
-        return Ok(());
+    if let Some(run) = std::env::args().nth(1) {
+        return answer(&RunId::parse(&run)?);
     }
+    let run = RunId::new_for_this_process()?;
+    let segments = RunSegments::create(&run, &Layout::small())?;
+    let mut other = Command::new(std::env::current_exe()?).arg(run.to_string()).spawn()?;
+    ask(&run)?;
+    other.wait()?;
+    drop(segments);
+    Ok(())
+}
+
+/// Sends slots and trees, and waits for the answer to each.
+fn ask(run: &RunId) -> Result<(), Box<dyn Error>> {
+    let control = Control::open(run)?;
+    let mut ring = Producer::<Slot>::open(run, SegmentKind::Ring)?;
+    let mut trees = TreeWriter::open(run)?;
+    let mut answers = Consumer::<CameraRecord>::open(run, SegmentKind::CameraRing)?;
     let mut out = std::io::stdout().lock();
-    for pause_micros in [0, 100, 1000, 5000] {
-        let run = RunId::new_for_this_process()?;
-        let _segments = RunSegments::create(&run, &Layout { ring_slots: 8192, ..Layout::small() })?;
-        let mut child =
-            Command::new(std::env::current_exe()?).args([run.to_string(), pause_micros.to_string()]).spawn()?;
-        let found = receive(&run, plan(pause_micros))?;
-        child.wait()?;
-        writeln!(
-            out,
-            "sender rests {pause_micros:>4} us: ring {}, ping-pong {}, {:.1} M slots/s",
-            line(&found.ring),
-            line(&found.ping_pong),
-            found.slots_per_second / 1e6
-        )?;
+    // The first answer says that the other process is there.
+    answers.pop(&control)?;
+    for rest in RESTS_MICROS.map(Duration::from_micros) {
+        let mut slots = Vec::with_capacity(ROUNDS as usize);
+        for frame in 0..ROUNDS {
+            std::thread::sleep(rest);
+            let start = Instant::now();
+            ring.push(&Slot::new(&SlotContent::End(FrameEnd { frame, ..FrameEnd::zeroed() })), &control)?;
+            answers.pop(&control)?;
+            slots.push(start.elapsed() / 2);
+        }
+        let mut halves = Vec::with_capacity(ROUNDS as usize);
+        for frame in 0..ROUNDS {
+            std::thread::sleep(rest);
+            let start = Instant::now();
+            trees.write(&control, |_| TreeHeader { frame, ..TreeHeader::zeroed() })?;
+            answers.pop(&control)?;
+            halves.push(start.elapsed() / 2);
+        }
+        let rest = rest.as_micros();
+        writeln!(out, "rest {rest:>4} us: ring {}, ping-pong {}", line(slots), line(halves))?;
     }
     Ok(())
 }
 
-fn plan(pause_micros: u64) -> Plan {
-    let rounds = if pause_micros > 1000 { 500 } else { 2000 };
-    Plan { rounds, pause: Duration::from_micros(pause_micros), batch: 512 }
+/// Answers each slot and each tree.
+fn answer(run: &RunId) -> Result<(), Box<dyn Error>> {
+    let control = Control::open(run)?;
+    let mut ring = Consumer::<Slot>::open(run, SegmentKind::Ring)?;
+    let mut trees = TreeReader::open(run)?;
+    let mut answers = Producer::<CameraRecord>::open(run, SegmentKind::CameraRing)?;
+    answers.push(&CameraRecord::zeroed(), &control)?;
+    for _ in RESTS_MICROS {
+        for _ in 0..ROUNDS {
+            ring.pop(&control)?;
+            answers.push(&CameraRecord::zeroed(), &control)?;
+        }
+        for _ in 0..ROUNDS {
+            drop(trees.next(&control)?);
+            answers.push(&CameraRecord::zeroed(), &control)?;
+        }
+    }
+    Ok(())
 }
 
-fn line(latencies: &Latencies) -> String {
-    let [p50, p99, worst] = [0.5, 0.99, 1.0].map(|p| latencies.percentile(p) as f64 / 1000.0);
-    format!("p50 {p50:.1} us, p99 {p99:.1} us, worst {worst:.1} us")
+fn line(mut times: Vec<Duration>) -> String {
+    times.sort_unstable();
+    let at = |p: f64| times.get((p * (times.len() - 1) as f64) as usize).map_or(0.0, |time| time.as_secs_f64() * 1e6);
+    format!("p50 {:.1} us, p99 {:.1} us, worst {:.1} us", at(0.5), at(0.99), at(1.0))
 }

@@ -74,9 +74,6 @@ mod ring;
 #[cfg(not(loom))]
 mod segments;
 
-#[cfg(not(loom))]
-pub mod measure;
-
 #[cfg(test)]
 #[cfg(loom)]
 mod loom_tests;

@@ -2,10 +2,9 @@
 
 use super::{DEADLINE, within_deadline};
 use crate::node::NodeId;
-use crate::shm::measure::{self, Plan};
 use crate::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, Layout, PoolReader, PoolWriter, Producer, RunId,
-    RunSegments, RunState, SegmentKind, Stage, TreeReader, TreeWriter, WaitError, reap_dead_runs,
+    RunSegments, SegmentKind, Stage, TreeReader, TreeWriter, WaitError, reap_dead_runs,
 };
 use crate::slot::{FrameEnd, Slot, SlotContent, TileSlot};
 use crate::tree::{TreeHeader, TreeNode};
@@ -68,7 +67,6 @@ fn the_second_process() {
         "flood" => flood(&RunId::parse(&run).unwrap()),
         "stalled" => hold_everything(&RunId::parse(&run).unwrap()),
         "launch" => launch(),
-        "send" => measure::send(&RunId::parse(&run).unwrap(), PLAN).unwrap(),
         other => panic!("no part {other}"),
     }
 }
@@ -279,22 +277,5 @@ fn stages_notice_a_killed_launcher_and_the_next_one_cleans_up_behind_it() {
         }
         // A run whose launcher is dead is not waited for.
         assert!(Control::open(&run).is_err());
-    });
-}
-
-const PLAN: Plan = Plan { rounds: 50, pause: Duration::from_micros(200), batch: 16 };
-
-#[test]
-fn latencies_are_measured_between_processes() {
-    within_deadline(|| {
-        let run = RunId::unique_for_tests();
-        let _segments = RunSegments::create(&run, &Layout::small()).unwrap();
-        let part = Part::start("send", &run.to_string());
-        let found = measure::receive(&run, PLAN).unwrap();
-        part.wait();
-        assert_eq!((found.ring.count(), found.ping_pong.count()), (50, 50));
-        assert!(found.ring.percentile(0.0) > 0 && found.ring.percentile(1.0) >= found.ring.percentile(0.5));
-        assert!(found.slots_per_second > 0.0);
-        Control::open(&run).unwrap().set_state(RunState::Stopping);
     });
 }
