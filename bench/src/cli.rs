@@ -73,6 +73,15 @@ pub struct Options {
     /// Size of the picture
     #[arg(long, global = true, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
     pub size: [u32; 2],
+    /// Wanted size of facets on screen, pixels
+    #[arg(long, global = true, value_name = "PIXELS", default_value_t = 10.0)]
+    pub facet_px: f64,
+    /// Wanted size of texels on screen, pixels
+    #[arg(long, global = true, value_name = "PIXELS", default_value_t = 1.0)]
+    pub texel_px: f64,
+    /// Samples per pixel, 1 or 4
+    #[arg(long, global = true, value_name = "N", default_value_t = 1)]
+    pub samples: u32,
     /// Memory for the pools of tiles, MiB
     #[arg(long, global = true, value_name = "MIB", default_value_t = 1024)]
     pub memory_mib: u64,

@@ -4,8 +4,13 @@
 #![forbid(unsafe_code)]
 
 pub mod cli;
+pub mod flight;
 pub mod machine;
 pub mod measurement;
 pub mod plot;
 pub mod queues;
+pub mod recording;
 pub mod report;
+pub mod session;
+pub mod stages;
+pub mod world;

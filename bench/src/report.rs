@@ -1,10 +1,12 @@
 //! Runs the verbs and prints what they found.
 
 use crate::cli::{Options, Verb};
+use crate::flight::Flight;
 use crate::machine::Machine;
 use crate::measurement::{Measurement, table};
 use crate::plot::{self, Curve};
-use crate::queues;
+use crate::session::Settings;
+use crate::{queues, stages, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
@@ -37,6 +39,31 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
     };
     if wants("queues") {
         found.measurements.extend(queues::run(queues::Load::default()).context("queues")?);
+    }
+    if wants("stages") || wants("replay") {
+        let settings = Settings {
+            world: world::database(options)?,
+            size: options.size,
+            memory_bytes: options.memory_mib << 20,
+            r_px: [options.facet_px, options.texel_px],
+            samples: options.samples,
+        };
+        let flight = Flight::open(&settings.world, options.frames, options.size)?;
+        let recorded = stages::record(&settings, &flight)?;
+        let alone = stages::fly_recorded(&settings, &flight, &recorded.frames)?;
+        if wants("stages") {
+            stages::generator_and_preparer(&recorded, &mut found);
+            stages::renderer(&settings, &alone, &mut found);
+        }
+        if wants("replay") {
+            let whole = stages::fly_whole(&settings, &flight)?;
+            stages::replay(&recorded, &whole, &alone, &mut found);
+        }
+        found.facts.push(("database", settings.world.display().to_string()));
+        found.facts.push(("device", alone.log.device_name()));
+    }
+    if wants("ingest") {
+        world::ingest(options, &mut found).context("ingest")?;
     }
     print(&machine, &found, options)
 }

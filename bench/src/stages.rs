@@ -1,0 +1,225 @@
+//! Each stage alone, then the whole, in one run: what passes per second, and what a frame costs where.
+
+use crate::flight::Flight;
+use crate::measurement::{Measurement, Target, median, quantile};
+use crate::plot::Curve;
+use crate::recording::{RecordedFrames, RecordedTrees, record_frames, record_trees};
+use crate::report::Found;
+use crate::session::{EventLog, Session, Settings};
+use anyhow::Context;
+use std::time::{Duration, Instant};
+use terravision_common::event::{Event, monotonic_nanos};
+use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunId, RunState, SegmentKind, Stage};
+
+/// What stages and replay share: the recorded round.
+#[derive(Debug)]
+pub struct Recorded {
+    /// Trees of one round.
+    pub trees: RecordedTrees,
+    /// Frames of one round.
+    pub frames: RecordedFrames,
+}
+
+/// Records one round, each stage alone.
+///
+/// # Errors
+/// When a run fails.
+pub fn record(settings: &Settings, flight: &Flight) -> anyhow::Result<Recorded> {
+    let trees = record_trees(settings, flight, 1).context("the generator alone")?;
+    let frames = record_frames(settings, flight, &trees).context("the preparer alone")?;
+    Ok(Recorded { trees, frames })
+}
+
+/// Figures of generator and preparer from their recordings.
+pub fn generator_and_preparer(recorded: &Recorded, found: &mut Found) {
+    let Recorded { trees, frames } = recorded;
+    let count = trees.trees.len() as u64;
+    let nodes: u64 = trees.trees.iter().map(|(_, nodes)| nodes.len() as u64).sum();
+    let mut add = |name: &str, value: f64, unit: &'static str, samples: u64| {
+        found.measurements.push(Measurement::new("stages", name, value, unit, samples));
+    };
+    // The clock starts with the first tree.
+    add("generator: trees", (count.saturating_sub(1)) as f64 / trees.seconds, "trees/s", count);
+    add("generator: nodes", nodes as f64 / trees.seconds, "nodes/s", nodes);
+    add("generator: nodes of a tree", nodes as f64 / count as f64, "nodes", count);
+    add("generator: time of a tree, median", median(&trees.span_ms), "ms", count);
+    let arrays = frames.elevation_arrays();
+    let samples = arrays * frames.array_len() as u64;
+    let slots = frames.tile_slots();
+    add("preparer: frames", frames.len() as f64 / frames.seconds, "frames/s", frames.len() as u64);
+    add("preparer: elevation samples", samples as f64 / frames.seconds, "samples/s", samples);
+    add("preparer: elevation arrays", arrays as f64 / frames.seconds, "arrays/s", arrays);
+    add("preparer: slots", slots as f64 / frames.seconds, "slots/s", slots);
+    add("preparer: slots of a frame", slots as f64 / frames.len() as f64, "slots", frames.len() as u64);
+    add("preparer: arrays of a frame", arrays as f64 / frames.len() as f64, "arrays", frames.len() as u64);
+    add("preparer: time of a frame, median", median(&frames.span_ms), "ms", frames.len() as u64);
+    let copy = copies_per_second(frames.arrays(), frames.array_len());
+    add("plain copy of the same arrays", copy, "arrays/s", arrays);
+    add("preparer: arrays against a plain copy", arrays as f64 / frames.seconds / copy, "ratio", arrays);
+}
+
+/// Arrays per second that a plain copy moves, one core.
+fn copies_per_second(arrays: &[f32], array_len: usize) -> f64 {
+    let mut out = vec![0f32; array_len];
+    let mut copied = 0u64;
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(200) {
+        for array in arrays.chunks_exact(array_len) {
+            std::hint::black_box(&mut out).copy_from_slice(array);
+            copied += 1;
+        }
+    }
+    copied as f64 / start.elapsed().as_secs_f64()
+}
+
+/// What a flight of two rounds gave; only the second is measured, when all tiles are there.
+#[derive(Debug)]
+pub struct Flown {
+    /// Milliseconds of each frame of the second round.
+    pub frame_ms: Vec<f64>,
+    /// Triangles of each frame of the second round.
+    pub triangles: Vec<u64>,
+    /// Frames per second of the second round.
+    pub frames_per_second: f64,
+    /// Frames per second of the first round, with loading.
+    pub first_round: f64,
+    /// Processor milliseconds per frame of the second round: generator, preparer, renderer (0 for one not started).
+    pub cpu_ms: [f64; 3],
+    /// What the stages told.
+    pub log: EventLog,
+}
+
+/// Runs some of the stages over two rounds; `drive` does the work of the others, on a thread of its own.
+fn fly(
+    settings: &Settings,
+    flight: &Flight,
+    stages: &[Stage],
+    drive: impl FnOnce(&RunId, &Control) -> anyhow::Result<()> + Send,
+) -> anyhow::Result<Flown> {
+    let round = flight.round.len();
+    let total = 2 * round;
+    let mut session = Session::new(settings, flight, total as u64)?;
+    let run = *session.run();
+    let control = Control::open(&run)?;
+    let mut rings =
+        Stage::ALL.iter().map(|stage| Consumer::<Event>::open(&run, stage.events())).collect::<Result<Vec<_>, _>>()?;
+    for stage in stages {
+        session.start(*stage)?;
+    }
+    let mut log = EventLog::default();
+    let mut cpu = [None; 2];
+    let started = monotonic_nanos();
+    std::thread::scope(|scope| {
+        let driving = scope.spawn(|| drive(&run, &control));
+        let mut watch = || {
+            while log.done_nanos.len() < total {
+                for ring in &mut rings {
+                    log.drain(ring)?;
+                }
+                session.check()?;
+                let reached = usize::from(log.done_nanos.len() >= round) + usize::from(log.done_nanos.len() >= total);
+                for cpu in &mut cpu[..reached] {
+                    // Before the last stage leaves: it has nothing more to do, and its time can still be read.
+                    cpu.get_or_insert(Stage::ALL.map(|stage| session.cpu_of(stage).0));
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            anyhow::Ok(())
+        };
+        let watched = watch();
+        if watched.is_err() {
+            session.control().set_state(RunState::Stopping);
+        }
+        let driven = driving.join().map_err(|_panic| anyhow::anyhow!("the driver panicked"))?;
+        watched.and(driven)
+    })?;
+    let [before, after] = cpu.map(Option::unwrap_or_default);
+    let frame_ms = log.frame_ms(round);
+    let first = log.done_nanos[round - 1].saturating_sub(started) as f64 / 1e9;
+    Ok(Flown {
+        triangles: log.triangles[round..].to_vec(),
+        frames_per_second: frame_ms.len() as f64 / (frame_ms.iter().sum::<f64>() / 1e3),
+        first_round: round as f64 / first,
+        cpu_ms: std::array::from_fn(|k| 1e3 * (after[k] - before[k]).max(0.0) / round as f64),
+        frame_ms,
+        log,
+    })
+}
+
+/// The whole pipeline.
+///
+/// # Errors
+/// When the run fails.
+pub fn fly_whole(settings: &Settings, flight: &Flight) -> anyhow::Result<Flown> {
+    let records = flight.records(2);
+    fly(settings, flight, &Stage::ALL, |run, control| {
+        let mut cameras = Producer::<CameraRecord>::open(run, SegmentKind::CameraRing)?;
+        records.iter().try_for_each(|record| cameras.push(record, control)).context("the pilot")
+    })
+    .context("the whole pipeline")
+}
+
+/// The renderer alone, fed with recorded frames.
+///
+/// # Errors
+/// When the run fails.
+pub fn fly_recorded(settings: &Settings, flight: &Flight, frames: &RecordedFrames) -> anyhow::Result<Flown> {
+    fly(settings, flight, &[Stage::Renderer], |run, control| frames.play(run, control, flight, 2))
+        .context("the renderer alone")
+}
+
+/// Figures of the renderer alone.
+pub fn renderer(settings: &Settings, flown: &Flown, found: &mut Found) {
+    let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
+    let triangles: Vec<f64> = flown.triangles.iter().map(|t| *t as f64).collect();
+    let count = flown.frame_ms.len() as u64;
+    let rate = flown.frames_per_second;
+    let mut add = |name: &str, value: f64, unit: &'static str| {
+        found.measurements.push(Measurement::new("stages", name, value, unit, count));
+    };
+    add("renderer: frames", rate, "frames/s");
+    add("renderer: pixels", rate * pixels / 1e6, "Mpix/s");
+    add("renderer: triangles", rate * triangles.iter().sum::<f64>() / triangles.len() as f64, "triangles/s");
+    add("renderer: triangles of a frame, median", median(&triangles), "triangles");
+    add("renderer: time of a frame, median", median(&flown.frame_ms), "ms");
+    add("renderer: processor time of a frame", flown.cpu_ms[2], "ms");
+}
+
+/// Figures of the whole against the renderer alone.
+pub fn replay(recorded: &Recorded, whole: &Flown, alone: &Flown, found: &mut Found) {
+    let count = whole.frame_ms.len() as u64;
+    let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
+        let measurement = Measurement::new("replay", name, value, unit, count);
+        found.measurements.push(Measurement { target, ..measurement });
+    };
+    add("whole pipeline", whole.frames_per_second, "frames/s", None);
+    add("renderer alone, recorded frames", alone.frames_per_second, "frames/s", None);
+    let ratio = whole.frames_per_second / alone.frames_per_second;
+    add("whole pipeline against renderer alone", ratio, "ratio", Some(Target::AtLeast(0.9)));
+    add("whole pipeline, first round (tiles are loaded)", whole.first_round, "frames/s", None);
+    let renderer = median(&alone.frame_ms);
+    let (generator, preparer) = (median(&recorded.trees.span_ms), median(&recorded.frames.span_ms));
+    add(
+        "generator's time of a frame against the renderer's",
+        generator / renderer,
+        "ratio",
+        Some(Target::AtMost(0.05)),
+    );
+    add("preparer's time of a frame against the renderer's", preparer / renderer, "ratio", Some(Target::AtMost(0.15)));
+    for (stage, cpu) in Stage::ALL.into_iter().zip(whole.cpu_ms) {
+        add(&format!("{stage}: processor time of a frame"), cpu, "ms", None);
+    }
+    add("all stages: processor time of a frame", whole.cpu_ms.iter().sum(), "ms", None);
+    for (name, flown) in [("whole pipeline", whole), ("renderer alone", alone)] {
+        let middle = median(&flown.frame_ms);
+        add(&format!("{name}: time of a frame, median"), middle, "ms", None);
+        add(&format!("{name}: time of a frame, p99"), quantile(&flown.frame_ms, 0.99), "ms", None);
+        let worst = quantile(&flown.frame_ms, 1.0) / middle;
+        add(&format!("{name}: worst frame against the median"), worst, "ratio", Some(Target::AtMost(3.0)));
+    }
+    for (name, flown) in [("whole pipeline", whole), ("renderer alone", alone)] {
+        found.curves.push(Curve { name: name.to_owned(), values: flown.frame_ms.clone() });
+    }
+    found.curves.push(Curve { name: "generator".to_owned(), values: recorded.trees.span_ms.clone() });
+    found.curves.push(Curve { name: "preparer".to_owned(), values: recorded.frames.span_ms.clone() });
+}

@@ -1,0 +1,94 @@
+//! The world that is flown over, and what it costs to ingest it.
+
+use crate::cli::Options;
+use crate::measurement::Measurement;
+use crate::report::Found;
+use crate::session::sibling;
+use anyhow::{Context, bail};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// The folder with the database: the one that was named, else the synthetic one, which is made if need be.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn database(options: &Options) -> anyhow::Result<PathBuf> {
+    if let Some(world) = &options.world {
+        return Ok(world.clone());
+    }
+    let folder = synthetic(options.world_size)?;
+    let database = folder.join("world.tv");
+    if !database.join("manifest.json").exists() {
+        ingest_into(&folder, &database)?;
+    }
+    Ok(database)
+}
+
+/// Folder with `dem.tif` and `ortho.tif`.
+fn synthetic(size: u32) -> anyhow::Result<PathBuf> {
+    let cache = std::env::var_os("XDG_CACHE_HOME")
+        .map(PathBuf::from)
+        .or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))
+        .unwrap_or_else(std::env::temp_dir);
+    let folder = cache.join("terravision/bench").join(format!("synth-{size}"));
+    if !(folder.join("dem.tif").exists() && folder.join("ortho.tif").exists()) {
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        let size = size.to_string();
+        ingest_program(&["synth".as_ref(), "--size".as_ref(), size.as_ref(), "-o".as_ref(), folder.as_os_str()])?;
+    }
+    Ok(folder)
+}
+
+fn ingest_into(folder: &Path, database: &Path) -> anyhow::Result<()> {
+    let (dem, ortho) = (folder.join("dem.tif"), folder.join("ortho.tif"));
+    ingest_program(&[
+        "ingest".as_ref(),
+        "--elevation".as_ref(),
+        dem.as_os_str(),
+        "--color".as_ref(),
+        ortho.as_os_str(),
+        "--overwrite".as_ref(),
+        "-o".as_ref(),
+        database.as_os_str(),
+    ])
+}
+
+fn ingest_program(arguments: &[&std::ffi::OsStr]) -> anyhow::Result<()> {
+    let program = sibling("terravision-ingest")?;
+    let mut command = Command::new(program);
+    let output = command.args(arguments).stdin(Stdio::null()).output().context("cannot start terravision-ingest")?;
+    if !output.status.success() {
+        bail!("terravision-ingest {arguments:?}: {}", String::from_utf8_lossy(&output.stderr).trim());
+    }
+    Ok(())
+}
+
+/// Ingests the synthetic rasters once more, and says how fast.
+///
+/// # Errors
+/// When that fails.
+pub fn ingest(options: &Options, found: &mut Found) -> anyhow::Result<()> {
+    let folder = synthetic(options.world_size)?;
+    let database = folder.join("bench.tv");
+    let start = Instant::now();
+    ingest_into(&folder, &database)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let bytes_in = |folder: &Path, names: &[&str]| {
+        names.iter().filter_map(|name| Some(folder.join(name).metadata().ok()?.len())).sum::<u64>() as f64
+    };
+    let written = bytes_in(&database, &["elevation.pmtiles", "color.pmtiles", "nodes.tvn", "manifest.json"]);
+    std::fs::remove_dir_all(&database).with_context(|| format!("cannot remove {}", database.display()))?;
+    // Elevation float32, colour twice as fine, three bytes.
+    let posts = f64::from(options.world_size) * f64::from(options.world_size);
+    let pixels = posts * 4.0 + 4.0 * posts * 3.0;
+    let mut add = |name: &str, value: f64, unit: &'static str| {
+        found.measurements.push(Measurement::new("ingest", name, value, unit, 1));
+    };
+    add("source pixels", pixels / 1e6 / seconds, "MB/s");
+    add("source posts and texels", 5.0 * posts / 1e6 / seconds, "Mpix/s");
+    add("database written", written / 1e6 / seconds, "MB/s");
+    add("database against source pixels", written / pixels, "ratio");
+    add("time", seconds, "s");
+    Ok(())
+}
