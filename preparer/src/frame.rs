@@ -2,6 +2,7 @@
 
 use crate::frame_tree::{FrameTree, TreeError};
 use crate::heights::{Heights, TileVanished};
+use crate::trim::Trim;
 use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation};
 use bytemuck::Zeroable;
 use terravision_common::level::LevelFunction;
@@ -77,13 +78,27 @@ pub struct FrameMaker {
     world: World,
     truncation: Truncation,
     heights: Heights,
+    trim: Trim,
+    is_trimmed: bool,
 }
 
 impl FrameMaker {
     /// Buffers for trees of up to `nodes` nodes.
     #[must_use]
     pub fn new(world: &World, nodes: u32) -> Self {
-        Self { world: *world, truncation: Truncation::new(world, nodes), heights: Heights::new(world) }
+        Self {
+            world: *world,
+            truncation: Truncation::new(world, nodes),
+            heights: Heights::new(world),
+            trim: Trim::new(world),
+            is_trimmed: true,
+        }
+    }
+
+    /// Blocks are not trimmed to the frustum: for whoever draws the frame from another eye.
+    #[must_use]
+    pub fn with_whole_blocks(self) -> Self {
+        Self { is_trimmed: false, ..self }
     }
 
     /// What the last frame draws.
@@ -113,12 +128,22 @@ impl FrameMaker {
             r_c_px: header.r_c_px,
             ..FrameMarker::zeroed()
         }))?;
+        self.trim.look(&header.camera);
+        let mut tile_count = 0;
         for leaf in self.truncation.elevation_leaves() {
-            let heights = &mut self.heights;
-            let position = out.array(&mut |values| heights.make(level, tiles, leaf, values))?;
+            let (heights, trim, origin) = (&mut self.heights, &mut self.trim, self.world.node_origin(leaf.node));
+            let position = out.array(&mut |values| {
+                heights.make(level, tiles, leaf, values)?;
+                trim.enter(origin, leaf.node.q(), values);
+                Ok(())
+            })?;
             let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
             for color in &self.truncation.color_leaves()[range] {
-                out.slot(&SlotContent::Tile(tile_slot(&self.world, leaf, color, position)))?;
+                let mut slot = tile_slot(&self.world, leaf, color, position);
+                if !self.is_trimmed || self.trim.trim(&mut slot) {
+                    out.slot(&SlotContent::Tile(slot))?;
+                    tile_count += 1;
+                }
             }
         }
         let counts = FrameCounts {
@@ -126,7 +151,7 @@ impl FrameMaker {
             unavailable,
             nodes: self.truncation.node_count(),
             arrays: self.truncation.elevation_leaves().len() as u32,
-            tiles: self.truncation.color_leaves().len() as u32,
+            tiles: tile_count,
         };
         out.slot(&SlotContent::End(FrameEnd {
             frame: header.frame,

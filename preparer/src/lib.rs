@@ -2,4 +2,5 @@
 pub mod frame;
 pub mod frame_tree;
 pub mod heights;
+pub mod trim;
 pub mod truncation;

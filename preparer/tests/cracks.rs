@@ -5,10 +5,12 @@ mod support;
 
 use proptest::prelude::*;
 use std::collections::HashSet;
-use support::{Case, Mesh, case, tile_slots};
+use support::{Case, Mesh, NODES, Vertex, case, tile_slots};
 use terravision_common::node::NodeId;
+use terravision_common::slot::SlotContent;
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
+use terravision_preparer::frame::FrameMaker;
 
 /// A tree that no generator would make: split at random, children left out at random.
 fn wild_tree(world: &World, mut seed: u64, density: u8) -> Vec<TreeNode> {
@@ -76,12 +78,42 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
+/// Trimming takes away only triangles that are outside of one plane of the frustum.
+fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
+    let tiles = case.tiles(tree);
+    let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));
+    let frame = case.frame_of(FrameMaker::new(&case.world, NODES), tree, &tiles);
+    let trimmed: HashSet<[Vertex; 3]> = Mesh::of(&case.world, &frame).triangles.into_iter().collect();
+    let all: HashSet<[Vertex; 3]> = whole.triangles.iter().copied().collect();
+    prop_assert!(trimmed.is_subset(&all));
+    let [a, b, c, d] = case.camera.frustum_normals_in_world();
+    let planes = [a, b, c, d, case.camera.axes_in_world()[2]];
+    let eye = case.camera.eye();
+    for triangle in all.difference(&trimmed) {
+        let points = triangle.map(|(x, y, z)| {
+            glam::DVec3::new(x as f64 * 10.0 - eye.x, y as f64 * 10.0 - eye.y, f32::from_bits(z).into())
+        });
+        let is_outside = planes.iter().any(|n| points.iter().all(|p| n.dot(*p) < 0.0));
+        prop_assert!(is_outside, "{triangle:?} was trimmed and may be seen");
+    }
+    match frame.slots().last().and_then(|slot| slot.read()) {
+        Some(SlotContent::End(end)) => prop_assert_eq!(end.tile_count as usize, frame.slots().len() - 2),
+        other => prop_assert!(false, "the frame ends with {:?}", other),
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn the_mesh_of_a_searched_tree_is_one_surface(case in case()) {
         check(&case, &case.tree())?;
+    }
+
+    #[test]
+    fn what_is_trimmed_cannot_be_seen(case in case()) {
+        check_trimming(&case, &case.tree())?;
     }
 
     #[test]

@@ -125,12 +125,16 @@ impl Case {
         tiles
     }
 
-    /// The frame that the preparer makes of a tree.
+    /// The frame that the preparer makes of a tree, with nothing trimmed.
     pub fn frame(&self, tree: &[TreeNode], tiles: &SomeTiles) -> FrameBuffer {
+        self.frame_of(FrameMaker::new(&self.world, NODES).with_whole_blocks(), tree, tiles)
+    }
+
+    /// The frame that a maker makes of a tree.
+    pub fn frame_of(&self, mut maker: FrameMaker, tree: &[TreeNode], tiles: &SomeTiles) -> FrameBuffer {
         let mut frame_tree = FrameTree::new(&self.world, NODES, NODES);
         frame_tree.read(tree).expect("a valid tree");
         let mut out = FrameBuffer::new(16, (self.world.elevation_posts() as usize).pow(2));
-        let mut maker = FrameMaker::new(&self.world, NODES);
         maker.make(&self.header(tree), &self.level(), &frame_tree, tiles, 0, &mut out).expect("a frame");
         out
     }

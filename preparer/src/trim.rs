@@ -1,0 +1,122 @@
+//! Trimming: the part of a colour leaf's block that lies in the view frustum.
+//!
+//! The generator culls by node; at the border of the picture most of a node may be outside. Here every vertex is known,
+//! so rows and columns of facets of which all vertices are outside of one frustum plane are not drawn at all. What is
+//! trimmed would not have produced a pixel.
+
+use terravision_common::camera::Camera;
+use terravision_common::slot::TileSlot;
+use terravision_common::world::World;
+
+/// A vertex counts as inside of a plane when it is outside by less than this share of its distance from the eye, plus
+/// a millimetre: the renderer works in single precision.
+const MARGIN: f64 = 1e-4;
+const PLANES: usize = 5;
+
+/// Trims blocks; keeps its buffers.
+#[derive(Debug)]
+pub struct Trim {
+    posts: usize,
+    unit: f64,
+    extent: [u32; 2],
+    normals: [glam::DVec3; PLANES],
+    eye: glam::DVec3,
+    xs: Vec<f64>,
+    ys: Vec<f64>,
+    /// A bit per plane that the vertex is outside of.
+    outside: Vec<u8>,
+}
+
+impl Trim {
+    /// Buffers for leaves of a world.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let posts = world.elevation_posts() as usize;
+        Self {
+            posts,
+            unit: world.lattice_unit_m(),
+            extent: world.extent(),
+            normals: [glam::DVec3::ZERO; PLANES],
+            eye: glam::DVec3::ZERO,
+            xs: vec![0.0; posts],
+            ys: vec![0.0; posts],
+            outside: vec![0; posts * posts],
+        }
+    }
+
+    /// Takes the frustum of a frame's camera.
+    pub fn look(&mut self, camera: &Camera) {
+        let [a, b, c, d] = camera.frustum_normals_in_world();
+        self.normals = [a, b, c, d, camera.axes_in_world()[2]];
+        self.eye = camera.eye();
+    }
+
+    /// Takes the array of an elevation leaf: heights relative to the eye, as the slots of its blocks have it.
+    pub fn enter(&mut self, origin: [u64; 2], q: u8, heights: &[f32]) {
+        let axes = [(&mut self.xs, self.eye.x), (&mut self.ys, self.eye.y)];
+        for (axis, (metres, eye)) in axes.into_iter().enumerate() {
+            for (index, metres) in (0u64..).zip(metres.iter_mut()) {
+                let lattice = (origin[axis] + (index << q)).min(self.extent[axis].into());
+                *metres = lattice as f64 * self.unit - eye;
+            }
+        }
+        let rows = heights.chunks_exact(self.posts).zip(self.outside.chunks_exact_mut(self.posts));
+        for ((row, outside), y) in rows.zip(&self.ys) {
+            for ((z, outside), x) in row.iter().zip(outside).zip(&self.xs) {
+                let z = f64::from(*z);
+                let margin = -1e-3 - MARGIN * (x.abs() + y.abs() + z.abs());
+                let mut bits = 0;
+                for (plane, n) in self.normals.iter().enumerate() {
+                    bits |= u8::from(x * n.x + y * n.y + z * n.z < margin) << plane;
+                }
+                *outside = bits;
+            }
+        }
+    }
+
+    /// Trims a block of the entered leaf; `false` when nothing of it is left.
+    pub fn trim(&self, slot: &mut TileSlot) -> bool {
+        // Vertices on an edge that snaps move within such steps, so strips of them are trimmed whole.
+        let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);
+        let mut start = slot.start;
+        let mut end = slot.end;
+        loop {
+            let [x0, y0] = start;
+            let [x1, y1] = end;
+            if x0 >= x1 || y0 >= y1 {
+                return false;
+            }
+            if self.is_outside([x0, y0], [x1, (y0 + step).min(y1)]) {
+                start[1] = y0 + step;
+            } else if self.is_outside([x0, last_strip(y0, y1, step)], [x1, y1]) {
+                end[1] = last_strip(y0, y1, step);
+            } else if self.is_outside([x0, y0], [(x0 + step).min(x1), y1]) {
+                start[0] = x0 + step;
+            } else if self.is_outside([last_strip(x0, x1, step), y0], [x1, y1]) {
+                end[0] = last_strip(x0, x1, step);
+            } else {
+                slot.start = start;
+                slot.end = end;
+                return true;
+            }
+        }
+    }
+
+    /// Whether all vertices of a closed range of the array are outside of the same plane.
+    fn is_outside(&self, from: [u16; 2], to: [u16; 2]) -> bool {
+        let [x0, y0, x1, y1] = [from[0], from[1], to[0], to[1]].map(usize::from);
+        let mut all = u8::MAX;
+        for row in self.outside.chunks_exact(self.posts).take(y1 + 1).skip(y0) {
+            all = row[x0..=x1].iter().fold(all, |all, bits| all & bits);
+            if all == 0 {
+                return false;
+            }
+        }
+        all != 0
+    }
+}
+
+/// Where the last strip of `from..to` begins.
+fn last_strip(from: u16, to: u16, step: u16) -> u16 {
+    ((to - 1) / step * step).max(from)
+}
