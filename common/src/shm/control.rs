@@ -5,17 +5,14 @@ use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords};
 pub use super::control_words::{Counter, RunState};
 use super::error::{ShmError, WaitError};
 use super::header::Segment;
-use super::layout::{SegmentKind, Stage};
-use super::process::ProcessId;
+use super::kind::{SegmentKind, Stage};
+use super::process::{ProcessId, Watch};
 use super::run_id::RunId;
 use super::segments::open_segment;
 use crate::camera::Camera;
 use crate::event::monotonic_nanos;
 use crate::sync::Ordering;
 use crossbeam::utils::Backoff;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fd::OwnedFd;
-use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,36 +25,7 @@ const PEER_GRACE: u32 = 10;
 #[derive(Debug)]
 pub struct Control {
     segment: Arc<Segment>,
-    launcher: Launcher,
-}
-
-#[derive(Debug)]
-struct Launcher {
-    id: ProcessId,
-    /// Tells of its end without a doubt; absent where the kernel has none, or for this process itself.
-    pidfd: Option<OwnedFd>,
-    is_own: bool,
-}
-
-impl Launcher {
-    fn of(id: ProcessId) -> Result<Self, ShmError> {
-        let is_own = ProcessId::own()? == id;
-        let raw = i32::try_from(id.pid).ok().and_then(Pid::from_raw);
-        let pidfd = raw.filter(|_| !is_own).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-        // The id may have passed to another process before the open: then its start time tells.
-        let pidfd = pidfd.filter(|_| id.is_alive());
-        Ok(Self { id, pidfd, is_own })
-    }
-
-    fn is_alive(&self) -> bool {
-        if self.is_own {
-            return true;
-        }
-        let Some(pidfd) = &self.pidfd else { return self.id.is_alive() };
-        let mut fds = [PollFd::new(pidfd, PollFlags::IN)];
-        // Readable means that it has exited. An interrupted poll says nothing: alive, until the next look.
-        !matches!(poll(&mut fds, Some(&Timespec::default())), Ok(1..))
-    }
+    launcher: Watch,
 }
 
 impl Control {
@@ -73,7 +41,7 @@ impl Control {
         if segment.kind() != SegmentKind::Control {
             return Err(ShmError::WrongKind { name: segment.kind().name().to_owned(), kind: segment.kind() });
         }
-        Ok(Self { segment: Arc::clone(segment), launcher: Launcher::of(launcher)? })
+        Ok(Self { segment: Arc::clone(segment), launcher: Watch::of(launcher)? })
     }
 
     fn words(&self) -> &ControlWords {

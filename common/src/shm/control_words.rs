@@ -112,6 +112,6 @@ unsafe impl SharedWords for ControlWords {}
 
 const _: () = {
     assert!(size_of::<ControlWords>() == 12 * 128 + COUNTERS * 8);
-    assert!(size_of::<ControlWords>() as u64 <= super::layout::WORDS_BYTES);
+    assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
     assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
 };

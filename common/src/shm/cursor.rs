@@ -6,7 +6,7 @@
 
 use super::bell::Bell;
 use super::error::ShmError;
-use super::layout::SegmentKind;
+use super::kind::SegmentKind;
 use crate::sync::{AtomicU64, Ordering};
 
 /// 128 bytes: x86-64 prefetches cache lines in pairs, and some aarch64 cores have lines of this size.

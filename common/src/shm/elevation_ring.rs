@@ -5,7 +5,7 @@ use super::control::Control;
 use super::cursor::{Positions, ReadCursor, WriteCursor};
 use super::error::{ShmError, WaitError};
 use super::header::{Role, RoleClaim, Segment};
-use super::layout::{SegmentKind, Stage};
+use super::kind::{SegmentKind, Stage};
 use super::run_id::RunId;
 use super::segments::{SegmentMemory, open_segment};
 use std::ops::{Deref, DerefMut};

@@ -1,6 +1,6 @@
 //! What can go wrong with a segment, and why a wait ended without what was waited for.
 
-use super::layout::{SegmentKind, Stage};
+use super::kind::{SegmentKind, Stage};
 
 /// A segment could not be made, opened or believed.
 #[derive(Debug, thiserror::Error)]

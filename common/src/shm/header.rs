@@ -1,7 +1,8 @@
 //! The first bytes of every segment, and the checks between a mapping and its use.
 
 use super::error::ShmError;
-use super::layout::{Geometry, SegmentKind, WORDS_OFFSET};
+use super::geometry::{Geometry, WORDS_OFFSET};
+use super::kind::SegmentKind;
 use super::process::ProcessId;
 use super::region::{Region, SharedWords};
 use crate::event::monotonic_nanos;

@@ -3,7 +3,7 @@
 
 use super::bell::{Bell, Slept};
 use super::cursor::{Positions, ReadCursor, WriteCursor};
-use super::layout::SegmentKind;
+use super::kind::SegmentKind;
 use super::ring_core::{Items, ReadEnd, WriteEnd};
 use super::seqlock::SeqLock;
 use super::slot_words::{SlotState, SlotWords};

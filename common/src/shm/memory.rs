@@ -3,8 +3,9 @@
 use super::control::Control;
 use super::elevation_ring::{ElevationReader, ElevationWriter};
 use super::error::ShmError;
+use super::geometry::{Geometry, half_bytes};
 use super::header::Segment;
-use super::layout::{Geometry, SegmentKind, half_bytes};
+use super::kind::SegmentKind;
 use super::ping_pong::{TreeReader, TreeWriter};
 use super::pool::{PoolReader, PoolWriter};
 use super::process::ProcessId;

@@ -46,6 +46,8 @@
 mod bell;
 mod cursor;
 mod error;
+mod geometry;
+mod kind;
 mod layout;
 mod process;
 mod ring_core;
@@ -88,7 +90,8 @@ pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
 #[cfg(not(loom))]
 pub use header::LAYOUT_VERSION;
-pub use layout::{CameraRecord, Layout, SegmentKind, Stage};
+pub use kind::{SegmentKind, Stage};
+pub use layout::{CameraRecord, Layout};
 #[cfg(not(loom))]
 pub use ping_pong::{TreeGuard, TreeHalf, TreeReader, TreeWriter};
 #[cfg(not(loom))]

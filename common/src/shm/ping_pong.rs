@@ -4,8 +4,9 @@
 use super::control::Control;
 use super::cursor::{Positions, ReadCursor, WriteCursor};
 use super::error::{ShmError, WaitError};
+use super::geometry::half_bytes;
 use super::header::{Role, RoleClaim, Segment};
-use super::layout::{SegmentKind, Stage, half_bytes};
+use super::kind::{SegmentKind, Stage};
 use super::run_id::RunId;
 use super::segments::open_segment;
 use crate::tree::{TreeHeader, TreeNode};

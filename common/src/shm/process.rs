@@ -1,6 +1,10 @@
 //! Whether a process lives: its id and its start time together name it, since ids are used again.
 
 use super::error::ShmError;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::OwnedFd;
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::ffi::CStr;
 use std::io::{Cursor, Write as _};
 
@@ -48,7 +52,35 @@ impl ProcessId {
     }
 }
 
-use rustix::io::Errno;
+/// Watches whether one process lives, cheaply.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    id: ProcessId,
+    /// Tells of its end without a doubt; absent where the kernel has none, or for this process itself.
+    pidfd: Option<OwnedFd>,
+    is_own: bool,
+}
+
+impl Watch {
+    pub(crate) fn of(id: ProcessId) -> Result<Self, ShmError> {
+        let is_own = ProcessId::own()? == id;
+        let raw = i32::try_from(id.pid).ok().and_then(Pid::from_raw);
+        let pidfd = raw.filter(|_| !is_own).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        // The id may have passed to another process before the open: then its start time tells.
+        let pidfd = pidfd.filter(|_| id.is_alive());
+        Ok(Self { id, pidfd, is_own })
+    }
+
+    pub(crate) fn is_alive(&self) -> bool {
+        if self.is_own {
+            return true;
+        }
+        let Some(pidfd) = &self.pidfd else { return self.id.is_alive() };
+        let mut fds = [PollFd::new(pidfd, PollFlags::IN)];
+        // Readable means that it has exited. An interrupted poll says nothing: alive, until the next look.
+        !matches!(poll(&mut fds, Some(&Timespec::default())), Ok(1..))
+    }
+}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stat {

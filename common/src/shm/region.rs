@@ -74,7 +74,7 @@ impl Region {
     /// Address of `len` bytes at `offset`, aligned to `align`.
     ///
     /// # Panics
-    /// When they are not all inside: offsets are computed from a [`super::layout::Geometry`] that was checked against
+    /// When they are not all inside: offsets are computed from a [`super::geometry::Geometry`] that was checked against
     /// this region, so that is a bug of ours and not a matter of what a peer wrote.
     fn at(&self, offset: u64, len: u64, align: usize) -> *mut u8 {
         let is_inside = offset.checked_add(len).is_some_and(|end| end <= self.len as u64);

@@ -7,7 +7,7 @@ use super::control::Control;
 use super::cursor::Positions;
 use super::error::{ShmError, WaitError};
 use super::header::{Role, RoleClaim, Segment};
-use super::layout::{SegmentKind, Stage};
+use super::kind::{SegmentKind, Stage};
 use super::region::SharedWords;
 use super::ring_core::{Items, ReadEnd, WriteEnd};
 use super::run_id::RunId;

@@ -2,7 +2,7 @@
 
 use super::cursor::{Positions, ReadCursor, WriteCursor};
 use super::error::ShmError;
-use super::layout::SegmentKind;
+use super::kind::SegmentKind;
 
 /// Where the slots of a ring are.
 ///

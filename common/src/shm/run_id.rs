@@ -1,7 +1,7 @@
 //! The name of a run, from which its segments' names follow.
 
 use super::error::ShmError;
-use super::layout::SegmentKind;
+use super::kind::SegmentKind;
 use super::process::ProcessId;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};

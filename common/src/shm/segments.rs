@@ -5,7 +5,8 @@
 
 use super::error::ShmError;
 use super::header::{NotUsable, Segment};
-use super::layout::{Layout, SegmentKind};
+use super::kind::SegmentKind;
+use super::layout::Layout;
 use super::region::Region;
 use super::run_id::RunId;
 use rustix::fd::OwnedFd;

@@ -91,7 +91,7 @@ pub(crate) struct SlotWords {
 }
 
 #[cfg(not(loom))]
-const _: () = assert!(size_of::<SlotWords>() as u64 == super::layout::TABLE_ENTRY_BYTES);
+const _: () = assert!(size_of::<SlotWords>() as u64 == super::geometry::TABLE_ENTRY_BYTES);
 
 /// What a slot holds, read consistently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

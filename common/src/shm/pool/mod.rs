@@ -4,6 +4,7 @@
 //! it. A slot that a frame in flight names is not filled anew: its last frame has to be completed first (design §7).
 //! A full pool makes [`PoolWriter::allocate`] return `None`, and the caller waits for frames to complete.
 
+mod node_hasher;
 mod reader;
 mod writer;
 
@@ -13,7 +14,7 @@ pub use writer::{FillGuard, PoolWriter, Residency};
 
 use super::error::ShmError;
 use super::header::Segment;
-use super::layout::SegmentKind;
+use super::kind::SegmentKind;
 use super::region::SharedWords;
 use super::slot_words::SlotWords;
 

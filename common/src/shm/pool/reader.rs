@@ -4,7 +4,7 @@ use super::{check_is_pool, table};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::Segment;
-use crate::shm::layout::SegmentKind;
+use crate::shm::kind::SegmentKind;
 use crate::shm::run_id::RunId;
 use crate::shm::segments::{SegmentMemory, open_segment};
 use crate::shm::slot_words::{SlotInfo, SlotWords};

@@ -1,16 +1,17 @@
 //! The pool as its only writer sees it: who is in it, and which slot is filled next.
 
+use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader, bytes};
 use super::{check_is_pool, table};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::{Role, RoleClaim, Segment};
-use crate::shm::layout::SegmentKind;
+use crate::shm::kind::SegmentKind;
 use crate::shm::run_id::RunId;
 use crate::shm::segments::open_segment;
 use crate::shm::slot_words::{SlotInfo, SlotWords};
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
+use std::hash::BuildHasherDefault;
 use std::sync::Arc;
 
 /// Eviction candidates taken from one look through the table.
@@ -286,28 +287,5 @@ impl Drop for FillGuard {
         {
             words.abandon();
         }
-    }
-}
-
-/// Hash of a packed node id: one multiplication. The ids are ours, so nobody chooses them to collide.
-#[derive(Debug, Default, Clone, Copy)]
-pub(crate) struct NodeHasher(u64);
-
-impl Hasher for NodeHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.write_u64(byte.into());
-        }
-    }
-
-    fn write_u64(&mut self, value: u64) {
-        // 2^64 divided by the golden ratio, made odd (Knuth, The Art of Computer Programming 3, 6.4). The upper half
-        // is mixed into the lower: the table takes bits from both ends.
-        let product = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.0 = product ^ product >> 32;
     }
 }

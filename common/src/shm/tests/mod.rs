@@ -1,5 +1,6 @@
 //! Tests that need more than one file's innards, or more than one process.
 
+mod allocations;
 mod garbage;
 mod pool;
 mod processes;

@@ -2,7 +2,7 @@
 
 use super::within_deadline;
 use crate::node::NodeId;
-use crate::shm::layout::SegmentKind;
+use crate::shm::kind::SegmentKind;
 use crate::shm::memory::{self, segment};
 use crate::shm::pool::{PoolReader, PoolWriter, Residency, SlotState};
 use proptest::prelude::*;

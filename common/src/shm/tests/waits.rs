@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::shm::control::{Control, RunState};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
-use crate::shm::layout::{SegmentKind, Stage};
+use crate::shm::kind::{SegmentKind, Stage};
 use crate::shm::memory::{self, segment};
 use crate::shm::process::ProcessId;
 use crate::shm::ring::{Consumer, Producer};

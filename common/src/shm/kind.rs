@@ -1,0 +1,136 @@
+//! Stages, and the segments between them.
+
+use std::fmt;
+
+/// A stage of the pipeline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum Stage {
+    /// Searches the quad tree.
+    Generator = 0,
+    /// Makes elevation arrays and the ring's slots.
+    Preparer = 1,
+    /// Draws.
+    Renderer = 2,
+}
+
+impl Stage {
+    /// All stages, in the order of the data's flow.
+    pub const ALL: [Self; 3] = [Self::Generator, Self::Preparer, Self::Renderer];
+
+    /// Its name in messages and file names.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Generator => "generator",
+            Self::Preparer => "preparer",
+            Self::Renderer => "renderer",
+        }
+    }
+
+    /// The ring in which it tells the launcher of its work.
+    #[must_use]
+    pub const fn events(self) -> SegmentKind {
+        match self {
+            Self::Generator => SegmentKind::EventsGenerator,
+            Self::Preparer => SegmentKind::EventsPreparer,
+            Self::Renderer => SegmentKind::EventsRenderer,
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The segments of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum SegmentKind {
+    /// Run state, heartbeats, counters, newest camera: [`super::Control`].
+    Control = 1,
+    /// Truncated quad trees, generator to preparer: [`super::TreeWriter`], [`super::TreeReader`].
+    PingPong = 2,
+    /// [`crate::slot::Slot`]s, preparer to renderer.
+    Ring = 3,
+    /// Elevation arrays, preparer to renderer: [`super::ElevationWriter`], [`super::ElevationReader`].
+    ElevationRing = 4,
+    /// Colour tiles: [`super::PoolWriter`], [`super::PoolReader`].
+    ColorPool = 5,
+    /// Elevation tiles: [`super::PoolWriter`], [`super::PoolReader`].
+    ElevationPool = 6,
+    /// [`super::CameraRecord`]s, launcher to generator.
+    CameraRing = 7,
+    /// [`crate::event::Event`]s of the generator, to the launcher.
+    EventsGenerator = 8,
+    /// [`crate::event::Event`]s of the preparer, to the launcher.
+    EventsPreparer = 9,
+    /// [`crate::event::Event`]s of the renderer, to the launcher.
+    EventsRenderer = 10,
+}
+
+impl SegmentKind {
+    /// All kinds.
+    pub const ALL: [Self; 10] = [
+        Self::Control,
+        Self::PingPong,
+        Self::Ring,
+        Self::ElevationRing,
+        Self::ColorPool,
+        Self::ElevationPool,
+        Self::CameraRing,
+        Self::EventsGenerator,
+        Self::EventsPreparer,
+        Self::EventsRenderer,
+    ];
+
+    /// The last part of the segment's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Control => "control",
+            Self::PingPong => "ping-pong",
+            Self::Ring => "ring",
+            Self::ElevationRing => "elevation-ring",
+            Self::ColorPool => "color-pool",
+            Self::ElevationPool => "elevation-pool",
+            Self::CameraRing => "camera-ring",
+            Self::EventsGenerator => "events-generator",
+            Self::EventsPreparer => "events-preparer",
+            Self::EventsRenderer => "events-renderer",
+        }
+    }
+
+    /// The stage that writes it; `None` for the launcher, or for several.
+    #[must_use]
+    pub const fn writer(self) -> Option<Stage> {
+        match self {
+            Self::Control | Self::CameraRing => None,
+            Self::PingPong | Self::EventsGenerator => Some(Stage::Generator),
+            Self::Ring | Self::ElevationRing | Self::ColorPool | Self::ElevationPool | Self::EventsPreparer => {
+                Some(Stage::Preparer)
+            }
+            Self::EventsRenderer => Some(Stage::Renderer),
+        }
+    }
+
+    /// The stage that reads it; `None` for the launcher, or for several.
+    #[must_use]
+    pub const fn reader(self) -> Option<Stage> {
+        match self {
+            Self::Control | Self::ElevationPool => None,
+            Self::EventsGenerator | Self::EventsPreparer | Self::EventsRenderer => None,
+            Self::CameraRing => Some(Stage::Generator),
+            Self::PingPong => Some(Stage::Preparer),
+            Self::Ring | Self::ElevationRing | Self::ColorPool => Some(Stage::Renderer),
+        }
+    }
+}
+
+impl fmt::Display for SegmentKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
