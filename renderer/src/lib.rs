@@ -1,1 +1,22 @@
-//! To be written.
+//! The renderer: draws the ring with Vulkan and hands pictures to a sink.
+//!
+//! ```text
+//! source ──slots──▶ frame ──checked──▶ engine ──pixels──▶ sinks (threads of their own)
+//! (shared memory,   (nothing is        (technique,         (png, film, y4m,
+//!  or a recording)   trusted)           gpu)                null)
+//! ```
+//!
+//! * [`source`]: where frames come from. [`frame`]: reading and checking them.
+//! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]: both put together.
+//! * [`sink`]: where pictures go. [`run`]: the frame loop. [`bench`]: what the device and the renderer can do.
+//!
+//! The frame loop allocates nothing in the steady state; encoders run on threads of their own.
+
+pub mod bench;
+pub mod engine;
+pub mod frame;
+pub mod gpu;
+pub mod run;
+pub mod sink;
+pub mod source;
+pub mod technique;

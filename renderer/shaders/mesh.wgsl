@@ -1,0 +1,126 @@
+// One block of an elevation array per instance, drawn without vertex attributes: the vertex index says which post of
+// the array, the instance index which tile. Every check of what came through shared memory was made before.
+
+struct Frame {
+    // Rows of the matrix that takes a position relative to the eye to clip coordinates (z is the constant `near`).
+    clip_x: vec3<f32>,
+    unit_m: f32,
+    clip_y: vec3<f32>,
+    near_m: f32,
+    clip_w: vec3<f32>,
+    posts_reciprocal: f32,
+    // Eye within its lattice cell, metres.
+    eye_in_cell_m: vec2<f32>,
+    // The world's last lattice point, from the eye's cell.
+    extent_from_cell: vec2<i32>,
+    posts: u32,
+    color_border: f32,
+}
+
+struct Tile {
+    // Lower left corner of the elevation leaf, lattice units from the eye's cell.
+    origin_from_cell: vec2<i32>,
+    // Lower left corner of the node whose colour tile is used, likewise.
+    color_origin_from_cell: vec2<i32>,
+    // First value of the elevation array.
+    array_start: u32,
+    // Bits 0-7: level of the elevation leaf; then four bits each: snap of the west, east, south, north edge.
+    level_and_snap: u32,
+    // Texture coordinates per lattice unit.
+    color_scale: f32,
+    color_layer: u32,
+    // First and last column (low half) and row (high half) of the block.
+    block_start: u32,
+    block_end: u32,
+    // Colour of the block's outline, RGBA8.
+    outline: u32,
+    reserved: u32,
+}
+
+var<immediate> frame: Frame;
+@group(0) @binding(0) var<storage, read> elevations: array<f32>;
+@group(0) @binding(1) var<storage, read> tiles: array<Tile>;
+@group(1) @binding(0) var colors: texture_2d_array<f32>;
+@group(1) @binding(1) var color_sampler: sampler;
+
+struct Vertex {
+    position: vec4<f32>,
+    color_at: vec2<f32>,
+    layer: u32,
+}
+
+fn post_of(vertex: u32) -> vec2<u32> {
+    // Exact: a vertex index is below 2^17, and half a post keeps the quotient away from whole numbers.
+    let row = u32((f32(vertex) + 0.5) * frame.posts_reciprocal);
+    return vec2(vertex - row * frame.posts, row);
+}
+
+fn vertex_of(tile: Tile, post: vec2<u32>) -> Vertex {
+    var at = post;
+    let last = frame.posts - 1u;
+    let snap = tile.level_and_snap;
+    // An edge with a coarser neighbour has no other vertices than the neighbour has.
+    if (snap >> 8u) != 0u {
+        if post.x == 0u { at.y &= ~0u << extractBits(snap, 8u, 4u); }
+        if post.x == last { at.y &= ~0u << extractBits(snap, 12u, 4u); }
+        if post.y == 0u { at.x &= ~0u << extractBits(snap, 16u, 4u); }
+        if post.y == last { at.x &= ~0u << extractBits(snap, 20u, 4u); }
+    }
+    let lattice = min(tile.origin_from_cell + vec2<i32>(at << vec2(snap & 0xffu)), frame.extent_from_cell);
+    let ground = vec2<f32>(lattice) * frame.unit_m - frame.eye_in_cell_m;
+    let from_eye = vec3(ground, elevations[tile.array_start + at.y * frame.posts + at.x]);
+    let texel = vec2<f32>(lattice - tile.color_origin_from_cell) * tile.color_scale + frame.color_border;
+    var out: Vertex;
+    out.position = vec4(dot(frame.clip_x, from_eye), dot(frame.clip_y, from_eye), frame.near_m, dot(frame.clip_w, from_eye));
+    out.color_at = vec2(texel.x, 1.0 - texel.y);
+    out.layer = tile.color_layer;
+    return out;
+}
+
+struct Varyings {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) color_at: vec2<f32>,
+    @location(1) @interpolate(flat) layer: u32,
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varyings {
+    let made = vertex_of(tiles[instance], post_of(vertex));
+    return Varyings(made.position, made.color_at, made.layer);
+}
+
+@fragment
+fn fragment(in: Varyings) -> @location(0) vec4<f32> {
+    return textureSample(colors, color_sampler, in.color_at, in.layer);
+}
+
+// The same with the outlines of the colour leaves.
+struct OverlayVaryings {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) color_at: vec2<f32>,
+    @location(1) @interpolate(flat) layer: u32,
+    // 0 to 1 across the block.
+    @location(2) block_at: vec2<f32>,
+    @location(3) @interpolate(flat) outline: u32,
+}
+
+@vertex
+fn vertex_overlay(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> OverlayVaryings {
+    let tile = tiles[instance];
+    let post = post_of(vertex);
+    let made = vertex_of(tile, post);
+    let start = vec2(tile.block_start & 0xffffu, tile.block_start >> 16u);
+    let end = vec2(tile.block_end & 0xffffu, tile.block_end >> 16u);
+    let block_at = vec2<f32>(post - start) / vec2<f32>(end - start);
+    return OverlayVaryings(made.position, made.color_at, made.layer, block_at, tile.outline);
+}
+
+@fragment
+fn fragment_overlay(in: OverlayVaryings) -> @location(0) vec4<f32> {
+    let texel = textureSample(colors, color_sampler, in.color_at, in.layer);
+    // Distance to the block's nearest edge in pixels: a line of about three pixels, half on each side of the edge.
+    let slope = max(fwidth(in.block_at), vec2(1e-9));
+    let from_edge = min(in.block_at, 1.0 - in.block_at) / slope;
+    let cover = clamp(2.0 - min(from_edge.x, from_edge.y), 0.0, 1.0);
+    return mix(texel, unpack4x8unorm(in.outline), 0.85 * cover);
+}

@@ -1,0 +1,347 @@
+//! The engine: device, pools, technique and the frames in flight. It turns checked frames into pictures in memory and
+//! knows neither where frames come from nor where they go.
+
+use crate::frame::{Frame, FrameError, TileFault};
+use crate::gpu::{
+    ColorPool, Device, DeviceChoice, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance, Needs, Readback,
+    Target,
+};
+use crate::source::{FrameSource, SourceError, SourceShape};
+use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+use terravision_common::camera::Camera;
+use terravision_common::event::monotonic_nanos;
+
+/// How frames are drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EngineOptions {
+    /// Which device.
+    pub device: DeviceChoice,
+    /// Picture size, pixels.
+    pub size: [u32; 2],
+    /// Samples per pixel, 1 or 4.
+    pub samples: u32,
+    /// Colour of the sky.
+    pub sky_rgb: [u8; 3],
+    /// Outlines of the colour leaves.
+    pub has_tree_overlay: bool,
+    /// The validation layer is asked for; its messages are errors.
+    pub has_validation: bool,
+    /// Depth comes back with the picture.
+    pub has_depth: bool,
+    /// Frames recorded or drawn at a time, at least 1.
+    pub frames_in_flight: usize,
+    /// How elevations reach the device.
+    pub elevation_path: ElevationPath,
+    /// Whether colour tiles may be copied from shared memory by the device itself.
+    pub can_import_colors: bool,
+}
+
+impl Default for EngineOptions {
+    fn default() -> Self {
+        Self {
+            device: DeviceChoice::from_environment(),
+            size: [1280, 720],
+            samples: 1,
+            sky_rgb: [150, 190, 235],
+            has_tree_overlay: false,
+            has_validation: false,
+            has_depth: false,
+            frames_in_flight: 2,
+            elevation_path: ElevationPath::Best,
+            can_import_colors: true,
+        }
+    }
+}
+
+/// A frame could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EngineError {
+    /// The device failed.
+    #[error(transparent)]
+    Gpu {
+        /// Why.
+        #[from]
+        source: GpuError,
+    },
+    /// A frame from the ring cannot be.
+    #[error(transparent)]
+    Frame {
+        /// Why.
+        #[from]
+        source: FrameError,
+    },
+    /// The source failed.
+    #[error(transparent)]
+    Source {
+        /// Why.
+        #[from]
+        source: SourceError,
+    },
+}
+
+/// What recording a frame took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Submitted {
+    /// Colour tiles uploaded.
+    pub uploads: u32,
+    /// When staging them began, nanoseconds of the monotonic clock.
+    pub upload_started_nanos: u64,
+    /// Nanoseconds spent on finding and staging them.
+    pub upload_nanos: u64,
+}
+
+/// A frame that the device is done with.
+#[derive(Debug)]
+pub struct Finished {
+    /// Its number.
+    pub frame: u64,
+    /// Counts the frames of the run from 1.
+    pub sequence: u64,
+    /// One past its last position in the elevation ring.
+    pub elevation_end: u64,
+    /// Its camera.
+    pub camera: Camera,
+    /// Whether every tile that it wanted was there.
+    pub is_settled: bool,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// When it was handed to the device, nanoseconds of the monotonic clock.
+    pub submitted_nanos: u64,
+    /// When it was found finished.
+    pub finished_nanos: u64,
+    /// Time that the device took by its own clock, if it has one.
+    pub gpu_nanos: Option<f64>,
+    /// Its pixels.
+    pub readback: Readback,
+}
+
+struct InFlight {
+    slot: usize,
+    frame: u64,
+    sequence: u64,
+    elevation_end: u64,
+    camera: Camera,
+    is_settled: bool,
+    triangles: u64,
+    submitted_nanos: u64,
+}
+
+/// Draws frames.
+pub struct Engine {
+    // Slots first: fields are dropped in order, and a slot's objects wait for its submit.
+    slots: Vec<FrameSlot>,
+    in_flight: VecDeque<InFlight>,
+    next_slot: usize,
+    technique: Box<dyn Technique>,
+    elevation: Elevation,
+    colors: ColorPool,
+    target: Target,
+    starts: Vec<u32>,
+    posts_squared: usize,
+    options: EngineOptions,
+    device: Arc<Device>,
+}
+
+impl std::fmt::Debug for Engine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Engine").field("device", &self.device).field("options", &self.options).finish_non_exhaustive()
+    }
+}
+
+impl Engine {
+    /// Opens the device and makes all that frames of this source need.
+    ///
+    /// # Errors
+    /// No device, or it lacks something.
+    pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
+        let shape = source.shape();
+        let world = shape.world;
+        let needs = Needs {
+            size: options.size,
+            samples: options.samples,
+            color_layers: shape.color_slots,
+            color_tile_side: world.color_stored(),
+        };
+        let instance = Instance::new(options.has_validation)?;
+        let device = Device::new(&instance, &options.device, &needs)?;
+        let slot_count = options.frames_in_flight.max(1);
+        let target = Target::new(&device, options.size, options.samples, options.has_depth)?;
+        let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
+        let shared = source.color_memory().filter(|_| options.can_import_colors);
+        let side = world.color_stored();
+        let colors = ColorPool::new(&device, side, shape.color_slots, filtering, shared.as_ref(), slot_count)?;
+        let shared = source.elevation_memory();
+        let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
+        let technique = MeshTechnique::new(&colors, &target, &world, options.has_tree_overlay, slot_count)?;
+        let slots = (0..slot_count).map(|index| FrameSlot::new(&device, index)).collect::<Result<_, _>>()?;
+        Ok(Self {
+            slots,
+            in_flight: VecDeque::with_capacity(slot_count),
+            next_slot: 0,
+            technique: Box::new(technique),
+            elevation,
+            colors,
+            target,
+            starts: Vec::with_capacity(starts_capacity(&shape)),
+            posts_squared: (world.elevation_posts() as usize).pow(2),
+            options,
+            device,
+        })
+    }
+
+    /// The device.
+    #[must_use]
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// Whether elevations, and whether colours, are read from shared memory in place.
+    #[must_use]
+    pub fn imports(&self) -> [bool; 2] {
+        [self.elevation.is_imported(), self.colors.is_imported()]
+    }
+
+    /// A buffer for pictures to come back in.
+    ///
+    /// # Errors
+    /// Out of memory.
+    pub fn new_readback(&self) -> Result<Readback, EngineError> {
+        Ok(Readback::new(&self.device, self.options.size, self.options.has_depth)?)
+    }
+
+    /// Whether another frame can be submitted before one has come back.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        self.in_flight.len() < self.slots.len()
+    }
+
+    /// Whether frames are with the device.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        !self.in_flight.is_empty()
+    }
+
+    /// Records a frame and hands it to the device; its pixels will come back in `readback`. There must be room.
+    ///
+    /// # Errors
+    /// The device failed, or the frame names what is not there.
+    pub fn submit(
+        &mut self,
+        frame: &Frame,
+        source: &mut dyn FrameSource,
+        readback: Readback,
+    ) -> Result<Submitted, EngineError> {
+        let index = self.next_slot;
+        let Self { slots, technique, elevation, colors, target, starts, options, .. } = self;
+        let mut recording = slots[index].begin()?;
+        // Elevations.
+        let arrays = frame.end.elevation_end.wrapping_sub(frame.elevation_start);
+        starts.clear();
+        if elevation.is_imported() {
+            let room = elevation.imported_values();
+            for position in frame.elevation_start..frame.end.elevation_end {
+                let start = source.elevation_offset(position)?.map(|offset| offset / 4);
+                match start.filter(|start| start + self.posts_squared as u64 <= room) {
+                    Some(start) => starts.push(start as u32),
+                    None => return Err(missing_array(frame, position)),
+                }
+            }
+        } else {
+            let staged = elevation.stage(&recording, (arrays * self.posts_squared as u64).max(1))?;
+            for (position, out) in (frame.elevation_start..).zip(staged.chunks_exact_mut(self.posts_squared)) {
+                if !source.read_elevation(position, out)? {
+                    return Err(missing_array(frame, position));
+                }
+                starts.push(((position - frame.elevation_start) * self.posts_squared as u64) as u32);
+            }
+        }
+        // Colours.
+        let before = monotonic_nanos();
+        for (index, tile) in frame.tiles.iter().enumerate() {
+            let (slot, generation) = (tile.color_slot, tile.color_generation);
+            if colors.holds(slot, generation) {
+                continue;
+            }
+            let is_there = if colors.is_imported() {
+                match source.color_offset(slot, generation) {
+                    Some(offset) => colors.upload_imported(slot, generation, offset).map(|()| true)?,
+                    None => false,
+                }
+            } else {
+                let room = colors.upload_staged(&recording, slot, generation)?;
+                source.read_color(slot, generation, room)
+            };
+            if !is_there {
+                let fault = TileFault::Stale;
+                return Err(FrameError::Tile { frame: frame.marker.frame, index, fault }.into());
+            }
+        }
+        let uploads = colors.record_uploads(&mut recording);
+        let upload_nanos = monotonic_nanos() - before;
+        // The picture, and depth.
+        technique.prepare(&mut recording, frame, elevation, ArrayPlaces { starts })?;
+        target.begin_picture(&mut recording, options.sky_rgb);
+        technique.draw(&mut recording, colors, false);
+        target.end(&mut recording);
+        if target.has_depth_pass() {
+            target.begin_depth(&mut recording);
+            technique.draw(&mut recording, colors, true);
+            target.end(&mut recording);
+        }
+        recording.read_back(target, readback);
+        recording.submit()?;
+        self.in_flight.push_back(InFlight {
+            slot: index,
+            frame: frame.marker.frame,
+            sequence: frame.sequence,
+            elevation_end: frame.end.elevation_end,
+            camera: frame.marker.camera,
+            is_settled: frame.end.unavailable_count == 0,
+            triangles: self.technique.triangles(),
+            submitted_nanos: monotonic_nanos(),
+        });
+        self.next_slot = (index + 1) % self.slots.len();
+        Ok(Submitted { uploads, upload_started_nanos: before, upload_nanos })
+    }
+
+    /// The oldest frame in flight, if it is finished within `timeout`.
+    ///
+    /// # Errors
+    /// The device was lost, or the validation layer said something.
+    pub fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError> {
+        let Some(oldest) = self.in_flight.front() else { return Ok(None) };
+        if !self.slots[oldest.slot].wait(timeout)? {
+            return Ok(None);
+        }
+        let taken = self.slots[oldest.slot].take()?;
+        let (Some(oldest), Some((readback, gpu_nanos))) = (self.in_flight.pop_front(), taken) else { return Ok(None) };
+        if self.options.has_validation {
+            self.device.instance().check_validation()?;
+        }
+        Ok(Some(Finished {
+            frame: oldest.frame,
+            sequence: oldest.sequence,
+            elevation_end: oldest.elevation_end,
+            camera: oldest.camera,
+            is_settled: oldest.is_settled,
+            triangles: oldest.triangles,
+            submitted_nanos: oldest.submitted_nanos,
+            finished_nanos: monotonic_nanos(),
+            gpu_nanos,
+            readback,
+        }))
+    }
+}
+
+fn starts_capacity(shape: &SourceShape) -> usize {
+    usize::try_from(shape.elevation_arrays).unwrap_or(4096).min(65536)
+}
+
+fn missing_array(frame: &Frame, position: u64) -> EngineError {
+    let index = frame.tiles.iter().position(|tile| tile.elevation_position == position).unwrap_or(0);
+    FrameError::Tile { frame: frame.marker.frame, index, fault: TileFault::Elevation }.into()
+}

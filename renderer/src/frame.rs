@@ -1,0 +1,311 @@
+//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used again.
+//!
+//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
+
+use crate::source::{FrameSource, SourceError, SourceShape};
+use terravision_common::node::NodeId;
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::world::World;
+
+/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
+const MAX_NODE_SIDE: u64 = 1 << 29;
+/// Tiles of one frame: as many as a tree has nodes.
+pub const MAX_TILES: usize = 65536;
+
+/// What is wrong with a frame from the ring.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FrameError {
+    /// The source failed.
+    #[error(transparent)]
+    Source {
+        /// Why.
+        #[from]
+        source: SourceError,
+    },
+    /// A slot is not the one that has to come now.
+    #[error("the ring lost its order in frame {frame}: found {found}, expected {expected}")]
+    Order {
+        /// The frame being read.
+        frame: u64,
+        /// What the slot is.
+        found: &'static str,
+        /// What it should have been.
+        expected: &'static str,
+    },
+    /// A number of a frame's first or last slot cannot be.
+    #[error("frame {frame} from the ring is corrupt: {field} is {found}, expected {expected}")]
+    Marker {
+        /// The frame.
+        frame: u64,
+        /// Which number.
+        field: &'static str,
+        /// What it is.
+        found: u64,
+        /// What it should have been.
+        expected: u64,
+    },
+    /// The camera of a frame is none.
+    #[error("frame {frame} from the ring has no valid camera for pictures of {}x{} pixels", .size[0], .size[1])]
+    Camera {
+        /// The frame.
+        frame: u64,
+        /// The size of the run's pictures.
+        size: [u32; 2],
+    },
+    /// A number of a tile cannot be.
+    #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
+    Tile {
+        /// The frame.
+        frame: u64,
+        /// Which of its tiles.
+        index: usize,
+        /// What is wrong with it.
+        fault: TileFault,
+    },
+    /// The world's lattice is too large for the device's 32-bit numbers.
+    #[error("the world has nodes of {side} lattice units, at most 2^29 can be drawn")]
+    WorldTooLarge {
+        /// Side of the root.
+        side: u64,
+    },
+}
+
+/// What is wrong with a tile slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TileFault {
+    /// The block is empty or not inside its array.
+    #[error("its block does not lie inside an elevation array")]
+    Block,
+    /// A level is not one of the world's.
+    #[error("a level is not one of the world's")]
+    Level,
+    /// A corner is not that of a node.
+    #[error("a lower left corner is not that of a node of the world")]
+    Origin,
+    /// The colour tile does not cover the block.
+    #[error("its colour tile does not cover its block")]
+    Cover,
+    /// More vertices would collapse than an edge has.
+    #[error("more vertices collapse than an edge has")]
+    Snap,
+    /// The colour slot is not one of the pool's.
+    #[error("its colour slot is not one of the pool's")]
+    ColorSlot,
+    /// The elevation array is none of the frame's.
+    #[error("its elevation array is none of the frame's")]
+    Elevation,
+    /// One colour slot has two generations in one frame.
+    #[error("its colour slot has another generation than for an earlier tile of the frame")]
+    Generation,
+    /// The pool's slot holds another tile by now.
+    #[error("its colour slot holds another generation than it names")]
+    Stale,
+}
+
+/// Checks the numbers of a tile against the world and the pool. Positions in the elevation ring are checked when the
+/// frame is complete.
+///
+/// # Errors
+/// The first fault.
+pub fn check_tile(tile: &TileSlot, world: &World, color_slots: u32) -> Result<(), TileFault> {
+    let intervals = world.elevation_tile();
+    let block = |axis: usize| (u32::from(tile.start[axis]), u32::from(tile.end[axis]));
+    if (0..2).any(|axis| block(axis).0 >= block(axis).1 || block(axis).1 > intervals) {
+        return Err(TileFault::Block);
+    }
+    let levels = world.levels();
+    if tile.elevation_level >= levels || tile.color_level >= levels {
+        return Err(TileFault::Level);
+    }
+    let is_node = |origin: [u32; 2], level: u8| {
+        let side = world.node_side(level);
+        (0..2).all(|axis| u64::from(origin[axis]).is_multiple_of(side) && origin[axis] < world.extent()[axis])
+    };
+    if !is_node(tile.elevation_origin, tile.elevation_level) || !is_node(tile.color_origin, tile.color_level) {
+        return Err(TileFault::Origin);
+    }
+    let is_covered = |axis: usize| {
+        let at = |post: u32| u64::from(tile.elevation_origin[axis]) + (u64::from(post) << tile.elevation_level);
+        let first = u64::from(tile.color_origin[axis]);
+        first <= at(block(axis).0) && at(block(axis).1) <= first + world.node_side(tile.color_level)
+    };
+    if !is_covered(0) || !is_covered(1) {
+        return Err(TileFault::Cover);
+    }
+    if tile.edge_snap.iter().any(|&snap| u32::from(snap) > intervals.ilog2()) {
+        return Err(TileFault::Snap);
+    }
+    if tile.color_slot >= color_slots {
+        return Err(TileFault::ColorSlot);
+    }
+    Ok(())
+}
+
+/// A checked frame.
+#[derive(Debug)]
+pub struct Frame {
+    /// Its first slot. The camera is valid and has the size of the run's pictures.
+    pub marker: FrameMarker,
+    /// Its tiles, near to far.
+    pub tiles: Vec<TileSlot>,
+    /// Its last slot.
+    pub end: FrameEnd,
+    /// Position of its first elevation array.
+    pub elevation_start: u64,
+    /// Counts the frames of the run from 1.
+    pub sequence: u64,
+}
+
+/// Reads frames from a source.
+#[derive(Debug)]
+pub struct FrameReader {
+    shape: SourceShape,
+    size: [u32; 2],
+    frame: Frame,
+    is_open: bool,
+    /// Of each colour slot: the frame that named it last, and the generation.
+    named: Vec<(u64, u32)>,
+}
+
+impl FrameReader {
+    /// For frames of this source and pictures of this size.
+    ///
+    /// # Errors
+    /// The world is too large.
+    pub fn new(shape: SourceShape, size: [u32; 2]) -> Result<Self, FrameError> {
+        let side = shape.world.node_side(shape.world.levels() - 1);
+        if side > MAX_NODE_SIDE {
+            return Err(FrameError::WorldTooLarge { side });
+        }
+        let marker = FrameMarker { frame: shape.frames[0], ..bytemuck::Zeroable::zeroed() };
+        let frame = Frame {
+            marker,
+            tiles: Vec::with_capacity(4096),
+            end: FrameEnd { elevation_end: shape.elevation_start, ..bytemuck::Zeroable::zeroed() },
+            elevation_start: 0,
+            sequence: 0,
+        };
+        Ok(Self { named: vec![(0, 0); shape.color_slots as usize], shape, size, frame, is_open: false })
+    }
+
+    /// Frames that are still to come.
+    #[must_use]
+    pub fn remaining(&self) -> u64 {
+        (self.shape.frames[1] - self.shape.frames[0]).saturating_sub(self.frame.sequence)
+    }
+
+    /// The frame that [`FrameReader::add`] completed last.
+    #[must_use]
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// Number of the frame that is being read or comes next.
+    fn expected_frame(&self) -> u64 {
+        self.shape.frames[0] + self.frame.sequence - u64::from(self.is_open)
+    }
+
+    /// Takes the next slot; whether the frame is complete now.
+    ///
+    /// # Errors
+    /// The slot cannot be: see [`FrameError`].
+    pub fn add(&mut self, slot: &Slot) -> Result<bool, FrameError> {
+        let frame = self.expected_frame();
+        let order = |found, expected| Err(FrameError::Order { frame, found, expected });
+        match (slot.read(), self.is_open) {
+            (Some(SlotContent::Marker(marker)), false) => self.open(frame, &marker).map(|()| false),
+            (Some(SlotContent::Tile(tile)), true) => self.add_tile(frame, &tile).map(|()| false),
+            (Some(SlotContent::End(end)), true) => self.close(frame, &end).map(|()| true),
+            (Some(SlotContent::Marker(_)), true) => order("a frame marker", "a tile or the end of the frame"),
+            (Some(SlotContent::Tile(_)), false) => order("a tile", "a frame marker"),
+            (Some(SlotContent::End(_)), false) => order("the end of a frame", "a frame marker"),
+            (None, _) => order("a slot of no kind", "a frame marker, a tile or the end of a frame"),
+        }
+    }
+
+    fn open(&mut self, expected: u64, marker: &FrameMarker) -> Result<(), FrameError> {
+        if marker.frame != expected {
+            let field = "its number";
+            return Err(FrameError::Marker { frame: expected, field, found: marker.frame, expected });
+        }
+        if !marker.camera.is_valid() || [marker.camera.width, marker.camera.height] != self.size {
+            return Err(FrameError::Camera { frame: expected, size: self.size });
+        }
+        // The view's cell has to be near enough for differences of 32 bits.
+        let unit = self.shape.world.lattice_unit_m();
+        let cells = marker.camera.eye_in_world[..2].iter().map(|v| (v / unit).abs());
+        if cells.fold(0.0, f64::max) > MAX_NODE_SIDE as f64 {
+            return Err(FrameError::Camera { frame: expected, size: self.size });
+        }
+        self.frame.marker = *marker;
+        self.frame.tiles.clear();
+        self.frame.elevation_start = self.frame.end.elevation_end;
+        self.frame.sequence += 1;
+        self.is_open = true;
+        Ok(())
+    }
+
+    fn add_tile(&mut self, frame: u64, tile: &TileSlot) -> Result<(), FrameError> {
+        let index = self.frame.tiles.len();
+        let fail = |fault| Err(FrameError::Tile { frame, index, fault });
+        if index >= MAX_TILES {
+            let field = "the number of tiles";
+            return Err(FrameError::Marker { frame, field, found: index as u64 + 1, expected: MAX_TILES as u64 });
+        }
+        if let Err(fault) = check_tile(tile, &self.shape.world, self.shape.color_slots) {
+            return fail(fault);
+        }
+        let named = &mut self.named[tile.color_slot as usize];
+        if named.0 == self.frame.sequence && named.1 != tile.color_generation {
+            return fail(TileFault::Generation);
+        }
+        *named = (self.frame.sequence, tile.color_generation);
+        self.frame.tiles.push(*tile);
+        Ok(())
+    }
+
+    fn close(&mut self, frame: u64, end: &FrameEnd) -> Result<(), FrameError> {
+        let count = self.frame.tiles.len() as u64;
+        let start = self.frame.elevation_start;
+        let arrays = end.elevation_end.wrapping_sub(start);
+        let wrong = |field, found, expected| Err(FrameError::Marker { frame, field, found, expected });
+        if end.frame != frame {
+            return wrong("the number at its end", end.frame, frame);
+        }
+        if u64::from(end.tile_count) != count {
+            return wrong("the number of its tiles", u64::from(end.tile_count), count);
+        }
+        if arrays > self.shape.elevation_arrays {
+            return wrong("the number of its elevation arrays", arrays, self.shape.elevation_arrays);
+        }
+        let is_ours = |tile: &TileSlot| tile.elevation_position.wrapping_sub(start) < arrays;
+        if let Some(index) = self.frame.tiles.iter().position(|tile| !is_ours(tile)) {
+            return Err(FrameError::Tile { frame, index, fault: TileFault::Elevation });
+        }
+        self.frame.end = *end;
+        self.is_open = false;
+        Ok(())
+    }
+
+    /// Reads on: with `may_wait` until a frame is complete, else as far as slots are there. Whether a frame is complete.
+    ///
+    /// # Errors
+    /// The source failed, or a slot cannot be.
+    pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
+        loop {
+            let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };
+            let Some(slot) = slot else { return Ok(false) };
+            if self.add(&slot)? {
+                return Ok(true);
+            }
+        }
+    }
+}
+
+/// Level of the colour leaf of a tile, for overlays; 0 when its node's number is none.
+#[must_use]
+pub fn leaf_level(tile: &TileSlot) -> u8 {
+    NodeId::unpack(tile.node).map_or(0, NodeId::q)
+}

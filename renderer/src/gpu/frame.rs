@@ -1,0 +1,185 @@
+//! Frame slots: what one frame in flight has of its own. A slot is recorded, submitted, and reused when its submit's
+//! value has passed.
+
+use super::barrier::{self, Access};
+use super::device::{Device, SubmitValue};
+use super::error::{During, GpuError};
+use super::owned::{Owned, destroyer};
+use super::readback::Readback;
+use super::target::Target;
+use ash::vk;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// One of the frames that may be in flight at a time.
+#[derive(Debug)]
+pub struct FrameSlot {
+    pending: Option<SubmitValue>,
+    readback: Option<Readback>,
+    commands: vk::CommandBuffer,
+    pool: Owned<vk::CommandPool>,
+    queries: Option<Owned<vk::QueryPool>>,
+    index: usize,
+}
+
+impl FrameSlot {
+    /// Slot number `index` of its run.
+    ///
+    /// # Errors
+    /// The device is out of memory.
+    pub fn new(device: &Arc<Device>, index: usize) -> Result<Self, GpuError> {
+        let info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(device.queue_family())
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        // SAFETY: the family is the device's own.
+        let pool = unsafe { device.raw().create_command_pool(&info, None) }.during("creating a command pool")?;
+        let pool = Owned::new(device, pool, destroyer!(destroy_command_pool));
+        let allocate = vk::CommandBufferAllocateInfo::default().command_pool(pool.get()).command_buffer_count(1);
+        // SAFETY: the pool is alive; the buffer goes with it.
+        let buffers =
+            unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?;
+        let commands = buffers[0];
+        device.name(commands, &format!("frame slot {index}"));
+        let queries = if device.capabilities().timestamp_period_nanos.is_some() {
+            let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
+            // SAFETY: the queue has timestamps.
+            let queries = unsafe { device.raw().create_query_pool(&info, None) }.during("creating timestamps")?;
+            Some(Owned::new(device, queries, destroyer!(destroy_query_pool)))
+        } else {
+            None
+        };
+        Ok(Self { pending: None, readback: None, commands, pool, queries, index })
+    }
+
+    /// Whether a frame of this slot is with the device, or has come back and was not taken yet.
+    #[must_use]
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also without a frame).
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait(&self, timeout: Duration) -> Result<bool, GpuError> {
+        self.pending.map_or(Ok(true), |value| self.pool.device().wait(value, timeout))
+    }
+
+    /// The pixels of the slot's frame and the nanoseconds that the GPU took; waits for them. `None` without a frame.
+    ///
+    /// # Errors
+    /// The device was lost, or hangs.
+    pub fn take(&mut self) -> Result<Option<(Readback, Option<f64>)>, GpuError> {
+        let seconds = super::device::LONGEST_FRAME.as_secs();
+        if !self.wait(super::device::LONGEST_FRAME)? {
+            return Err(GpuError::Timeout { seconds });
+        }
+        let was_pending = self.pending.take().is_some();
+        let Some(readback) = self.readback.take() else { return Ok(None) };
+        let nanos = if was_pending { self.gpu_nanos() } else { None };
+        Ok(Some((readback, nanos)))
+    }
+
+    fn gpu_nanos(&self) -> Option<f64> {
+        let device = self.pool.device();
+        let period = device.capabilities().timestamp_period_nanos?;
+        let mut stamps = [0u64; 2];
+        // SAFETY: both queries were written by the submit that `take` waited for.
+        unsafe {
+            device.raw().get_query_pool_results(
+                self.queries.as_ref()?.get(),
+                0,
+                &mut stamps,
+                vk::QueryResultFlags::TYPE_64,
+            )
+        }
+        .ok()?;
+        Some(stamps[1].wrapping_sub(stamps[0]) as f64 * period)
+    }
+
+    /// Begins the slot's next frame; what was read back of the last one must have been taken.
+    ///
+    /// # Errors
+    /// The device was lost or is out of memory, or the slot's last frame is not finished and taken.
+    pub fn begin(&mut self) -> Result<Recording<'_>, GpuError> {
+        if self.pending.is_some() {
+            return Err(GpuError::TooMany { what: "frames in one slot", found: 2, limit: 1 });
+        }
+        let device = Arc::clone(self.pool.device());
+        // SAFETY: nothing of the pool is pending.
+        unsafe { device.raw().reset_command_pool(self.pool.get(), vk::CommandPoolResetFlags::empty()) }
+            .during("resetting a command pool")?;
+        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the buffer was just reset.
+        unsafe { device.raw().begin_command_buffer(self.commands, &info) }.during("beginning a frame")?;
+        if let Some(queries) = &self.queries {
+            // SAFETY: recording, outside of rendering; the pool has two queries.
+            unsafe {
+                device.raw().cmd_reset_query_pool(self.commands, queries.get(), 0, 2);
+                device.raw().cmd_write_timestamp2(
+                    self.commands,
+                    vk::PipelineStageFlags2::TOP_OF_PIPE,
+                    queries.get(),
+                    0,
+                );
+            }
+        }
+        Ok(Recording { slot: self, device })
+    }
+}
+
+/// A frame being recorded. It proves that nothing of its slot is in use by the device.
+#[derive(Debug)]
+pub struct Recording<'a> {
+    slot: &'a mut FrameSlot,
+    device: Arc<Device>,
+}
+
+impl Recording<'_> {
+    /// Number of the slot.
+    #[must_use]
+    pub fn slot_index(&self) -> usize {
+        self.slot.index
+    }
+
+    pub(super) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    pub(super) fn commands(&self) -> vk::CommandBuffer {
+        self.slot.commands
+    }
+
+    /// Copies what was drawn to `target` for the processor to read. Its pixels come back with the slot.
+    pub fn read_back(&mut self, target: &mut Target, readback: Readback) {
+        target.record_copy(self, &readback);
+        self.slot.readback = Some(readback);
+    }
+
+    /// Hands the frame to the device.
+    ///
+    /// # Errors
+    /// The device was lost or is out of memory.
+    pub fn submit(self) -> Result<(), GpuError> {
+        let Self { slot, device } = self;
+        // SAFETY: recording, outside of rendering.
+        unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
+        if let Some(queries) = &slot.queries {
+            // SAFETY: recording; the query was reset in `begin`.
+            unsafe {
+                device.raw().cmd_write_timestamp2(
+                    slot.commands,
+                    vk::PipelineStageFlags2::ALL_COMMANDS,
+                    queries.get(),
+                    1,
+                );
+            }
+        }
+        // SAFETY: recording; all that was begun has ended.
+        unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;
+        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`, which waits for this
+        // submit before it destroys it; the processor touches a slot's buffers only through a `Recording`.
+        slot.pending = Some(unsafe { device.submit(slot.commands) }?);
+        Ok(())
+    }
+}

@@ -1,0 +1,5 @@
+//! Passes: pipelines with the commands that use them.
+
+pub(super) mod floor;
+mod pipeline;
+pub(super) mod terrain;

@@ -1,0 +1,121 @@
+//! Graphics pipelines without vertex attributes: what all passes have in common.
+
+use crate::gpu::device::Device;
+use crate::gpu::error::{During, GpuError};
+use crate::gpu::owned::{Owned, destroyer};
+use crate::gpu::requirements::PUSH_CONSTANT_BYTES;
+use crate::gpu::target::{COLOR_FORMAT, DEPTH_FORMAT};
+use ash::vk;
+use std::ffi::CStr;
+use std::sync::Arc;
+
+/// SPIR-V that `build.rs` made, aligned as words.
+#[repr(C, align(4))]
+pub(super) struct Words<Bytes: ?Sized>(pub(super) Bytes);
+
+/// A shader module.
+pub(super) fn module(device: &Arc<Device>, spirv: &[u8], name: &str) -> Result<Owned<vk::ShaderModule>, GpuError> {
+    let words: &[u32] = bytemuck::cast_slice(spirv);
+    let info = vk::ShaderModuleCreateInfo::default().code(words);
+    // SAFETY: the code was made and validated by naga at build time.
+    let raw = unsafe { device.raw().create_shader_module(&info, None) }.during("creating a shader module")?;
+    device.name(raw, name);
+    Ok(Owned::new(device, raw, destroyer!(destroy_shader_module)))
+}
+
+/// A pipeline layout of these sets and our push constants.
+pub(super) fn layout(
+    device: &Arc<Device>,
+    sets: &[vk::DescriptorSetLayout],
+) -> Result<Owned<vk::PipelineLayout>, GpuError> {
+    let constants = [vk::PushConstantRange::default()
+        .stage_flags(vk::ShaderStageFlags::VERTEX)
+        .size(PUSH_CONSTANT_BYTES)];
+    let info = vk::PipelineLayoutCreateInfo::default().set_layouts(sets).push_constant_ranges(&constants);
+    // SAFETY: the set layouts are alive.
+    let raw = unsafe { device.raw().create_pipeline_layout(&info, None) }.during("creating a pipeline layout")?;
+    Ok(Owned::new(device, raw, destroyer!(destroy_pipeline_layout)))
+}
+
+/// What one pipeline differs in.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PipelineShape {
+    pub(super) vertex: &'static CStr,
+    /// `None`: depth only, no colour attachment.
+    pub(super) fragment: Option<&'static CStr>,
+    pub(super) samples: u32,
+    pub(super) name: &'static str,
+}
+
+/// A pipeline: lists of triangles, nothing culled (a camera may look at terrain from any side, and measured, culling
+/// saves nothing where little overlaps), reversed depth.
+pub(super) fn pipeline(
+    device: &Arc<Device>,
+    module: &Owned<vk::ShaderModule>,
+    layout: &Owned<vk::PipelineLayout>,
+    shape: &PipelineShape,
+) -> Result<Owned<vk::Pipeline>, GpuError> {
+    let stage = |kind, entry| {
+        vk::PipelineShaderStageCreateInfo::default().stage(kind).module(module.get()).name(entry)
+    };
+    let mut stages = [stage(vk::ShaderStageFlags::VERTEX, shape.vertex); 2];
+    let mut stage_count = 1;
+    let mut color_formats: &[vk::Format] = &[];
+    if let Some(entry) = shape.fragment {
+        stages[1] = stage(vk::ShaderStageFlags::FRAGMENT, entry);
+        stage_count = 2;
+        color_formats = &[COLOR_FORMAT];
+    }
+    let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+    let assembly =
+        vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+    let raster = vk::PipelineRasterizationStateCreateInfo::default()
+        .polygon_mode(vk::PolygonMode::FILL)
+        .cull_mode(vk::CullModeFlags::NONE)
+        .line_width(1.0);
+    let samples = vk::PipelineMultisampleStateCreateInfo::default()
+        .rasterization_samples(vk::SampleCountFlags::from_raw(shape.samples));
+    let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+        .depth_test_enable(true)
+        .depth_write_enable(true)
+        .depth_compare_op(vk::CompareOp::GREATER);
+    let attachments =
+        [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
+    let blend =
+        vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments[..color_formats.len()]);
+    let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+    let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&states);
+    let mut rendering = vk::PipelineRenderingCreateInfo::default()
+        .color_attachment_formats(color_formats)
+        .depth_attachment_format(DEPTH_FORMAT);
+    let info = vk::GraphicsPipelineCreateInfo::default()
+        .stages(&stages[..stage_count])
+        .vertex_input_state(&vertex_input)
+        .input_assembly_state(&assembly)
+        .viewport_state(&viewport)
+        .rasterization_state(&raster)
+        .multisample_state(&samples)
+        .depth_stencil_state(&depth)
+        .color_blend_state(&blend)
+        .dynamic_state(&dynamic)
+        .layout(layout.get())
+        .push_next(&mut rendering);
+    // SAFETY: module and layout are alive, the entries exist (the shader names them), states are complete.
+    let made = unsafe { device.raw().create_graphics_pipelines(vk::PipelineCache::null(), &[info], None) };
+    let raw = made.map_err(|(_, result)| result).during("creating a pipeline")?[0];
+    device.name(raw, shape.name);
+    Ok(Owned::new(device, raw, destroyer!(destroy_pipeline)))
+}
+
+/// Indices of a grid's triangles, two a cell, split from south west to north east, row by row from row 0.
+/// `stride` vertices lie between two rows.
+pub(super) fn grid_indices(columns: u32, rows: u32, stride: u32) -> impl Iterator<Item = u32> {
+    (0..rows).flat_map(move |row| {
+        (0..columns).flat_map(move |column| {
+            let sw = row * stride + column;
+            let (se, nw, ne) = (sw + 1, sw + stride, sw + stride + 1);
+            [sw, se, ne, sw, ne, nw]
+        })
+    })
+}

@@ -1,0 +1,314 @@
+//! The terrain pass: blocks of elevation arrays, textured from the colour pool.
+
+use super::pipeline::{self, PipelineShape, Words, grid_indices};
+use crate::gpu::buffer::{Buffer, BufferUse};
+use crate::gpu::color_pool::ColorPool;
+use crate::gpu::device::Device;
+use crate::gpu::elevation::Elevation;
+use crate::gpu::error::{During, GpuError};
+use crate::gpu::frame::Recording;
+use crate::gpu::owned::{Owned, destroyer};
+use crate::gpu::target::Target;
+use ash::vk;
+use bytemuck::{Pod, Zeroable};
+use std::sync::Arc;
+
+static SPIRV: &Words<[u8]> = &Words(*include_bytes!(concat!(env!("OUT_DIR"), "/mesh.spv")));
+
+/// `Frame` of `mesh.wgsl`: the view, as push constants.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ViewParameters {
+    /// First row of the matrix from positions relative to the eye to clip coordinates.
+    pub clip_x: [f32; 3],
+    /// Lattice unit, metres.
+    pub unit_m: f32,
+    /// Second row.
+    pub clip_y: [f32; 3],
+    /// Near plane, metres.
+    pub near_m: f32,
+    /// Fourth row (the third is `near_m` alone: reversed depth without far plane).
+    pub clip_w: [f32; 3],
+    /// 1 / posts of an elevation array's side.
+    pub posts_reciprocal: f32,
+    /// The eye within its lattice cell, metres.
+    pub eye_in_cell_m: [f32; 2],
+    /// Last lattice point of the world, from the eye's cell.
+    pub extent_from_cell: [i32; 2],
+    /// Posts of an elevation array's side.
+    pub posts: u32,
+    /// Border of a colour tile over its stored side.
+    pub color_border: f32,
+    /// Zero.
+    pub reserved: [u32; 2],
+}
+
+/// `Tile` of `mesh.wgsl`: one block.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TileParameters {
+    /// Lower left corner of the elevation leaf, lattice units from the eye's cell.
+    pub origin_from_cell: [i32; 2],
+    /// Lower left corner of the colour tile's node, likewise.
+    pub color_origin_from_cell: [i32; 2],
+    /// Index of the elevation array's first value.
+    pub array_start: u32,
+    /// Bits 0-7: level; then four bits each: snap of the west, east, south, north edge.
+    pub level_and_snap: u32,
+    /// Texture coordinates per lattice unit.
+    pub color_scale: f32,
+    /// Layer of the colour pool.
+    pub color_layer: u32,
+    /// First column (low half) and row (high half).
+    pub block_start: u32,
+    /// Last column and row.
+    pub block_end: u32,
+    /// Colour of the outline, RGBA8.
+    pub outline: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+const _: () = assert!(size_of::<ViewParameters>() == 80 && size_of::<TileParameters>() == 48);
+
+/// Columns and rows of a block, in facets' sides: `start` within the array, `size` at least 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// First column and row.
+    pub start: [u32; 2],
+    /// Columns and rows.
+    pub size: [u32; 2],
+}
+
+/// Tiles that a slot has room for at first; it grows.
+const FIRST_TILES: usize = 1024;
+
+#[derive(Debug)]
+struct SlotInputs {
+    tiles: Buffer,
+    set: vk::DescriptorSet,
+}
+
+/// Pipelines and inputs of the terrain pass.
+#[derive(Debug)]
+pub struct TerrainPass {
+    picture: Owned<vk::Pipeline>,
+    depth_only: Option<Owned<vk::Pipeline>>,
+    layout: Owned<vk::PipelineLayout>,
+    _set_layout: Owned<vk::DescriptorSetLayout>,
+    _descriptors: Owned<vk::DescriptorPool>,
+    slots: Vec<SlotInputs>,
+    indices: Buffer,
+    /// First index of the section whose rows have `1 << k` columns.
+    sections: Vec<u32>,
+    posts: u32,
+}
+
+impl TerrainPass {
+    /// For pictures like those of `target`, elevation arrays of `posts` posts a side, and this many frame slots.
+    ///
+    /// # Errors
+    /// Out of memory.
+    pub fn new(
+        colors: &ColorPool,
+        target: &Target,
+        posts: u32,
+        has_overlay: bool,
+        slots: usize,
+    ) -> Result<Self, GpuError> {
+        let device = colors.device();
+        let set_layout = inputs_layout(device)?;
+        let (descriptors, sets) = input_sets(device, &set_layout, slots)?;
+        let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()])?;
+        let module = pipeline::module(device, &SPIRV.0, "mesh")?;
+        let mut shape = PipelineShape {
+            vertex: c"vertex",
+            fragment: Some(c"fragment"),
+            samples: target.samples(),
+            name: "terrain picture",
+        };
+        if has_overlay {
+            (shape.vertex, shape.fragment) = (c"vertex_overlay", Some(c"fragment_overlay"));
+        }
+        let picture = pipeline::pipeline(device, &module, &layout, &shape)?;
+        let depth_only = if target.has_depth_pass() {
+            let shape = PipelineShape { vertex: c"vertex", fragment: None, samples: 1, name: "terrain depth" };
+            Some(pipeline::pipeline(device, &module, &layout, &shape)?)
+        } else {
+            None
+        };
+        let (indices, sections) = index_sections(posts);
+        let indices = Buffer::with_indices(device, &indices, "terrain indices")?;
+        let slots = sets
+            .into_iter()
+            .map(|set| Ok(SlotInputs { tiles: tile_buffer(device, FIRST_TILES)?, set }))
+            .collect::<Result<Vec<_>, GpuError>>()?;
+        Ok(Self {
+            picture,
+            depth_only,
+            layout,
+            _set_layout: set_layout,
+            _descriptors: descriptors,
+            slots,
+            indices,
+            sections,
+            posts,
+        })
+    }
+
+    /// Gives the frame being recorded its tiles and elevations; before rendering begins.
+    ///
+    /// # Errors
+    /// Out of memory, or no elevations were staged.
+    pub fn prepare(
+        &mut self,
+        recording: &Recording<'_>,
+        elevation: &Elevation,
+        tiles: &[TileParameters],
+    ) -> Result<(), GpuError> {
+        let index = recording.slot_index();
+        let (device, limit) = (recording.device(), self.slots.len() as u64);
+        let (Some(slot), Some(elevations)) = (self.slots.get_mut(index), elevation.buffer(index)) else {
+            return Err(GpuError::TooMany { what: "frame slots", found: index as u64 + 1, limit });
+        };
+        let bytes: &[u8] = bytemuck::cast_slice(tiles);
+        if slot.tiles.len() < bytes.len() as u64 {
+            slot.tiles = tile_buffer(device, tiles.len().next_power_of_two())?;
+        }
+        slot.tiles.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        let buffers = [elevations, &slot.tiles]
+            .map(|buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)]);
+        let write = |binding: u32| {
+            vk::WriteDescriptorSet::default()
+                .dst_set(slot.set)
+                .dst_binding(binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .buffer_info(&buffers[binding as usize])
+        };
+        // SAFETY: buffers and set are alive, and the set is in no pending submit: `recording` is of its slot.
+        unsafe { device.raw().update_descriptor_sets(&[write(0), write(1)], &[]) };
+        Ok(())
+    }
+
+    /// Draws blocks in this order, the n-th with the n-th tile of [`TerrainPass::prepare`]; within rendering.
+    /// `is_depth_only`: the pass of [`Target::begin_depth`].
+    pub fn draw(
+        &self,
+        recording: &mut Recording<'_>,
+        colors: &ColorPool,
+        view: &ViewParameters,
+        blocks: &[Block],
+        is_depth_only: bool,
+    ) {
+        let device = Arc::clone(recording.device());
+        let commands = recording.commands();
+        let pipeline = if is_depth_only { self.depth_only.as_ref().unwrap_or(&self.picture) } else { &self.picture };
+        let Some(slot) = self.slots.get(recording.slot_index()) else { return };
+        let sets = [slot.set, colors.set()];
+        let graphics = vk::PipelineBindPoint::GRAPHICS;
+        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
+        unsafe {
+            device.raw().cmd_bind_pipeline(commands, graphics, pipeline.get());
+            device.raw().cmd_bind_descriptor_sets(commands, graphics, self.layout.get(), 0, &sets, &[]);
+            device.raw().cmd_bind_index_buffer(commands, self.indices.raw(), 0, vk::IndexType::UINT32);
+            device.raw().cmd_push_constants(
+                commands,
+                self.layout.get(),
+                vk::ShaderStageFlags::VERTEX,
+                0,
+                bytemuck::bytes_of(view),
+            );
+        }
+        let room = slot.tiles.len() / size_of::<TileParameters>() as u64;
+        for (instance, block) in blocks.iter().enumerate().take(room as usize) {
+            let draw = |indices: u32, first: u32, row: u32| {
+                let vertex = (block.start[1] + row) * self.posts + block.start[0];
+                // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the
+                // array: `Block`s were checked against its size, and `robustBufferAccess` is on.
+                unsafe {
+                    device.raw().cmd_draw_indexed(
+                        commands,
+                        indices,
+                        1,
+                        first,
+                        vertex.cast_signed(),
+                        instance as u32,
+                    );
+                }
+            };
+            let [columns, rows] = block.size.map(|n| n.min(self.posts - 1));
+            if columns.is_power_of_two() {
+                draw(columns * rows * 6, self.sections[columns.ilog2() as usize], 0);
+            } else if let Some(&widest) = self.sections.last() {
+                // No section has rows of this width: the beginnings of wider rows, one by one.
+                (0..rows).for_each(|row| draw(columns * 6, widest, row));
+            }
+        }
+    }
+}
+
+/// Index sections for rows of 1, 2, 4, … columns; a block of fewer rows uses the first part of a section.
+fn index_sections(posts: u32) -> (Vec<u32>, Vec<u32>) {
+    let intervals = posts - 1;
+    let (mut indices, mut sections) = (Vec::new(), Vec::new());
+    let mut columns = 1;
+    while columns <= intervals {
+        sections.push(indices.len() as u32);
+        indices.extend(grid_indices(columns, intervals, posts));
+        columns *= 2;
+    }
+    (indices, sections)
+}
+
+fn tile_buffer(device: &Arc<Device>, tiles: usize) -> Result<Buffer, GpuError> {
+    Buffer::new(device, (tiles * size_of::<TileParameters>()) as u64, BufferUse::Storage, "terrain tiles")
+}
+
+fn inputs_layout(device: &Arc<Device>) -> Result<Owned<vk::DescriptorSetLayout>, GpuError> {
+    let bindings = [0, 1].map(|binding| {
+        vk::DescriptorSetLayoutBinding::default()
+            .binding(binding)
+            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(1)
+            .stage_flags(vk::ShaderStageFlags::VERTEX)
+    });
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: the structure is complete.
+    let raw = unsafe { device.raw().create_descriptor_set_layout(&info, None) }.during("creating a set layout")?;
+    Ok(Owned::new(device, raw, destroyer!(destroy_descriptor_set_layout)))
+}
+
+fn input_sets(
+    device: &Arc<Device>,
+    layout: &Owned<vk::DescriptorSetLayout>,
+    slots: usize,
+) -> Result<(Owned<vk::DescriptorPool>, Vec<vk::DescriptorSet>), GpuError> {
+    let count = slots as u32;
+    let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 2 * count }];
+    let info = vk::DescriptorPoolCreateInfo::default().max_sets(count).pool_sizes(&sizes);
+    // SAFETY: the structure is complete.
+    let pool = unsafe { device.raw().create_descriptor_pool(&info, None) }.during("creating a descriptor pool")?;
+    let pool = Owned::new(device, pool, destroyer!(destroy_descriptor_pool));
+    let layouts = vec![layout.get(); slots];
+    let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool.get()).set_layouts(&layouts);
+    // SAFETY: the pool has room for these sets, which go with it.
+    let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }.during("allocating descriptor sets")?;
+    Ok((pool, sets))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_cover_their_blocks_with_facets_split_from_south_west_to_north_east() {
+        let (indices, sections) = index_sections(5);
+        assert_eq!(sections.len(), 3);
+        let full = &indices[sections[2] as usize..];
+        assert_eq!(full.len(), 4 * 4 * 6);
+        assert_eq!(&full[..6], [0, 1, 6, 0, 6, 5]);
+        let narrow = &indices[sections[1] as usize..sections[2] as usize];
+        assert_eq!(narrow.len(), 2 * 4 * 6);
+        assert!(narrow.iter().all(|index| index % 5 <= 2 && *index < 25));
+    }
+}

@@ -1,0 +1,58 @@
+//! Buffers that finished pictures come back in. A read-back buffer is filled by one frame, then owned by whoever encodes
+//! it, then goes back to be filled again: pixels are never copied on their way to a sink.
+
+use super::buffer::{Buffer, BufferUse};
+use super::device::Device;
+use super::error::GpuError;
+use std::sync::Arc;
+
+/// Picture (and depth) of one frame in memory of the processor.
+#[derive(Debug)]
+pub struct Readback {
+    color: Buffer,
+    depth: Option<Buffer>,
+    size: [u32; 2],
+}
+
+impl Readback {
+    /// A buffer for pictures of this size, with depth when `has_depth`.
+    ///
+    /// # Errors
+    /// Out of memory.
+    pub fn new(device: &Arc<Device>, size: [u32; 2], has_depth: bool) -> Result<Self, GpuError> {
+        let len = u64::from(size[0]) * u64::from(size[1]) * 4;
+        let depth = if has_depth {
+            Some(Buffer::new(device, len, BufferUse::Readback, "depth read-back")?)
+        } else {
+            None
+        };
+        Ok(Self { color: Buffer::new(device, len, BufferUse::Readback, "colour read-back")?, depth, size })
+    }
+
+    /// Width and height, pixels.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// The picture: `[height, width, 4]` bytes RGBA, row 0 at the top.
+    #[must_use]
+    pub fn rgba(&self) -> &[u8] {
+        self.color.bytes()
+    }
+
+    /// The depth buffer, when the frame has one: `[height, width]`, row 0 at the top; near plane over metres along the
+    /// view axis, 0 for sky.
+    #[must_use]
+    pub fn reversed_depth(&self) -> Option<&[f32]> {
+        self.depth.as_ref().map(|buffer| bytemuck::cast_slice(buffer.bytes()))
+    }
+
+    pub(super) fn color_buffer(&self) -> &Buffer {
+        &self.color
+    }
+
+    pub(super) fn depth_buffer(&self) -> Option<&Buffer> {
+        self.depth.as_ref()
+    }
+}

@@ -1,0 +1,149 @@
+//! `terravision-renderer --run JSON`: draws the frames of a run. `--doctor-json`: what Vulkan devices there are.
+
+use anyhow::{Context, bail};
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::Arc;
+use terravision_common::database::Database;
+use terravision_common::event::{Event, EventKind};
+use terravision_common::run::{RunConfig, SinkConfig};
+use terravision_common::shm::{Control, RunId, RunState};
+use terravision_renderer::engine::EngineOptions;
+use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
+use terravision_renderer::run::{RunError, run};
+use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::{
+    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, Y4mSink,
+};
+use terravision_renderer::source::LiveSource;
+
+const HELP: &str = "\
+terravision-renderer: the stage of TerraVision that draws. The launcher (terravision) starts it.
+
+  --run JSON      draw the frames of this run
+  --doctor-json   print the Vulkan devices, and what they lack, as JSON
+
+The environment variable TERRAVISION_DEVICE chooses a device: its number, or a part of its name.
+";
+
+/// Most threads that write pictures into a folder.
+const MAX_LANES: usize = 4;
+/// Most frames in flight: more only cost memory.
+const MAX_FRAMES_IN_FLIGHT: u32 = 8;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["--run", json] => render(json),
+        ["--doctor-json"] => doctor(),
+        ["--help" | "-h"] => print(HELP),
+        _ => {
+            complain("terravision-renderer is started by terravision; see terravision-renderer --help");
+            return ExitCode::from(2);
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain(&format!("{error:#}"));
+            ExitCode::from(error.downcast_ref::<RunError>().map_or(1, RunError::exit_code))
+        }
+    }
+}
+
+fn print(text: &str) -> anyhow::Result<()> {
+    std::io::stdout().write_all(text.as_bytes()).context("standard output cannot be written")
+}
+
+fn complain(sentence: &str) {
+    // Without a standard error there is nobody to tell.
+    let _written = writeln!(std::io::stderr(), "{sentence}");
+}
+
+fn doctor() -> anyhow::Result<()> {
+    let choice = DeviceChoice::from_environment();
+    let report = match describe_adapters(&choice, &Needs::LEAST) {
+        Ok(devices) => serde_json::json!({ "devices": devices }),
+        Err(error) => serde_json::json!({ "devices": [], "error": error.to_string() }),
+    };
+    print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
+}
+
+fn render(json: &str) -> anyhow::Result<()> {
+    // A launcher that dies takes its stages along.
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
+        .context("the signal of the launcher's death cannot be set")?;
+    let config: RunConfig = serde_json::from_str(json).context("the argument of --run is not a run")?;
+    let run_id = RunId::parse(&config.run_id)?;
+    let world = *Database::open(&config.world)?.world();
+    let mut source = LiveSource::open(&run_id, world, config.frames)?;
+    stop_on_signals(Arc::clone(source.control()))?;
+    if !matches!(config.render.samples, 1 | 4) {
+        bail!("{} samples per pixel are not possible, 1 or 4 are", config.render.samples);
+    }
+    let render = &config.render;
+    let has_depth = render.depth.is_some() || render.ground.is_some();
+    let options = EngineOptions {
+        device: DeviceChoice::from_environment(),
+        size: [config.width, config.height],
+        samples: render.samples,
+        sky_rgb: render.sky_rgb,
+        has_tree_overlay: render.has_tree_overlay,
+        has_validation: render.has_validation,
+        has_depth,
+        frames_in_flight: render.frames_in_flight.clamp(1, MAX_FRAMES_IN_FLIGHT) as usize,
+        ..EngineOptions::default()
+    };
+    let lanes = Lanes::start(sinks(&config, world.fields().origin).map_err(RunError::from)?).map_err(RunError::from)?;
+    run(
+        options,
+        &mut source,
+        lanes,
+        &mut |engine, source| {
+            let found = engine.device().capabilities();
+            for (kind, text) in [(EventKind::DeviceName, &found.name), (EventKind::DriverName, &found.driver)] {
+                for event in Event::text(kind, text) {
+                    source.event(&event);
+                }
+            }
+        },
+        &mut |_finished| {},
+    )?;
+    Ok(())
+}
+
+/// Ctrl-C and TERM reach all processes of a terminal; the run is then stopping, whoever heard it first.
+fn stop_on_signals(control: Arc<Control>) -> anyhow::Result<()> {
+    ctrlc::set_handler(move || control.set_state(RunState::Stopping)).context("signals cannot be handled")
+}
+
+/// The sinks of a run, one for each lane.
+fn sinks(config: &RunConfig, origin: [f64; 2]) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
+    let render = &config.render;
+    let first: Vec<Box<dyn FrameSink>> = match &render.sink {
+        SinkConfig::PngFolder(folder) => {
+            let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
+            let mut lanes: Vec<Box<dyn FrameSink>> = Vec::new();
+            for _ in 0..threads {
+                lanes.push(Box::new(PngFolderSink::new(folder)?));
+            }
+            lanes
+        }
+        SinkConfig::PngFile(path) => vec![Box::new(PngFileSink::new(path))],
+        SinkConfig::Film(path) => vec![Box::new(FilmSink::new(path, config.fps)?)],
+        SinkConfig::Y4mStdout => vec![Box::new(Y4mSink::stdout(config.fps))],
+        SinkConfig::Null => vec![Box::new(NullSink)],
+    };
+    if render.depth.is_none() && render.ground.is_none() {
+        return Ok(first);
+    }
+    // Depth and ground are of the only frame: one lane.
+    let mut all = AllOf(first.into_iter().take(1).collect());
+    if let Some(path) = &render.depth {
+        all.0.push(Box::new(DepthSink::new(path)));
+    }
+    if let Some(path) = &render.ground {
+        all.0.push(Box::new(GroundSink::new(path, origin, config.exaggeration)));
+    }
+    Ok(vec![Box::new(all)])
+}

@@ -1,0 +1,301 @@
+//! The frame loop: from a source through the engine to the sinks.
+
+use crate::engine::{Engine, EngineError, EngineOptions, Finished, Submitted};
+use crate::frame::{FrameError, FrameReader};
+use crate::gpu::{GpuError, Missing, Readback};
+use crate::sink::SinkError;
+use crate::sink::lanes::{Lanes, Written};
+use crate::source::{FrameSource, SourceError};
+use std::time::Duration;
+use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::shm::Counter;
+
+/// How long the loop waits for the device or a sink before it looks at everything else again.
+const TICK: Duration = Duration::from_millis(2);
+
+/// Why a run ended before its last frame.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// A frame could not be drawn.
+    #[error(transparent)]
+    Engine {
+        /// Why.
+        #[from]
+        source: EngineError,
+    },
+    /// A picture could not be written.
+    #[error(transparent)]
+    Sink {
+        /// Why.
+        #[from]
+        source: SinkError,
+    },
+}
+
+impl RunError {
+    /// The process's exit code: 2 when more was asked for than the device can draw, 130 when the run was stopped, else 1.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        let source = match self {
+            Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } }
+                if missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })) =>
+            {
+                return 2;
+            }
+            Self::Engine { source: EngineError::Source { source } } => source,
+            Self::Engine { source: EngineError::Frame { source: FrameError::Source { source } } } => source,
+            _ => return 1,
+        };
+        match source {
+            SourceError::Wait { source } if source.is_stopping() => 130,
+            _ => 1,
+        }
+    }
+}
+
+impl From<SourceError> for RunError {
+    fn from(source: SourceError) -> Self {
+        Self::Engine { source: source.into() }
+    }
+}
+
+impl From<FrameError> for RunError {
+    fn from(source: FrameError) -> Self {
+        Self::Engine { source: source.into() }
+    }
+}
+
+/// What a run did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RunSummary {
+    /// Frames written.
+    pub frames: u64,
+    /// Frames that lacked a tile.
+    pub unsettled: u64,
+    /// Colour tiles uploaded.
+    pub uploads: u64,
+}
+
+/// Draws and writes all frames of `source`. `on_device` is called once, before the first frame; `observe` sees every finished frame before it goes to its sink.
+///
+/// # Errors
+/// The first thing that failed; what is incomplete of the sinks' output is removed.
+pub fn run(
+    options: EngineOptions,
+    source: &mut dyn FrameSource,
+    lanes: Lanes,
+    on_device: &mut dyn FnMut(&Engine, &mut dyn FrameSource),
+    observe: &mut dyn FnMut(&Finished),
+) -> Result<RunSummary, RunError> {
+    let mut looped = FrameLoop::new(options, source, lanes)?;
+    on_device(&looped.engine, looped.source);
+    while looped.reader.remaining() > 0 {
+        looped.step(observe)?;
+    }
+    looped.drain(observe)?;
+    let FrameLoop { engine, lanes, summary, .. } = looped;
+    lanes.finish()?;
+    engine.device().instance().check_validation().map_err(EngineError::from)?;
+    Ok(summary)
+}
+
+struct FrameLoop<'a> {
+    // The lanes first: they hold read-back buffers.
+    lanes: Lanes,
+    engine: Engine,
+    source: &'a mut dyn FrameSource,
+    reader: FrameReader,
+    record_started: u64,
+    free: Vec<Readback>,
+    last_finished: u64,
+    summary: RunSummary,
+    /// Frames that are with a lane.
+    with_lanes: u64,
+}
+
+impl<'a> FrameLoop<'a> {
+    fn new(options: EngineOptions, source: &'a mut dyn FrameSource, lanes: Lanes) -> Result<Self, RunError> {
+        let reader = FrameReader::new(source.shape(), options.size)?;
+        let frames_in_flight = options.frames_in_flight.max(1);
+        let engine = Engine::new(options, source)?;
+        let free = (0..frames_in_flight + lanes.wanted_buffers())
+            .map(|_| engine.new_readback())
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            lanes,
+            engine,
+            source,
+            reader,
+            record_started: monotonic_nanos(),
+            free,
+            last_finished: 0,
+            summary: RunSummary::default(),
+            with_lanes: 0,
+        })
+    }
+
+    /// One frame: wait for a slot and a buffer, read the ring, record and submit; finished frames go to the sinks meanwhile.
+    fn step(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        self.source.check()?;
+        let readback = self.wait_for_room(observe)?;
+        self.wait_for_frame(observe)?;
+        let started = self.record_started;
+        let submitted = self.engine.submit(self.reader.frame(), self.source, readback);
+        if matches!(submitted, Err(EngineError::Frame { .. })) {
+            self.source.count(Counter::SlotsRejected, 1);
+        }
+        self.tell_of_recording(started, submitted?);
+        Ok(())
+    }
+
+    /// A free slot of the engine and a free read-back buffer.
+    fn wait_for_room(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<Readback, RunError> {
+        loop {
+            self.collect(Duration::ZERO, observe)?;
+            if self.engine.has_room()
+                && let Some(readback) = self.free.pop()
+            {
+                return Ok(readback);
+            }
+            if self.engine.has_room() {
+                // Only the sinks can help.
+                if let Some(written) = self.lanes.wait_written(TICK)? {
+                    self.take_back(written);
+                }
+                self.source.check()?;
+            } else {
+                self.collect(TICK, observe)?;
+            }
+        }
+    }
+
+    /// Reads slots until a frame is complete. While frames are with the device, what they hold of the rings must be given
+    /// back as soon as they are finished, because the preparer may be waiting for it: so it waits for the device, not for
+    /// the ring.
+    fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        loop {
+            let read = self.reader.read(self.source, !self.engine.is_busy());
+            if read.as_ref().is_err_and(|error| !matches!(error, FrameError::Source { .. })) {
+                self.source.count(Counter::SlotsRejected, 1);
+            }
+            if read? {
+                self.record_started = monotonic_nanos();
+                return Ok(());
+            }
+            self.source.check()?;
+            self.collect(TICK, observe)?;
+        }
+    }
+
+    /// Takes finished frames from the device (the oldest within `timeout`) and written ones from the lanes.
+    fn collect(&mut self, timeout: Duration, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        let mut wait = timeout;
+        while let Some(finished) = self.engine.poll(wait)? {
+            self.finish(finished, observe)?;
+            wait = Duration::ZERO;
+        }
+        while let Some(written) = self.lanes.try_written()? {
+            self.take_back(written);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        self.source.complete(finished.sequence, finished.elevation_end)?;
+        self.source.count(Counter::FramesDrawn, 1);
+        // Frames overlap; a frame's time is the time since the one before, or since it was submitted.
+        let started = finished.submitted_nanos.max(self.last_finished);
+        let since_last = finished.finished_nanos.saturating_sub(if self.last_finished == 0 {
+            finished.submitted_nanos
+        } else {
+            self.last_finished
+        });
+        self.last_finished = finished.finished_nanos;
+        self.source.event(&Event {
+            kind: EventKind::Span as u32,
+            thread: 1,
+            frame: finished.frame,
+            start_nanos: started,
+            duration_nanos: finished.finished_nanos.saturating_sub(started),
+            value: SpanName::Draw as u64,
+            node: 0,
+        });
+        self.source.event(&Event {
+            kind: EventKind::FrameDone as u32,
+            thread: 0,
+            frame: finished.frame,
+            start_nanos: finished.finished_nanos,
+            duration_nanos: since_last,
+            value: finished.triangles,
+            node: 0,
+        });
+        observe(&finished);
+        self.with_lanes += 1;
+        Ok(self.lanes.put(finished)?)
+    }
+
+    fn take_back(&mut self, written: Written) {
+        self.with_lanes -= 1;
+        self.summary.frames += 1;
+        self.source.event(&Event {
+            kind: EventKind::Span as u32,
+            thread: 2 + written.lane,
+            frame: written.frame,
+            start_nanos: written.started_nanos,
+            duration_nanos: written.duration_nanos,
+            value: SpanName::Encode as u64,
+            node: 0,
+        });
+        self.source.event(&Event {
+            kind: EventKind::FrameWritten as u32,
+            thread: 2 + written.lane,
+            frame: written.frame,
+            start_nanos: written.started_nanos + written.duration_nanos,
+            duration_nanos: 0,
+            value: u64::from(written.is_settled),
+            node: 0,
+        });
+        if !written.is_settled {
+            self.summary.unsettled += 1;
+            self.source.count(Counter::FramesUnsettled, 1);
+        }
+        self.source.written(self.summary.frames);
+        self.free.push(written.readback);
+    }
+
+    fn tell_of_recording(&mut self, started: u64, submitted: Submitted) {
+        let frame = self.reader.frame().marker.frame;
+        let now = monotonic_nanos();
+        let span = |name: SpanName, start_nanos: u64, duration_nanos: u64| Event {
+            kind: EventKind::Span as u32,
+            thread: 0,
+            frame,
+            start_nanos,
+            duration_nanos,
+            value: name as u64,
+            node: 0,
+        };
+        self.source.event(&span(SpanName::Record, started, now.saturating_sub(started)));
+        if submitted.uploads > 0 {
+            self.source.event(&span(SpanName::Upload, submitted.upload_started_nanos, submitted.upload_nanos));
+            self.source.count(Counter::TilesUploaded, submitted.uploads.into());
+            let uploaded = Event { kind: EventKind::FrameUploaded as u32, ..span(SpanName::Upload, now, 0) };
+            self.source.event(&Event { value: submitted.uploads.into(), ..uploaded });
+            self.summary.uploads += u64::from(submitted.uploads);
+        }
+    }
+
+    /// Waits until all frames are written.
+    fn drain(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        while self.engine.is_busy() || self.with_lanes > 0 {
+            self.source.check()?;
+            if self.engine.is_busy() {
+                self.collect(TICK, observe)?;
+            } else if let Some(written) = self.lanes.wait_written(TICK)? {
+                self.take_back(written);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,134 @@
+//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`lanes`]).
+
+mod film;
+pub mod lanes;
+mod null;
+mod png;
+mod temporary;
+mod tiff;
+mod y4m;
+
+pub use film::FilmSink;
+pub use null::NullSink;
+pub use png::{PngFileSink, PngFolderSink};
+pub use tiff::{DepthSink, GroundSink};
+pub use y4m::Y4mSink;
+
+use std::io;
+use std::path::PathBuf;
+use terravision_common::camera::Camera;
+
+/// One finished picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Picture<'a> {
+    /// Number of the frame in its flight.
+    pub frame: u64,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255.
+    pub rgba: &'a [u8],
+    /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was asked for.
+    pub reversed_depth: Option<&'a [f32]>,
+    /// The camera of the picture.
+    pub camera: Camera,
+}
+
+/// A sink could not do its work.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SinkError {
+    /// A file or folder could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The system's reason.
+        source: io::Error,
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// A picture could not be encoded.
+    #[error("cannot encode {}: {reason}", path.display())]
+    Encode {
+        /// The encoder's reason.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// ffmpeg is not installed.
+    #[error("ffmpeg, which makes films, is not installed (package ffmpeg); without it choose a folder or - as output")]
+    NoFfmpeg,
+    /// ffmpeg could not be started.
+    #[error("ffmpeg could not be started: {source}")]
+    StartFfmpeg {
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// ffmpeg gave up.
+    #[error("ffmpeg could not make {}: {reason}", path.display())]
+    Ffmpeg {
+        /// Its last words.
+        reason: String,
+        /// The film.
+        path: PathBuf,
+    },
+    /// Standard output could not be written to.
+    #[error("standard output cannot be written: {source}")]
+    Stdout {
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// Who read standard output has gone.
+    #[error("the reader of standard output has gone after {frames} frames")]
+    ReaderGone {
+        /// Frames that were written completely.
+        frames: u64,
+    },
+    /// The picture has no depth.
+    #[error("no depth came with the picture for {}", path.display())]
+    NoDepth {
+        /// The file that needs it.
+        path: PathBuf,
+    },
+    /// A thread of the sink ended without a word.
+    #[error("a thread that writes pictures has ended unexpectedly")]
+    LaneGone,
+}
+
+/// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing takes.
+///
+/// Dropping a sink that was not finished removes what is incomplete.
+pub trait FrameSink: Send {
+    /// Takes the next picture; it is safely out of our hands when this returns.
+    ///
+    /// # Errors
+    /// The picture could not be written; the run ends.
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError>;
+
+    /// All pictures were written: completes the output.
+    ///
+    /// # Errors
+    /// The output could not be completed.
+    fn finish(&mut self) -> Result<(), SinkError>;
+}
+
+/// Several sinks as one: each picture goes to all of them, in order.
+#[derive(Default)]
+pub struct AllOf(
+    /// The sinks.
+    pub Vec<Box<dyn FrameSink>>,
+);
+
+impl std::fmt::Debug for AllOf {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "AllOf({} sinks)", self.0.len())
+    }
+}
+
+impl FrameSink for AllOf {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        self.0.iter_mut().try_for_each(|sink| sink.write(picture))
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        self.0.iter_mut().try_for_each(|sink| sink.finish())
+    }
+}

@@ -1,0 +1,75 @@
+//! PNG files: a folder of them, or one. RGB, 8 bits; the bytes depend on the picture alone.
+
+use super::temporary::{failure, write_whole};
+use super::{FrameSink, Picture, SinkError};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageError};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Writes `frame-000000.png` and so on.
+#[derive(Debug)]
+pub struct PngFolderSink {
+    folder: PathBuf,
+    rgb: Vec<u8>,
+}
+
+impl PngFolderSink {
+    /// Into this folder, which is made if it is missing.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn new(folder: &Path) -> Result<Self, SinkError> {
+        fs::create_dir_all(folder).map_err(|source| failure(folder, source))?;
+        Ok(Self { folder: folder.to_owned(), rgb: Vec::new() })
+    }
+}
+
+impl FrameSink for PngFolderSink {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        let path = self.folder.join(format!("frame-{:06}.png", picture.frame));
+        write_png(&path, picture, &mut self.rgb)
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+/// Writes one file; a later picture replaces it.
+#[derive(Debug)]
+pub struct PngFileSink {
+    path: PathBuf,
+    rgb: Vec<u8>,
+}
+
+impl PngFileSink {
+    /// To this file.
+    #[must_use]
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_owned(), rgb: Vec::new() }
+    }
+}
+
+impl FrameSink for PngFileSink {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        write_png(&self.path, picture, &mut self.rgb)
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+fn write_png(path: &Path, picture: &Picture<'_>, rgb: &mut Vec<u8>) -> Result<(), SinkError> {
+    rgb.clear();
+    rgb.extend(picture.rgba.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]));
+    write_whole(path, |out| {
+        let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive);
+        let [width, height] = picture.size;
+        encoder.write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(|error| match error {
+            ImageError::IoError(source) => failure(path, source),
+            other => SinkError::Encode { reason: other.to_string(), path: path.to_owned() },
+        })
+    })
+}

@@ -1,0 +1,125 @@
+//! TIFF files of what each pixel sees: depth, and ground position.
+
+use super::temporary::{failure, write_whole};
+use super::{FrameSink, Picture, SinkError};
+use crate::technique::NEAR_M;
+use std::path::{Path, PathBuf};
+use terravision_common::camera::Camera;
+use tiff::encoder::{TiffEncoder, colortype};
+use tiff::{TiffError, TiffResult};
+
+/// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]` float32.
+#[derive(Debug)]
+pub struct DepthSink {
+    path: PathBuf,
+}
+
+impl DepthSink {
+    /// To this file.
+    #[must_use]
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_owned() }
+    }
+}
+
+impl FrameSink for DepthSink {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
+        let metres: Vec<f32> = depths.iter().map(|&depth| depth_m(depth) as f32).collect();
+        write_tiff(&self.path, |encoder| {
+            encoder.write_image::<colortype::Gray32Float>(picture.size[0], picture.size[1], &metres)
+        })
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+/// Easting, northing and height of the ground at each pixel's centre; NaN for sky. `[height, width, 3]` float64, in the
+/// database's CRS and metres, heights without exaggeration.
+#[derive(Debug)]
+pub struct GroundSink {
+    path: PathBuf,
+    origin: [f64; 2],
+    exaggeration: f64,
+}
+
+impl GroundSink {
+    /// To this file. `origin`: easting and northing of the world's origin.
+    #[must_use]
+    pub fn new(path: &Path, origin: [f64; 2], exaggeration: f64) -> Self {
+        Self { path: path.to_owned(), origin, exaggeration }
+    }
+}
+
+impl FrameSink for GroundSink {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
+        let width = picture.size[0] as usize;
+        let ground: Vec<f64> = depths
+            .iter()
+            .enumerate()
+            .flat_map(|(index, &depth)| {
+                let pixel = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
+                ground_position(&picture.camera, pixel, depth, self.origin, self.exaggeration)
+            })
+            .collect();
+        write_tiff(&self.path, |encoder| {
+            encoder.write_image::<colortype::RGB64Float>(picture.size[0], picture.size[1], &ground)
+        })
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+/// Metres along the view axis from a value of the depth buffer; NaN for sky.
+fn depth_m(reversed: f32) -> f64 {
+    if reversed > 0.0 { NEAR_M / f64::from(reversed) } else { f64::NAN }
+}
+
+fn ground_position(camera: &Camera, pixel: [f64; 2], reversed: f32, origin: [f64; 2], exaggeration: f64) -> [f64; 3] {
+    let at = camera.eye() + camera.ray_in_world(pixel[0], pixel[1]) * depth_m(reversed);
+    [origin[0] + at.x, origin[1] + at.y, at.z / exaggeration]
+}
+
+type FileEncoder<'a> = TiffEncoder<&'a mut std::io::BufWriter<std::fs::File>>;
+
+fn write_tiff(path: &Path, write: impl FnOnce(&mut FileEncoder<'_>) -> TiffResult<()>) -> Result<(), SinkError> {
+    write_whole(path, |out| {
+        TiffEncoder::new(out).and_then(|mut encoder| write(&mut encoder)).map_err(|error| match error {
+            TiffError::IoError(source) => failure(path, source),
+            other => SinkError::Encode { reason: other.to_string(), path: path.to_owned() },
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn depth_is_metres_and_sky_is_not_a_number() {
+        assert_eq!(depth_m(0.5 / 1000.0).round(), 1000.0);
+        assert!(depth_m(0.0).is_nan());
+    }
+
+    #[test]
+    fn ground_is_where_the_ray_ends() {
+        let camera = Camera {
+            eye_in_world: [100.0, 200.0, 1000.0],
+            pitch_rad: -std::f64::consts::FRAC_PI_2,
+            vfov_rad: std::f64::consts::FRAC_PI_2,
+            width: 4,
+            height: 4,
+            ..Camera::zeroed()
+        };
+        // Straight down from 1000 m to 200 m: the picture's upper edge is 800 m north of the eye.
+        let at = ground_position(&camera, [2.0, 0.0], (NEAR_M / 800.0) as f32, [5e5, 4e6], 2.0);
+        assert!((at[0] - 500_100.0).abs() < 1e-3 && (at[1] - 4_001_000.0).abs() < 1e-3, "{at:?}");
+        assert!((at[2] - 100.0).abs() < 1e-3, "{at:?}");
+    }
+}

@@ -1,0 +1,151 @@
+//! Frames from the shared memory of a run.
+
+use super::{FrameSource, SourceError, SourceShape};
+use crate::gpu::HostMemory;
+use std::sync::Arc;
+use terravision_common::event::Event;
+use terravision_common::shm::{
+    Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
+};
+use terravision_common::slot::Slot;
+use terravision_common::world::{COLOR_MIPS, World};
+
+/// The renderer's ends of a run's segments.
+#[derive(Debug)]
+pub struct LiveSource {
+    control: Arc<Control>,
+    ring: Consumer<Slot>,
+    elevation: ElevationReader,
+    colors: PoolReader,
+    events: Option<Producer<Event>>,
+    world: World,
+    frames: [u64; 2],
+    tile_bytes: u64,
+}
+
+impl LiveSource {
+    /// Opens the segments of a run as its renderer.
+    ///
+    /// # Errors
+    /// A segment is missing, of another build, or does not fit the world.
+    pub fn open(run: &RunId, world: World, frames: [u64; 2]) -> Result<Self, SourceError> {
+        let control = Control::open(run)?;
+        control.register(Stage::Renderer)?;
+        let ring = Consumer::open(run, SegmentKind::Ring)?;
+        let elevation = ElevationReader::open(run)?;
+        let colors = PoolReader::open(run, SegmentKind::ColorPool)?;
+        let events = Producer::open(run, SegmentKind::EventsRenderer)?;
+        Self::new(Arc::new(control), ring, elevation, colors, Some(events), world, frames)
+    }
+
+    /// Over ends that are open already (of this process's memory, in tests).
+    ///
+    /// # Errors
+    /// They do not fit the world.
+    pub fn new(
+        control: Arc<Control>,
+        ring: Consumer<Slot>,
+        elevation: ElevationReader,
+        colors: PoolReader,
+        events: Option<Producer<Event>>,
+        world: World,
+        frames: [u64; 2],
+    ) -> Result<Self, SourceError> {
+        let posts = u64::from(world.elevation_posts()).pow(2);
+        if u64::from(elevation.array_f32()) < posts {
+            return Err(SourceError::ElevationArraySize { found: elevation.array_f32().into(), expected: posts });
+        }
+        let tile_bytes = (0..COLOR_MIPS).map(|mip| u64::from(world.color_stored() >> mip).pow(2) * 4).sum();
+        if colors.slot_bytes() < tile_bytes {
+            return Err(SourceError::ColorSlotSize { found: colors.slot_bytes(), expected: tile_bytes });
+        }
+        Ok(Self { control, ring, elevation, colors, events, world, frames, tile_bytes })
+    }
+
+    /// The run's control block.
+    #[must_use]
+    pub fn control(&self) -> &Arc<Control> {
+        &self.control
+    }
+}
+
+impl FrameSource for LiveSource {
+    fn shape(&self) -> SourceShape {
+        SourceShape {
+            world: self.world,
+            elevation_arrays: self.elevation.capacity().into(),
+            elevation_start: self.elevation.released_position(),
+            color_slots: self.colors.capacity(),
+            frames: self.frames,
+        }
+    }
+
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.elevation.memory())
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.colors.memory())
+    }
+
+    fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
+        Ok(self.ring.try_pop()?)
+    }
+
+    fn next(&mut self) -> Result<Slot, SourceError> {
+        Ok(self.ring.pop(&self.control)?)
+    }
+
+    fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
+        let (start, stride) = (self.elevation.data_offset(), self.elevation.stride_bytes());
+        Ok(self.elevation.index_of(position)?.map(|index| start + u64::from(index) * stride))
+    }
+
+    fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError> {
+        let Some(values) = self.elevation.read_array(position)?.and_then(|array| array.get(..out.len())) else {
+            return Ok(false);
+        };
+        out.copy_from_slice(values);
+        Ok(true)
+    }
+
+    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
+        self.colors.bytes(slot, generation)?;
+        self.colors.slot_offset(slot)
+    }
+
+    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
+        let Some(tile) = self.colors.bytes(slot, generation) else { return false };
+        let Some(bytes) = tile.bytes().get(..out.len().min(self.tile_bytes as usize)) else { return false };
+        out[..bytes.len()].copy_from_slice(bytes);
+        tile.is_still_valid()
+    }
+
+    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
+        self.elevation.released(elevation_end)?;
+        self.control.set_completed_sequence(sequence);
+        Ok(())
+    }
+
+    fn written(&mut self, count: u64) {
+        self.control.set_written_frames(count);
+    }
+
+    fn event(&mut self, event: &Event) {
+        if let Some(events) = &mut self.events
+            && events.try_push(*event).is_err()
+        {
+            self.control.count(Counter::EventsDropped, 1);
+        }
+    }
+
+    fn count(&mut self, counter: Counter, by: u64) {
+        self.control.count(counter, by);
+    }
+
+    fn check(&mut self) -> Result<(), SourceError> {
+        self.control.heartbeat(Stage::Renderer);
+        self.control.check_running()?;
+        if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
+    }
+}

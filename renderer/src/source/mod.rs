@@ -1,0 +1,135 @@
+//! Where frames come from: a run's shared memory ([`LiveSource`]) or a recording in memory ([`RecordedSource`]).
+
+mod live;
+mod recorded;
+mod recorder;
+
+pub use live::LiveSource;
+pub use recorded::{RecordedFrame, RecordedSource, Recording, RecordingBuilder};
+pub use recorder::Recorder;
+
+use crate::gpu::HostMemory;
+use terravision_common::event::Event;
+use terravision_common::shm::{Counter, ShmError, WaitError};
+use terravision_common::slot::Slot;
+use terravision_common::world::World;
+
+/// What a source delivers, fixed for its life.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SourceShape {
+    /// The world that nodes and lattice points are of.
+    pub world: World,
+    /// Most arrays that a frame can have.
+    pub elevation_arrays: u64,
+    /// Position of the first array that the first frame may name.
+    pub elevation_start: u64,
+    /// Slots of the colour pool.
+    pub color_slots: u32,
+    /// First frame, and one past the last.
+    pub frames: [u64; 2],
+}
+
+/// Why a source has no next frame.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SourceError {
+    /// The run ended or a peer is gone.
+    #[error(transparent)]
+    Wait {
+        /// Why.
+        #[from]
+        source: WaitError,
+    },
+    /// A segment could not be opened or believed.
+    #[error(transparent)]
+    Segment {
+        /// Why.
+        #[from]
+        source: ShmError,
+    },
+    /// The colour tile is too small for the world's tiles.
+    #[error("a slot of the colour pool has {found} bytes, the world's tiles need {expected}")]
+    ColorSlotSize {
+        /// Bytes of a slot.
+        found: u64,
+        /// Bytes of a tile with its mips.
+        expected: u64,
+    },
+    /// An elevation array has another size than the world's tiles.
+    #[error("an elevation array has {found} values, the world's tiles have {expected}")]
+    ElevationArraySize {
+        /// Values of an array.
+        found: u64,
+        /// Posts of a tile.
+        expected: u64,
+    },
+    /// A recording is over.
+    #[error("the recording has no more frames")]
+    Ended,
+}
+
+/// Frames as slots, with the elevation arrays and colour tiles that they name.
+///
+/// One thread calls it. Only [`FrameSource::next`] blocks. What comes out of it is not trusted: `frame::FrameReader` checks
+/// every slot.
+pub trait FrameSource {
+    /// What it delivers.
+    fn shape(&self) -> SourceShape;
+
+    /// The elevation arrays' memory, when a device may read it in place.
+    fn elevation_memory(&self) -> Option<HostMemory>;
+
+    /// The colour tiles' memory, likewise.
+    fn color_memory(&self) -> Option<HostMemory>;
+
+    /// The next slot, if there is one now.
+    ///
+    /// # Errors
+    /// The source is damaged or over.
+    fn try_next(&mut self) -> Result<Option<Slot>, SourceError>;
+
+    /// Waits for the next slot.
+    ///
+    /// # Errors
+    /// The run ended, a peer is gone, or the source is damaged or over.
+    fn next(&mut self) -> Result<Slot, SourceError>;
+
+    /// Byte offset of an elevation array in [`FrameSource::elevation_memory`]; `None` when there is no such array now.
+    ///
+    /// # Errors
+    /// The source is damaged.
+    fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError>;
+
+    /// Copies an elevation array (as many values as `out` has); whether there is such an array now.
+    ///
+    /// # Errors
+    /// The source is damaged.
+    fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError>;
+
+    /// Byte offset of a colour tile in [`FrameSource::color_memory`]; `None` when the slot holds another generation.
+    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64>;
+
+    /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
+    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool;
+
+    /// The device is done with the frame of this sequence number (counted from 1) and those before it.
+    ///
+    /// # Errors
+    /// The source is damaged.
+    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError>;
+
+    /// So many frames have left the sink.
+    fn written(&mut self, count: u64);
+
+    /// Tells the launcher about work done; never waits.
+    fn event(&mut self, event: &Event);
+
+    /// Adds to one of the run's counters.
+    fn count(&mut self, counter: Counter, by: u64);
+
+    /// Whether the run goes on; a sign of life too. Asked once a frame and while waiting for sinks.
+    ///
+    /// # Errors
+    /// The run ended.
+    fn check(&mut self) -> Result<(), SourceError>;
+}

@@ -1,0 +1,264 @@
+//! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages before it.
+
+use super::{FrameSource, SourceError, SourceShape};
+use crate::gpu::HostMemory;
+use std::collections::HashMap;
+use std::sync::Arc;
+use terravision_common::event::Event;
+use terravision_common::shm::Counter;
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::world::World;
+
+/// One frame's slots. Positions of elevations count arrays of the recording from 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedFrame {
+    /// Its first slot.
+    pub marker: FrameMarker,
+    /// Its tiles, near to far.
+    pub tiles: Vec<TileSlot>,
+    /// Its last slot.
+    pub end: FrameEnd,
+}
+
+/// Frames with all elevations and colours that they name.
+#[derive(Debug)]
+pub struct Recording {
+    world: World,
+    frames: Vec<RecordedFrame>,
+    elevations: HostMemory,
+    arrays: u64,
+    colors: HostMemory,
+    /// Where the tile of a slot and generation lies.
+    color_offsets: HashMap<(u32, u32), u64>,
+    color_slots: u32,
+}
+
+impl Recording {
+    /// The frames.
+    #[must_use]
+    pub fn frames(&self) -> &[RecordedFrame] {
+        &self.frames
+    }
+
+    /// The world that it is of.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Bytes of elevations and colours.
+    #[must_use]
+    pub fn total_bytes(&self) -> u64 {
+        (self.elevations.len() + self.colors.len()) as u64
+    }
+}
+
+/// Puts a [`Recording`] together.
+#[derive(Debug)]
+pub struct RecordingBuilder {
+    world: World,
+    frames: Vec<RecordedFrame>,
+    elevations: Vec<f32>,
+    colors: Vec<u8>,
+    color_offsets: HashMap<(u32, u32), u64>,
+    color_slots: u32,
+}
+
+impl RecordingBuilder {
+    /// An empty recording of this world.
+    #[must_use]
+    pub fn new(world: World) -> Self {
+        Self {
+            world,
+            frames: Vec::new(),
+            elevations: Vec::new(),
+            colors: Vec::new(),
+            color_offsets: HashMap::new(),
+            color_slots: 1,
+        }
+    }
+
+    /// Adds an elevation array (its posts, row 0 south) and returns its position.
+    pub fn add_elevations(&mut self, values: &[f32]) -> u64 {
+        let posts = self.posts();
+        let start = self.elevations.len();
+        self.elevations.extend_from_slice(&values[..values.len().min(posts)]);
+        self.elevations.resize(start + posts, 0.0);
+        self.arrays() - 1
+    }
+
+    /// Number of arrays so far.
+    #[must_use]
+    pub fn arrays(&self) -> u64 {
+        (self.elevations.len() / self.posts()) as u64
+    }
+
+    fn posts(&self) -> usize {
+        (self.world.elevation_posts() as usize).pow(2)
+    }
+
+    /// Whether the tile is there already.
+    #[must_use]
+    pub fn has_color(&self, slot: u32, generation: u32) -> bool {
+        self.color_offsets.contains_key(&(slot, generation))
+    }
+
+    /// Adds a colour tile: its mips back to back, RGBA8, row 0 north.
+    pub fn add_color(&mut self, slot: u32, generation: u32, texels: &[u8]) {
+        self.color_offsets.insert((slot, generation), self.colors.len() as u64);
+        self.colors.extend_from_slice(texels);
+        self.color_slots = self.color_slots.max(slot + 1);
+    }
+
+    /// Adds a frame.
+    pub fn add_frame(&mut self, frame: RecordedFrame) {
+        self.frames.push(frame);
+    }
+
+    /// The finished recording.
+    #[must_use]
+    pub fn finish(self) -> Recording {
+        Recording {
+            arrays: self.arrays(),
+            world: self.world,
+            frames: self.frames,
+            elevations: HostMemory::copy_of(bytemuck::cast_slice(&self.elevations)),
+            colors: HostMemory::copy_of(&self.colors),
+            color_offsets: self.color_offsets,
+            color_slots: self.color_slots,
+        }
+    }
+}
+
+/// Plays a recording, several times over if asked: later laps have later frame numbers and positions.
+#[derive(Debug)]
+pub struct RecordedSource {
+    recording: Arc<Recording>,
+    laps: u64,
+    lap: u64,
+    frame: usize,
+    /// 0: the marker; 1..: tiles; then the end.
+    slot: usize,
+    released: u64,
+    written: u64,
+}
+
+impl RecordedSource {
+    /// Plays `recording` `laps` times.
+    #[must_use]
+    pub fn new(recording: Arc<Recording>, laps: u64) -> Self {
+        Self { recording, laps, lap: 0, frame: 0, slot: 0, released: 0, written: 0 }
+    }
+
+    /// Frames that were said to have left the sink.
+    #[must_use]
+    pub fn written_frames(&self) -> u64 {
+        self.written
+    }
+
+    fn first_frame(&self) -> u64 {
+        self.recording.frames.first().map_or(0, |frame| frame.marker.frame)
+    }
+
+    fn values(&self, position: u64) -> Option<u64> {
+        let posts = u64::from(self.recording.world.elevation_posts()).pow(2);
+        (position >= self.released && self.recording.arrays > 0)
+            .then(|| position % self.recording.arrays * posts)
+    }
+}
+
+impl FrameSource for RecordedSource {
+    fn shape(&self) -> SourceShape {
+        let first = self.first_frame();
+        SourceShape {
+            world: self.recording.world,
+            elevation_arrays: self.recording.arrays,
+            elevation_start: 0,
+            color_slots: self.recording.color_slots,
+            frames: [first, first + self.laps * self.recording.frames.len() as u64],
+        }
+    }
+
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        Some(self.recording.elevations.clone())
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        Some(self.recording.colors.clone())
+    }
+
+    fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
+        if self.lap >= self.laps {
+            return Err(SourceError::Ended);
+        }
+        let Some(frame) = self.recording.frames.get(self.frame) else { return Err(SourceError::Ended) };
+        let frames = self.lap * self.recording.frames.len() as u64;
+        let arrays = self.lap * self.recording.arrays;
+        let content = if self.slot == 0 {
+            SlotContent::Marker(FrameMarker { frame: frame.marker.frame + frames, ..frame.marker })
+        } else if let Some(tile) = frame.tiles.get(self.slot - 1) {
+            SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
+        } else {
+            let end = frame.end;
+            SlotContent::End(FrameEnd {
+                frame: end.frame + frames,
+                elevation_end: end.elevation_end.wrapping_add(arrays),
+                ..end
+            })
+        };
+        self.slot += 1;
+        if self.slot > frame.tiles.len() + 1 {
+            (self.slot, self.frame) = (0, self.frame + 1);
+            if self.frame == self.recording.frames.len() {
+                (self.frame, self.lap) = (0, self.lap + 1);
+            }
+        }
+        Ok(Some(Slot::new(&content)))
+    }
+
+    fn next(&mut self) -> Result<Slot, SourceError> {
+        self.try_next()?.ok_or(SourceError::Ended)
+    }
+
+    fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
+        Ok(self.values(position).map(|value| value * 4))
+    }
+
+    fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError> {
+        let bytes = self.recording.elevations.constant_bytes();
+        let (Some(start), Some(bytes)) = (self.values(position), bytes) else { return Ok(false) };
+        let all: &[f32] = bytemuck::cast_slice(bytes);
+        let Some(values) = all.get(start as usize..start as usize + out.len()) else { return Ok(false) };
+        out.copy_from_slice(values);
+        Ok(true)
+    }
+
+    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
+        self.recording.color_offsets.get(&(slot, generation)).copied()
+    }
+
+    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
+        let Some(offset) = self.color_offset(slot, generation) else { return false };
+        let all = self.recording.colors.constant_bytes().unwrap_or_default();
+        let Some(bytes) = all.get(offset as usize..offset as usize + out.len()) else { return false };
+        out.copy_from_slice(bytes);
+        true
+    }
+
+    fn complete(&mut self, _sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
+        self.released = self.released.max(elevation_end);
+        Ok(())
+    }
+
+    fn written(&mut self, count: u64) {
+        self.written = count;
+    }
+
+    fn event(&mut self, _event: &Event) {}
+
+    fn count(&mut self, _counter: Counter, _by: u64) {}
+
+    fn check(&mut self) -> Result<(), SourceError> {
+        Ok(())
+    }
+}

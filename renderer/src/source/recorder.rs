@@ -1,0 +1,149 @@
+//! Records the frames of another source as they pass.
+
+use super::{FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
+use crate::gpu::HostMemory;
+use terravision_common::event::Event;
+use terravision_common::shm::Counter;
+use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::world::COLOR_MIPS;
+
+/// A source that keeps a copy of all that it delivers.
+#[derive(Debug)]
+pub struct Recorder<S> {
+    inner: S,
+    builder: RecordingBuilder,
+    marker: Option<FrameMarker>,
+    tiles: Vec<TileSlot>,
+    /// Position, in the inner source, of the recording's first array of the frame that is passing.
+    frame_start: Option<u64>,
+    array: Vec<f32>,
+    texels: Vec<u8>,
+}
+
+impl<S: FrameSource> Recorder<S> {
+    /// Records what `inner` delivers from now on.
+    pub fn new(inner: S) -> Self {
+        let world = inner.shape().world;
+        let texels = (0..COLOR_MIPS).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum();
+        Self {
+            inner,
+            builder: RecordingBuilder::new(world),
+            marker: None,
+            tiles: Vec::new(),
+            frame_start: None,
+            array: vec![0.0; (world.elevation_posts() as usize).pow(2)],
+            texels: vec![0; texels],
+        }
+    }
+
+    /// The recording of the frames that passed completely.
+    #[must_use]
+    pub fn finish(self) -> Recording {
+        self.builder.finish()
+    }
+
+    fn record(&mut self, slot: &Slot) -> Result<(), SourceError> {
+        match slot.read() {
+            Some(SlotContent::Marker(marker)) => {
+                self.marker = Some(marker);
+                self.tiles.clear();
+            }
+            Some(SlotContent::Tile(tile)) => self.tiles.push(tile),
+            Some(SlotContent::End(end)) => {
+                let Some(marker) = self.marker.take() else { return Ok(()) };
+                let lowest = self.tiles.iter().map(|tile| tile.elevation_position).min();
+                let start = self.frame_start.or(lowest).unwrap_or(end.elevation_end);
+                let count = end.elevation_end.wrapping_sub(start);
+                if count > self.inner.shape().elevation_arrays {
+                    return Ok(());
+                }
+                let first = self.builder.arrays();
+                for position in start..start + count {
+                    if !self.inner.read_elevation(position, &mut self.array)? {
+                        return Ok(());
+                    }
+                    self.builder.add_elevations(&self.array);
+                }
+                let mut tiles = self.tiles.clone();
+                for tile in &mut tiles {
+                    let (slot, generation) = (tile.color_slot, tile.color_generation);
+                    if !self.builder.has_color(slot, generation)
+                        && self.inner.read_color(slot, generation, &mut self.texels)
+                    {
+                        self.builder.add_color(slot, generation, &self.texels);
+                    }
+                    tile.elevation_position = tile.elevation_position.wrapping_sub(start).wrapping_add(first);
+                }
+                self.frame_start = Some(end.elevation_end);
+                let end = terravision_common::slot::FrameEnd { elevation_end: first + count, ..end };
+                self.builder.add_frame(RecordedFrame { marker, tiles, end });
+            }
+            None => {}
+        }
+        Ok(())
+    }
+}
+
+impl<S: FrameSource> FrameSource for Recorder<S> {
+    fn shape(&self) -> SourceShape {
+        self.inner.shape()
+    }
+
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        self.inner.elevation_memory()
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        self.inner.color_memory()
+    }
+
+    fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
+        let slot = self.inner.try_next()?;
+        if let Some(slot) = &slot {
+            self.record(slot)?;
+        }
+        Ok(slot)
+    }
+
+    fn next(&mut self) -> Result<Slot, SourceError> {
+        let slot = self.inner.next()?;
+        self.record(&slot)?;
+        Ok(slot)
+    }
+
+    fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
+        self.inner.elevation_offset(position)
+    }
+
+    fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError> {
+        self.inner.read_elevation(position, out)
+    }
+
+    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
+        self.inner.color_offset(slot, generation)
+    }
+
+    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
+        self.inner.read_color(slot, generation, out)
+    }
+
+    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
+        self.inner.complete(sequence, elevation_end)
+    }
+
+    fn written(&mut self, count: u64) {
+        self.inner.written(count);
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.inner.event(event);
+    }
+
+    fn count(&mut self, counter: Counter, by: u64) {
+        self.inner.count(counter, by);
+    }
+
+    fn check(&mut self) -> Result<(), SourceError> {
+        self.inner.check()
+    }
+}

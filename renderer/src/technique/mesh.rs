@@ -1,0 +1,161 @@
+//! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
+
+use super::view::{from_cell, view_parameters};
+use super::{ArrayPlaces, Technique};
+use crate::frame::{Frame, leaf_level};
+use crate::gpu::{Block, ColorPool, Elevation, GpuError, Recording, Target, TerrainPass, TileParameters, ViewParameters};
+use terravision_common::slot::TileSlot;
+use terravision_common::world::World;
+
+/// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about `r_c` pixels, so the
+/// hardware's choice among three mips matters at the far ends of a tile only. 0 is the textbook value; negative is
+/// sharper and flickers.
+pub const LOD_BIAS: f32 = 0.0;
+/// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so texels at glancing
+/// angles are too coarse along the line of sight and too fine across it by up to about this ratio.
+pub const MAX_ANISOTROPY: f32 = 8.0;
+
+/// Outline colours by level, finest first: neighbours in level differ in hue and in brightness.
+const OUTLINES: [[u8; 3]; 8] = [
+    [255, 64, 64],
+    [255, 200, 0],
+    [64, 220, 64],
+    [0, 220, 255],
+    [64, 96, 255],
+    [220, 64, 255],
+    [255, 255, 255],
+    [255, 140, 80],
+];
+
+/// Draws tiles as triangle meshes.
+#[derive(Debug)]
+pub struct MeshTechnique {
+    pass: TerrainPass,
+    world: World,
+    view: ViewParameters,
+    tiles: Vec<TileParameters>,
+    blocks: Vec<Block>,
+    triangles: u64,
+}
+
+impl MeshTechnique {
+    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of the colour leaves.
+    ///
+    /// # Errors
+    /// The device is out of memory.
+    pub fn new(
+        colors: &ColorPool,
+        target: &Target,
+        world: &World,
+        has_overlay: bool,
+        slots: usize,
+    ) -> Result<Self, GpuError> {
+        Ok(Self {
+            pass: TerrainPass::new(colors, target, world.elevation_posts(), has_overlay, slots)?,
+            world: *world,
+            view: bytemuck::Zeroable::zeroed(),
+            tiles: Vec::with_capacity(4096),
+            blocks: Vec::with_capacity(4096),
+            triangles: 0,
+        })
+    }
+}
+
+impl Technique for MeshTechnique {
+    fn name(&self) -> &'static str {
+        "mesh"
+    }
+
+    fn prepare(
+        &mut self,
+        recording: &mut Recording<'_>,
+        frame: &Frame,
+        elevation: &Elevation,
+        places: ArrayPlaces<'_>,
+    ) -> Result<(), GpuError> {
+        let (view, cell) = view_parameters(&frame.marker.camera, &self.world);
+        self.view = view;
+        self.tiles.clear();
+        self.blocks.clear();
+        self.triangles = 0;
+        for tile in &frame.tiles {
+            let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
+            // `FrameReader` checked that every tile's array is one of the frame's.
+            let Some(&start) = places.starts.get(array) else { continue };
+            self.tiles.push(tile_parameters(tile, &self.world, cell, start));
+            let start = tile.start.map(u32::from);
+            let size = [0, 1].map(|axis| u32::from(tile.end[axis]) - start[axis]);
+            self.blocks.push(Block { start, size });
+            self.triangles += 2 * u64::from(size[0]) * u64::from(size[1]);
+        }
+        self.pass.prepare(recording, elevation, &self.tiles)
+    }
+
+    fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
+        self.pass.draw(recording, colors, &self.view, &self.blocks, is_depth_only);
+    }
+
+    fn triangles(&self) -> u64 {
+        self.triangles
+    }
+}
+
+fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: u32) -> TileParameters {
+    let relative = |origin: [u32; 2]| [0, 1].map(|axis| from_cell(origin[axis], cell[axis]));
+    let texels_per_unit = f64::from(world.color_tile()) / world.node_side(tile.color_level) as f64;
+    let [west, east, south, north] = tile.edge_snap.map(u32::from);
+    let pair = |v: [u16; 2]| u32::from(v[0]) | u32::from(v[1]) << 16;
+    let [r, g, b] = OUTLINES[usize::from(leaf_level(tile)) % OUTLINES.len()];
+    TileParameters {
+        origin_from_cell: relative(tile.elevation_origin),
+        color_origin_from_cell: relative(tile.color_origin),
+        array_start,
+        level_and_snap: u32::from(tile.elevation_level) | west << 8 | east << 12 | south << 16 | north << 20,
+        color_scale: (texels_per_unit / f64::from(world.color_stored())) as f32,
+        color_layer: tile.color_slot,
+        block_start: pair(tile.start),
+        block_end: pair(tile.end),
+        outline: u32::from_le_bytes([r, g, b, 255]),
+        reserved: 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use terravision_common::world::WorldFields;
+
+    #[test]
+    fn a_slot_becomes_parameters_relative_to_the_eyes_cell() {
+        let world = World::new(WorldFields {
+            origin: [0.0; 2],
+            lattice_unit_m: 10.0,
+            extent: [256, 256],
+            elevation_tile: 32,
+            color_tile: 256,
+            levels: 4,
+            finest_elevation_level: 0,
+            finest_color_level: 0,
+        })
+        .unwrap();
+        let tile = TileSlot {
+            elevation_origin: [64, 0],
+            color_origin: [64, 0],
+            elevation_level: 1,
+            color_level: 1,
+            edge_snap: [1, 2, 3, 0],
+            start: [0, 16],
+            end: [16, 32],
+            color_slot: 7,
+            ..TileSlot::zeroed()
+        };
+        let made = tile_parameters(&tile, &world, [70, -5], 99);
+        assert_eq!(made.origin_from_cell, [-6, 5]);
+        assert_eq!(made.level_and_snap, 1 | 1 << 8 | 2 << 12 | 3 << 16);
+        assert_eq!((made.array_start, made.color_layer), (99, 7));
+        assert_eq!((made.block_start, made.block_end), (16 << 16, 16 | 32 << 16));
+        // The tile's 64 lattice units are 256 of its 264 stored texels.
+        assert!((made.color_scale * 64.0 - 256.0 / 264.0).abs() < 1e-6);
+    }
+}

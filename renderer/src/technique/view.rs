@@ -1,0 +1,43 @@
+//! From a camera to what the vertex shader needs of it.
+
+use crate::gpu::ViewParameters;
+use glam::DVec3;
+use terravision_common::camera::Camera;
+use terravision_common::world::{COLOR_BORDER, World};
+
+/// Near plane, metres. Depth is reversed and the far plane infinitely far: a depth buffer of 32-bit floats then has a
+/// relative precision of 2^-24 at any distance, so nothing is gained by moving it out.
+pub const NEAR_M: f64 = 0.5;
+
+/// The view, and the eye's lattice cell, which all lattice points are relative to.
+#[must_use]
+pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64; 2]) {
+    let unit = world.lattice_unit_m();
+    let cell = [0, 1].map(|axis| (camera.eye_in_world[axis] / unit).floor());
+    let eye_in_cell = [0, 1].map(|axis| (camera.eye_in_world[axis] - cell[axis] * unit) as f32);
+    let cell = cell.map(|v| v as i64);
+    let [right, up, forward] = camera.axes_in_world();
+    let [tan_x, tan_y] = camera.half_tangents();
+    let row = |v: DVec3| v.as_vec3().to_array();
+    let extent = world.extent();
+    let view = ViewParameters {
+        clip_x: row(right / tan_x),
+        unit_m: unit as f32,
+        // Vulkan's y points down the picture.
+        clip_y: row(-up / tan_y),
+        near_m: NEAR_M as f32,
+        clip_w: row(forward),
+        posts_reciprocal: 1.0 / world.elevation_posts() as f32,
+        eye_in_cell_m: eye_in_cell,
+        extent_from_cell: [0, 1].map(|axis| from_cell(extent[axis], cell[axis])),
+        posts: world.elevation_posts(),
+        color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
+        reserved: [0; 2],
+    };
+    (view, cell)
+}
+
+/// A lattice coordinate from the eye's cell. Frames are checked so that it fits; beyond, it saturates.
+pub(super) fn from_cell(lattice: u32, cell: i64) -> i32 {
+    (i64::from(lattice) - cell).clamp(i32::MIN.into(), i32::MAX.into()) as i32
+}
