@@ -19,6 +19,7 @@ pub mod node_table;
 pub mod run;
 pub mod shm;
 pub mod slot;
+pub mod stage;
 pub mod sync;
 pub mod synthetic;
 pub mod traversal;

@@ -211,7 +211,7 @@ mod tests {
                 let finest = NodeId::new(m, n, 0).expect("in range");
                 let range = ranges.range(finest).expect("exists");
                 for q in 0..5u8 {
-                    let (x, y) = (u64::from(m) * 8 >> q, u64::from(n) * 8 >> q);
+                    let (x, y) = ((u64::from(m) * 8) >> q, (u64::from(n) * 8) >> q);
                     let z = terrain.post(q, x, y);
                     assert!(range[0] <= z && z <= range[1]);
                     assert!((z * 128.0).fract() == 0.0 && (0.0..=900.0).contains(&z));

@@ -1,1 +1,159 @@
-//! To be written.
+//! The generator: reads cameras, searches the quad tree for each, and writes the truncated quad tree into the half of
+//! the ping-pong buffer that the preparer does not read. The search itself is [`terravision_common::traversal`].
+
+use bytemuck::Zeroable;
+use terravision_common::database::{Database, DatabaseError};
+use terravision_common::event::{SpanName, monotonic_nanos};
+use terravision_common::level::LevelFunction;
+use terravision_common::run::RunConfig;
+use terravision_common::shm::{
+    CameraRecord, Consumer, Control, Layout, Producer, SegmentKind, ShmError, Stage, TreeWriter, WaitError,
+};
+use terravision_common::stage::{Events, StageError, StageRun};
+use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits, TreeStats};
+use terravision_common::tree::TreeHeader;
+use terravision_common::world::World;
+
+/// Why the generator gave up.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum GeneratorError {
+    /// The database cannot be opened.
+    #[error(transparent)]
+    Database(#[from] DatabaseError),
+    /// A segment cannot be opened.
+    #[error(transparent)]
+    Shm(#[from] ShmError),
+    /// The run ended.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// The launcher sent another frame than the next.
+    #[error("the launcher sent the camera of frame {found}, expected frame {expected}")]
+    WrongFrame {
+        /// The frame that was sent.
+        found: u64,
+        /// The next one.
+        expected: u64,
+    },
+    /// The launcher sent something that is no camera.
+    #[error("the camera of frame {frame} is none: a number in it is not finite or out of range")]
+    BadCamera {
+        /// Its frame.
+        frame: u64,
+    },
+}
+
+impl StageError for GeneratorError {
+    fn is_stopping(&self) -> bool {
+        matches!(self, Self::Wait(wait) if wait.is_stopping())
+    }
+}
+
+/// The generator's ends of the segments.
+#[derive(Debug)]
+pub struct Ports {
+    /// The control block.
+    pub control: Control,
+    /// Cameras, one per frame, in order.
+    pub cameras: Consumer<CameraRecord>,
+    /// The ping-pong buffer.
+    pub trees: TreeWriter,
+    /// What the launcher is told.
+    pub events: Events,
+}
+
+impl Ports {
+    /// Opens a run's segments.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &StageRun) -> Result<Self, ShmError> {
+        let control = Control::open(run.id())?;
+        control.register(Stage::Generator)?;
+        Ok(Self {
+            control,
+            cameras: Consumer::open(run.id(), SegmentKind::CameraRing)?,
+            trees: TreeWriter::open(run.id())?,
+            events: Events::new(Producer::open(run.id(), SegmentKind::EventsGenerator)?),
+        })
+    }
+}
+
+/// Searches trees, frame after frame; allocates nothing after it was made.
+#[derive(Debug)]
+pub struct Generator<R> {
+    world: World,
+    ranges: R,
+    traversal: Traversal,
+    config: RunConfig,
+    next_frame: u64,
+}
+
+impl<R: HeightRanges> Generator<R> {
+    /// A generator for a run over a world whose nodes have these ranges of height.
+    #[must_use]
+    pub fn new(world: &World, ranges: R, config: &RunConfig, limits: TreeLimits) -> Self {
+        Self {
+            world: *world,
+            ranges,
+            traversal: Traversal::new(world, limits),
+            config: config.clone(),
+            next_frame: config.frames[0],
+        }
+    }
+
+    /// Waits for the next camera, searches its tree, and hands it over.
+    ///
+    /// # Errors
+    /// [`GeneratorError`].
+    pub fn frame(&mut self, ports: &mut Ports) -> Result<TreeStats, GeneratorError> {
+        let Ports { control, cameras, trees, events } = ports;
+        let CameraRecord { frame, camera } = cameras.pop(control)?;
+        if frame != self.next_frame {
+            return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
+        }
+        if !camera.is_valid() {
+            return Err(GeneratorError::BadCamera { frame });
+        }
+        self.next_frame += 1;
+        let mut half = trees.begin(control)?;
+        let started_nanos = monotonic_nanos();
+        let RunConfig { exaggeration, measure, r_z_px, r_c_px, .. } = self.config;
+        let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let stats = self.traversal.build(&camera, &level, &self.ranges, half.nodes_mut());
+        let header = TreeHeader {
+            frame,
+            camera,
+            r_z_px,
+            r_c_px,
+            node_count: stats.node_count,
+            is_cut_short: stats.is_cut_short.into(),
+            started_nanos,
+            finished_nanos: monotonic_nanos(),
+            ..TreeHeader::zeroed()
+        };
+        half.publish(&header).map_err(WaitError::from)?;
+        events.span(control, SpanName::Generate, frame, started_nanos);
+        control.heartbeat(Stage::Generator);
+        Ok(stats)
+    }
+}
+
+/// Generates all frames of a run.
+///
+/// # Errors
+/// [`GeneratorError`].
+pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
+    let mut ports = Ports::open(run)?;
+    let config = run.config();
+    let database = Database::open(&config.world)?;
+    let world = database.world();
+    // Memory bounds the pools, not the elevation ring.
+    let layout = Layout::for_run(world, u64::MAX >> 8, config.width, config.height)?;
+    let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
+    let mut generator = Generator::new(world, database.ranges(), config, limits);
+    for _ in config.frames[0]..config.frames[1] {
+        generator.frame(&mut ports)?;
+    }
+    Ok(())
+}

@@ -1,6 +1,18 @@
-//! The preparer: from a truncated quad tree to what the renderer draws.
+//! The preparer: from the truncated quad tree to what the renderer draws.
+//!
+//! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
+//!   [`loader`] brings into the pools.
+//! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays, with no
+//!   cracks between leaves. [`trim`] leaves out what is beside the picture. [`frame`] puts it all into the rings.
+//! * [`stage`] connects these with the segments of a run.
+
+pub mod await_tiles;
 pub mod frame;
 pub mod frame_tree;
 pub mod heights;
+pub mod loader;
+pub mod stage;
 pub mod trim;
 pub mod truncation;
+
+pub use stage::{PreparerError, run};

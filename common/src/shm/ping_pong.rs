@@ -163,6 +163,12 @@ impl TreeReader {
         Ok(Self { segment: Arc::clone(segment), cursor, nodes, _claim: claim })
     }
 
+    /// Nodes that a tree may have.
+    #[must_use]
+    pub fn capacity(&self) -> u32 {
+        self.nodes
+    }
+
     /// Waits for the next tree. The number of nodes is checked; what the nodes say is for the reader to check
     /// ([`TreeNode::children`], [`TreeNode::id`]).
     ///

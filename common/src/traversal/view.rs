@@ -19,6 +19,12 @@ impl HeightRanges for NodeRanges {
     }
 }
 
+impl<R: HeightRanges + ?Sized> HeightRanges for &R {
+    fn range(&self, node: NodeId) -> Option<[f32; 2]> {
+        (**self).range(node)
+    }
+}
+
 /// Box of a node, clipped to the extent, heights exaggerated; `None` when the node does not exist.
 #[must_use]
 pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, node: NodeId) -> Option<WorldBox> {

@@ -1,5 +1,5 @@
 //! What the preparer's tests share: random cases, tiles that may be missing, and the mesh as the renderer draws it.
-#![allow(dead_code, reason = "each test binary uses a part")]
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
 
 use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};

@@ -1,0 +1,233 @@
+//! What the programs of all stages have in common: the command line, signals, events, exit codes.
+//!
+//! A stage is started by the launcher as `terravision-<stage> --run JSON`. It ends by itself after the last frame, or
+//! when a wait tells it that the run is over. SIGINT is left to the launcher, which the terminal tells as well; SIGTERM
+//! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
+
+use crate::event::{Event, EventKind, SpanName, monotonic_nanos};
+use crate::run::RunConfig;
+use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
+use bytemuck::Zeroable;
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Exit code of a stage whose command line cannot be used.
+pub const BAD_USAGE: u8 = 2;
+/// Exit code of a stage whose run was stopped.
+pub const INTERRUPTED: u8 = 130;
+
+/// Why a command line is no run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum UsageError {
+    /// Not `--run JSON`.
+    #[error("expected --run and one JSON object: the launcher (terravision fly) starts this program, nobody else")]
+    Arguments,
+    /// The JSON is no run.
+    #[error("the run cannot be read: {source}")]
+    Json {
+        /// What is wrong with it.
+        #[from]
+        source: serde_json::Error,
+    },
+    /// The run's id is none.
+    #[error("the run cannot be read: {source}")]
+    RunId {
+        /// What is wrong with it.
+        #[from]
+        source: ShmError,
+    },
+    /// A number is out of range.
+    #[error("the run's {field} is {found}, expected {expected}")]
+    OutOfRange {
+        /// Which.
+        field: &'static str,
+        /// What was found.
+        found: f64,
+        /// What was expected, in words.
+        expected: &'static str,
+    },
+    /// The process cannot be set up.
+    #[error("cannot set up the process: {source}")]
+    Os {
+        /// Why.
+        #[from]
+        source: std::io::Error,
+    },
+}
+
+/// A run as a stage gets it, checked.
+#[derive(Debug, Clone)]
+pub struct StageRun {
+    config: RunConfig,
+    id: RunId,
+}
+
+impl StageRun {
+    /// Reads a command line, without the program's name.
+    ///
+    /// # Errors
+    /// [`UsageError`].
+    pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Self, UsageError> {
+        let arguments: Vec<String> = arguments.into_iter().collect();
+        match arguments.as_slice() {
+            [flag, json] if flag == "--run" => Self::new(serde_json::from_str(json)?),
+            _ => Err(UsageError::Arguments),
+        }
+    }
+
+    /// Checks a run.
+    ///
+    /// # Errors
+    /// [`UsageError`].
+    pub fn new(config: RunConfig) -> Result<Self, UsageError> {
+        let id = RunId::parse(&config.run_id)?;
+        let positive = |field, found: f64| match found {
+            f if f.is_finite() && f > 1e-6 && f < 1e6 => Ok(()),
+            found => Err(UsageError::OutOfRange { field, found, expected: "a number between 1e-6 and 1e6" }),
+        };
+        positive("r_z_px", config.r_z_px)?;
+        positive("r_c_px", config.r_c_px)?;
+        positive("width", config.width.into())?;
+        positive("height", config.height.into())?;
+        let found = config.exaggeration;
+        if !(0.0..=1e4).contains(&found) {
+            return Err(UsageError::OutOfRange { field: "exaggeration", found, expected: "a number from 0 to 10000" });
+        }
+        if config.frames[0] > config.frames[1] {
+            let found = config.frames[1] as f64;
+            return Err(UsageError::OutOfRange { field: "last frame", found, expected: "no frame before the first" });
+        }
+        Ok(Self { config, id })
+    }
+
+    /// The run.
+    #[must_use]
+    pub fn config(&self) -> &RunConfig {
+        &self.config
+    }
+
+    /// Its id.
+    #[must_use]
+    pub fn id(&self) -> &RunId {
+        &self.id
+    }
+}
+
+/// An error of a stage that may only say that the run was stopped.
+pub trait StageError: std::error::Error {
+    /// Whether this is the orderly end of a stopped run.
+    fn is_stopping(&self) -> bool;
+}
+
+/// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an exit code of the
+/// outcome, with one sentence on standard error when it is a failure.
+pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
+    let started = StageRun::parse(std::env::args().skip(1)).and_then(|stage_run| {
+        set_up_process()?;
+        Ok(stage_run)
+    });
+    let stage_run = match started {
+        Ok(stage_run) => stage_run,
+        Err(error) => return fail(&error, BAD_USAGE),
+    };
+    match run(&stage_run) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
+        Err(error) => fail(&error, 1),
+    }
+}
+
+fn fail(error: &dyn std::error::Error, code: u8) -> ExitCode {
+    // With standard error closed there is nobody left to tell.
+    drop(writeln!(std::io::stderr(), "{error}"));
+    ExitCode::from(code)
+}
+
+/// The kernel ends this process when the launcher dies, and SIGINT is noted but ends nothing: the launcher decides.
+fn set_up_process() -> Result<(), std::io::Error> {
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
+    signal_hook::flag::register(signal_hook::consts::SIGINT, Arc::new(AtomicBool::new(false)))?;
+    Ok(())
+}
+
+/// Where a stage tells the launcher what it did. Never waits: an event that finds the ring full is dropped and counted.
+#[derive(Debug)]
+pub struct Events {
+    ring: Producer<Event>,
+}
+
+impl Events {
+    /// Opens a stage's event ring.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId, stage: Stage) -> Result<Self, ShmError> {
+        Ok(Self { ring: Producer::open(run, stage.events())? })
+    }
+
+    /// Over any ring.
+    #[must_use]
+    pub fn new(ring: Producer<Event>) -> Self {
+        Self { ring }
+    }
+
+    /// Tells an event.
+    pub fn tell(&mut self, control: &Control, event: Event) {
+        if self.ring.try_push(event).is_err() {
+            control.count(Counter::EventsDropped, 1);
+        }
+    }
+
+    /// Tells of a span of work of the main thread on a frame that ends now. Returns its end.
+    pub fn span(&mut self, control: &Control, name: SpanName, frame: u64, start_nanos: u64) -> u64 {
+        let end = monotonic_nanos();
+        let event = Event {
+            kind: EventKind::Span as u32,
+            frame,
+            start_nanos,
+            duration_nanos: end.saturating_sub(start_nanos),
+            value: name as u64,
+            ..Event::zeroed()
+        };
+        self.tell(control, event);
+        end
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn json(change: impl FnOnce(&mut serde_json::Value)) -> [String; 2] {
+        let mut run = serde_json::json!({
+            "run_id": "tv-1-2", "world": "/w.tv", "width": 640, "height": 360, "fps": 30.0, "frames": [0, 5],
+            "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "loader_threads": 2,
+            "render": {
+                "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
+                "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,
+            },
+        });
+        change(&mut run);
+        ["--run".to_owned(), run.to_string()]
+    }
+
+    #[test]
+    fn a_run_is_read_from_the_command_line() {
+        let run = StageRun::parse(json(|_| {})).expect("valid");
+        assert_eq!((run.config().frames, run.id().to_string().as_str()), ([0, 5], "tv-1-2"));
+    }
+
+    #[test]
+    fn what_is_no_run_is_refused_with_a_sentence() {
+        let refused = |arguments: Vec<String>| StageRun::parse(arguments).expect_err("no run").to_string();
+        assert!(refused(vec![]).contains("--run"));
+        assert!(refused(vec!["--run".into(), "{".into()]).contains("cannot be read"));
+        assert!(refused(json(|run| run["run_id"] = "x".into()).into()).contains("run"));
+        assert!(refused(json(|run| run["r_z_px"] = 0.0.into()).into()).contains("r_z_px is 0"));
+        assert!(refused(json(|run| run["exaggeration"] = (-1.0).into()).into()).contains("exaggeration is -1"));
+        assert!(refused(json(|run| run["frames"] = serde_json::json!([3, 1])).into()).contains("last frame is 1"));
+    }
+}

@@ -1,0 +1,241 @@
+//! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be unavailable.
+
+use crate::frame_tree::Tile;
+use crate::loader::{LoadError, Loaded, TileLoader, TileState};
+use terravision_common::database::Layer;
+use terravision_common::node::NodeId;
+use terravision_common::shm::{Control, Layout, WaitError};
+use terravision_common::world::World;
+
+/// Nodes of the top levels that are kept in the pools for ever: two levels below a root, 1 + 4 + 16.
+const LOCKED_NODES: u64 = 21;
+
+/// Why a frame cannot have its tiles.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AwaitError {
+    /// The pools are too small.
+    #[error(
+        "frame {frame} needs {needed_mib} MiB of tiles and --memory gives {given_mib} MiB: \
+         allow more, or ask for less with a larger --texel-px or --facet-px"
+    )]
+    TooLittleMemory {
+        /// The frame.
+        frame: u64,
+        /// What `--memory` would have to be.
+        needed_mib: u64,
+        /// What the pools are.
+        given_mib: u64,
+    },
+    /// The pools are as large as they can be.
+    #[error(
+        "frame {frame} needs {needed} {layer} tiles at once and a pool holds {capacity} at most: \
+         ask for less with a larger --texel-px or --facet-px"
+    )]
+    TooManyTiles {
+        /// The frame.
+        frame: u64,
+        /// The pyramid.
+        layer: Layer,
+        /// Tiles that it needs.
+        needed: u64,
+        /// What the pool holds.
+        capacity: u64,
+    },
+    /// The loader cannot go on.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+}
+
+impl From<WaitError> for AwaitError {
+    fn from(wait: WaitError) -> Self {
+        Self::Load(wait.into())
+    }
+}
+
+/// Waits for tiles; keeps its buffers.
+#[derive(Debug)]
+pub struct TileWait {
+    world: World,
+    pending: Vec<Tile>,
+    /// The top levels, which are in the pools whatever a frame wants.
+    locked: Vec<Tile>,
+    /// The coarsest level that is not locked has this level.
+    first_unlocked: i32,
+}
+
+impl TileWait {
+    /// Buffers for frames that want up to `wanted` tiles.
+    #[must_use]
+    pub fn new(world: &World, wanted: usize) -> Self {
+        let (locked, first_unlocked) = top_levels(world);
+        Self { world: *world, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
+    }
+
+    /// Loads the top levels of both pyramids and keeps them for ever, so that there always is a picture.
+    ///
+    /// # Errors
+    /// [`AwaitError`].
+    pub fn lock_top_levels(
+        &mut self,
+        loader: &mut impl TileLoader,
+        control: &Control,
+        tell: impl FnMut(&Loaded),
+    ) -> Result<(), AwaitError> {
+        self.pending.clear();
+        self.pending.extend_from_slice(&self.locked);
+        self.settle(loader, 0, 0, control, tell)?;
+        for tile in &self.locked {
+            loader.lock(*tile);
+        }
+        Ok(())
+    }
+
+    /// Waits until each wanted tile is resident, and returns how many are unavailable instead. `tell` hears of every load
+    /// that ended.
+    ///
+    /// # Errors
+    /// [`AwaitError`]; at once when the pools cannot hold what is wanted, however long one waits.
+    pub fn settle_frame(
+        &mut self,
+        wanted: &[Tile],
+        loader: &mut impl TileLoader,
+        frame: u64,
+        sequence: u64,
+        control: &Control,
+        tell: impl FnMut(&Loaded),
+    ) -> Result<u32, AwaitError> {
+        self.check_room(wanted, loader, frame)?;
+        self.pending.clear();
+        self.pending.extend_from_slice(wanted);
+        self.settle(loader, frame, sequence, control, tell)
+    }
+
+    fn settle(
+        &mut self,
+        loader: &mut impl TileLoader,
+        frame: u64,
+        sequence: u64,
+        control: &Control,
+        mut tell: impl FnMut(&Loaded),
+    ) -> Result<u32, AwaitError> {
+        let mut unavailable = 0;
+        loop {
+            let completed = control.completed_sequence();
+            let mut has_no_room = false;
+            loader.drain(&mut tell);
+            self.pending.retain(|tile| match loader.want(*tile, frame, sequence, control) {
+                TileState::Resident => false,
+                TileState::Unavailable => {
+                    unavailable += 1;
+                    false
+                }
+                TileState::Loading => true,
+                TileState::NoRoom => {
+                    has_no_room = true;
+                    true
+                }
+            });
+            if self.pending.is_empty() {
+                loader.drain(&mut tell);
+                return Ok(unavailable);
+            }
+            if has_no_room && loader.in_flight() == 0 {
+                // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
+                control.wait_completed(completed + 1)?;
+            } else {
+                loader.wait(control)?;
+            }
+        }
+    }
+
+    fn check_room(&self, wanted: &[Tile], loader: &impl TileLoader, frame: u64) -> Result<(), AwaitError> {
+        let needed = |layer: Layer| {
+            let locked = self.locked.iter().filter(|t| t.layer == layer).count();
+            let others = wanted.iter().filter(|t| t.layer == layer && i32::from(t.node.q()) <= self.first_unlocked);
+            (locked + others.count()) as u64
+        };
+        for layer in [Layer::Color, Layer::Elevation] {
+            let (needed, capacity) = (needed(layer), u64::from(loader.capacity(layer)));
+            if needed > capacity {
+                return Err(self.too_small(layer, needed, capacity, frame));
+            }
+        }
+        Ok(())
+    }
+
+    /// What memory would do, if any.
+    fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: u64) -> AwaitError {
+        let slots = |memory: u64| {
+            let layout = Layout::for_run(&self.world, memory, 1, 1).ok()?;
+            Some(u64::from(if layer == Layer::Color { layout.color_slots } else { layout.elevation_slots }))
+        };
+        // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by halving.
+        let least = |wanted: u64| {
+            let (mut low, mut high) = (0u64, 1 << 20);
+            while low < high {
+                let middle = u64::midpoint(low, high);
+                if slots(middle << 20).is_some_and(|s| s >= wanted) { high = middle } else { low = middle + 1 }
+            }
+            (low < 1 << 20).then_some(low)
+        };
+        match (least(needed), least(capacity)) {
+            (Some(needed_mib), Some(given_mib)) => AwaitError::TooLittleMemory { frame, needed_mib, given_mib },
+            _ => AwaitError::TooManyTiles { frame, layer, needed, capacity },
+        }
+    }
+}
+
+/// Tiles of the top levels, and the level below them.
+fn top_levels(world: &World) -> (Vec<Tile>, i32) {
+    let mut tiles = Vec::new();
+    let mut count = 0;
+    for q in (0..world.levels()).rev() {
+        let [columns, rows] = world.nodes_at(q);
+        count += u64::from(columns) * u64::from(rows);
+        if count > LOCKED_NODES {
+            return (tiles, i32::from(q));
+        }
+        for node in (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))) {
+            if world.has_elevation(node) {
+                tiles.push(Tile { layer: Layer::Elevation, node });
+            }
+            if world.has_color(node) {
+                tiles.push(Tile { layer: Layer::Color, node });
+            }
+        }
+    }
+    (tiles, -1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::world::WorldFields;
+
+    fn world(extent: [u32; 2], levels: u8, finest_color_level: u8) -> World {
+        World::new(WorldFields {
+            origin: [0.0; 2],
+            lattice_unit_m: 1.0,
+            extent,
+            elevation_tile: 4,
+            color_tile: 16,
+            levels,
+            finest_elevation_level: 0,
+            finest_color_level,
+        })
+        .expect("valid")
+    }
+
+    #[test]
+    fn three_full_levels_are_locked_and_more_where_nodes_are_few() {
+        let (tiles, first) = top_levels(&world([256, 256], 7, 0));
+        assert_eq!((tiles.len(), first), (42, 3));
+        // A strip: 1 + 1 + 1 + 1 + 2 + 4 + 8 nodes.
+        let (tiles, first) = top_levels(&world([128, 1], 7, 0));
+        assert_eq!((tiles.len(), first), (36, -1));
+        // Colour ends at level 5 of 7.
+        let (tiles, first) = top_levels(&world([256, 256], 7, 5));
+        assert_eq!((tiles.len(), first), (21 + 5, 3));
+    }
+}
