@@ -1,14 +1,108 @@
 //! TerraVision's launcher: the program `terravision`.
 //!
 //! * [`cli`]: the command line as typed; [`plan`]: the validated plan that is made of it.
-//! * [`path`]: camera paths, from files or built in.
+//! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
-//! * [`report`], [`trace`]: what a run says about itself afterwards.
-//! * [`doctor`], [`info`]: what the machine and a database have.
+//! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
+//! * [`doctor`], [`info`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
+pub mod doctor;
+pub mod export;
 pub mod failure;
+pub mod flight;
 pub mod ground;
+pub mod info;
 pub mod output;
+pub mod passed_on;
 pub mod path;
 pub mod plan;
+pub mod report;
+pub mod trace;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+use cli::{Cli, Command};
+use failure::{ExitStatus, Failure};
+use std::ffi::OsString;
+use std::io::{self, Write};
+use terravision_common::event::monotonic_nanos;
+
+/// The whole program: reads the command line, does what it says, and returns the exit code.
+#[must_use]
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let started_nanos = monotonic_nanos();
+    let result = match Cli::try_parse_from(arguments) {
+        Ok(cli) => dispatch(cli.command, started_nanos),
+        Err(error) => usage(&error),
+    };
+    match result {
+        Ok(()) => 0,
+        Err(failure) => {
+            // Standard error may be closed; the exit code still tells.
+            drop(writeln!(io::stderr(), "terravision: {failure}"));
+            failure.status as u8
+        }
+    }
+}
+
+fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
+    let with_verb = |verb: &str, arguments: Vec<OsString>| [vec![OsString::from(verb)], arguments].concat();
+    match command {
+        Command::Synth(passed) => passed_on::become_program("terravision-ingest", with_verb("synth", passed.arguments)),
+        Command::Ingest(passed) => {
+            passed_on::become_program("terravision-ingest", with_verb("ingest", passed.arguments))
+        }
+        Command::Bench(passed) => passed_on::become_program("terravision-bench", passed.arguments),
+        Command::Info(args) => info::info(&args),
+        Command::Doctor(args) => doctor::doctor(&args),
+        Command::Path(args) => export::export(&args),
+        Command::Fly(args) => flight::run(plan::fly(&args)?, started_nanos),
+        Command::Still(args) => flight::run(plan::still(&args)?, started_nanos),
+    }
+}
+
+/// Help and version are results; a wrong command line is told in one sentence.
+fn usage(error: &clap::Error) -> Result<(), Failure> {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            error.print().map_err(|error| Failure::failed(anyhow::Error::from(error)))
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            // No command at all: the help is the answer, and the exit code says that nothing was done.
+            drop(error.print());
+            Err(Failure { status: ExitStatus::BadInput, error: anyhow::anyhow!("expected a command") })
+        }
+        _ => Err(Failure::bad_input(anyhow::anyhow!("{}", usage_sentence(&error.to_string())))),
+    }
+}
+
+/// The first paragraph of clap's message as one sentence; its usage lines are what `--help` is for.
+fn usage_sentence(message: &str) -> String {
+    let first = message.split("\n\n").next().unwrap_or(message);
+    let words = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let words = words.strip_prefix("error: ").unwrap_or(&words);
+    format!("{words} (terravision --help, or --help after a command, explains)")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_command_line_is_one_sentence() {
+        let error = Cli::try_parse_from(["terravision", "fly", "w.tv", "-o", "a.mp4", "--size", "0x0"]).unwrap_err();
+        let failure = usage(&error).unwrap_err();
+        assert_eq!(failure.status, ExitStatus::BadInput);
+        let text = failure.to_string();
+        assert!(text.contains("'0x0'") && text.contains("1280x720") && !text.contains('\n'), "{text}");
+    }
+
+    #[test]
+    fn exit_codes_are_those_of_the_contract() {
+        let fly = ["terravision", "fly", "/nonexistent.tv", "-o", "/tmp/x/"];
+        assert_eq!(run(fly.map(OsString::from)), 2);
+        assert_eq!(run(["terravision", "--nonsense"].map(OsString::from)), 2);
+        assert_eq!(run(["terravision", "--version"].map(OsString::from)), 0);
+    }
+}

@@ -55,6 +55,10 @@ impl TemporaryFile {
         if path.is_dir() {
             return Err(OutputError::IsFolder { path: path.to_owned() });
         }
+        // A device or a pipe (/dev/full, /dev/stdout) is written to as it is: it has no half content to hide.
+        if path.metadata().is_ok_and(|found| !found.is_file()) {
+            return Ok(Self { temporary: path.to_owned(), path: path.to_owned(), is_finished: true });
+        }
         let Some(stem) = path.file_stem() else {
             return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is no file name")));
         };
@@ -87,9 +91,11 @@ impl TemporaryFile {
     /// # Errors
     /// [`OutputError::Write`].
     pub fn finish(mut self) -> Result<(), OutputError> {
-        fs::rename(&self.temporary, &self.path)
-            .map_err(|source| OutputError::Write { path: self.path.clone(), source })?;
-        self.is_finished = true;
+        if !self.is_finished {
+            fs::rename(&self.temporary, &self.path)
+                .map_err(|source| OutputError::Write { path: self.path.clone(), source })?;
+            self.is_finished = true;
+        }
         Ok(())
     }
 
@@ -102,7 +108,7 @@ impl TemporaryFile {
         write: impl FnOnce(&mut io::BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), OutputError> {
         let fail = |source| OutputError::Write { path: self.path.clone(), source };
-        let file = OpenOptions::new().write(true).truncate(true).open(&self.temporary).map_err(fail)?;
+        let file = OpenOptions::new().write(true).truncate(!self.is_finished).open(&self.temporary).map_err(fail)?;
         let mut writer = io::BufWriter::new(file);
         write(&mut writer).and_then(|()| writer.flush()).map_err(fail)?;
         drop(writer);
@@ -194,6 +200,14 @@ mod tests {
         fs::write(folder.join("file"), "").unwrap();
         assert!(FrameFolder::create(&folder.join("file/frames"), "r").is_err());
         fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_device_is_written_to_as_it_is() {
+        let file = TemporaryFile::create(Path::new("/dev/full"), "r").unwrap();
+        assert_eq!(file.temporary(), Path::new("/dev/full"));
+        assert!(file.finish_with(|w| w.write_all(b"x")).unwrap_err().to_string().contains("No space left"));
+        assert!(Path::new("/dev/full").exists());
     }
 
     #[test]

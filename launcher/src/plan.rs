@@ -200,7 +200,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
     draft.poses = vec![pose];
     let run = draft.run.to_string();
-    if is_folder_name(&args.output) || !has_extension(&args.output, &["png"]) {
+    let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
+    if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
         return Err(Failure::bad_input(anyhow!("-o {}: expected a PNG file, e.g. a.png", args.output.display())));
     }
     let mut temporary = |path: &Path| -> Result<PathBuf, Failure> {
@@ -432,9 +433,8 @@ fn has_extension(path: &Path, known: &[&str]) -> bool {
 #[must_use]
 pub fn find_program(name: &str) -> Option<PathBuf> {
     use std::os::unix::fs::PermissionsExt;
-    let is_program = |path: &PathBuf| {
-        path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
-    };
+    let is_program =
+        |path: &PathBuf| path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0);
     std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(is_program)
 }
 
@@ -445,7 +445,11 @@ pub fn bytes_for_people(bytes: u64) -> String {
     for (unit, size) in UNITS {
         if bytes >= size {
             let value = bytes as f64 / size as f64;
-            return if value < 10.0 && bytes % size != 0 { format!("{value:.1} {unit}") } else { format!("{value:.0} {unit}") };
+            return if value < 10.0 && !bytes.is_multiple_of(size) {
+                format!("{value:.1} {unit}")
+            } else {
+                format!("{value:.0} {unit}")
+            };
         }
     }
     format!("{bytes} bytes")

@@ -96,7 +96,8 @@ pub struct MemorySize(pub u64);
 impl FromStr for MemorySize {
     type Err = ValueError;
     fn from_str(text: &str) -> Result<Self, ValueError> {
-        let error = ValueError { expected: "a number of bytes with a unit of KiB, MiB, GiB, KB, MB or GB, e.g. 512MiB" };
+        let error =
+            ValueError { expected: "a number of bytes with a unit of KiB, MiB, GiB, KB, MB or GB, e.g. 512MiB" };
         let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
         let factor = match text[digits..].trim().to_ascii_lowercase().as_str() {
             "" | "b" => 1.0,
@@ -136,7 +137,9 @@ mod tests {
     #[test]
     fn sizes_are_two_positive_numbers() {
         assert_eq!("1280x720".parse(), Ok(PictureSize { width: 1280, height: 720 }));
-        for text in ["0x0", "0x720", "1280x0", "x", "1280", "1280x720x3", "-1x5", "+1x5", "65537x1", "99999999999x1", ""] {
+        for text in
+            ["0x0", "0x720", "1280x0", "x", "1280", "1280x720x3", "-1x5", "+1x5", "65537x1", "99999999999x1", ""]
+        {
             assert!(text.parse::<PictureSize>().is_err(), "{text}");
         }
     }
@@ -166,11 +169,11 @@ mod tests {
     proptest! {
         #[test]
         fn garbage_never_panics(text in "\\PC{0,20}") {
-            let _ = text.parse::<PictureSize>();
-            let _ = text.parse::<FrameRange>();
-            let _ = text.parse::<Rgb>();
-            let _ = text.parse::<Triple>();
-            let _ = text.parse::<MemorySize>();
+            drop(text.parse::<PictureSize>());
+            drop(text.parse::<FrameRange>());
+            drop(text.parse::<Rgb>());
+            drop(text.parse::<Triple>());
+            drop(text.parse::<MemorySize>());
         }
     }
 }

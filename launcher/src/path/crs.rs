@@ -12,7 +12,9 @@ use std::fmt;
 #[non_exhaustive]
 pub enum CrsError {
     /// The path's CRS is unknown.
-    #[error("the CRS {found:?} is not known here: expected EPSG:N or a PROJ string; or give the path in the world's CRS, {world}")]
+    #[error(
+        "the CRS {found:?} is not known here: expected EPSG:N or a PROJ string; or give the path in the world's CRS, {world}"
+    )]
     Unknown {
         /// As the path has it.
         found: String,
@@ -20,7 +22,9 @@ pub enum CrsError {
         world: String,
     },
     /// The world's CRS has no form that this program can compute with.
-    #[error("the world's CRS, {world}, has no PROJ string, so a path in {found} cannot be brought into it; give the path in the world's CRS")]
+    #[error(
+        "the world's CRS, {world}, has no PROJ string, so a path in {found} cannot be brought into it; give the path in the world's CRS"
+    )]
     NoWorldCrs {
         /// CRS of the path.
         found: String,
@@ -145,9 +149,7 @@ impl Georeference {
     fn transform_from(&self, from_name: &str, from: Proj) -> Result<Transform, CrsError> {
         let from_name = super::shorten(from_name);
         match &self.proj {
-            Some((_, to)) => {
-                Ok(Transform { from_name, from, to_name: self.name.clone(), to: to.clone() })
-            }
+            Some((_, to)) => Ok(Transform { from_name, from, to_name: self.name.clone(), to: to.clone() }),
             None => Err(CrsError::NoWorldCrs { found: from_name, world: self.name.clone() }),
         }
     }
@@ -289,9 +291,9 @@ mod tests {
     proptest! {
         #[test]
         fn foreign_positions_never_panic(x in proptest::num::f64::ANY, y in proptest::num::f64::ANY, crs in "\\PC{0,30}") {
-            let _ = utm10().from_lonlat().unwrap().position(x, y);
-            let _ = utm10().from_crs(&crs);
-            let _ = Georeference::new(String::new(), None, Some(&crs));
+            drop(utm10().from_lonlat().unwrap().position(x, y));
+            drop(utm10().from_crs(&crs));
+            drop(Georeference::new(String::new(), None, Some(&crs)));
         }
     }
 }

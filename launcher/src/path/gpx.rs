@@ -86,7 +86,8 @@ pub fn parse(
     let keys: Vec<Key> = (0..count)
         .map(|i| {
             let eye = places[i].extend(floor[i] + options.agl_m);
-            let target = look_ahead(&places, &floor, i, (AHEAD_SECONDS / step).ceil() as usize, options.agl_m * AHEAD_HEIGHTS);
+            let target =
+                look_ahead(&places, &floor, i, (AHEAD_SECONDS / step).ceil() as usize, options.agl_m * AHEAD_HEIGHTS);
             let sight = target - eye;
             if sight.truncate().length() > 1.0 {
                 heading = sight.x.atan2(sight.y);
@@ -119,7 +120,7 @@ fn look_ahead(places: &[DVec2], floor: &[f64], i: usize, knots: usize, metres: f
 /// Twice the mean over a window, which is nearly a bell; the window shrinks towards both ends, so that these stay.
 fn smooth<T>(values: &[T], radius: usize) -> Vec<T>
 where
-    T: Copy + std::ops::Add<Output = T> + std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T>,
+    T: Copy + Default + std::ops::Add<Output = T> + std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T>,
 {
     let once = |values: &[T]| -> Vec<T> {
         let mut out = Vec::with_capacity(values.len());
@@ -127,7 +128,7 @@ where
             let r = radius.min(i).min(values.len() - 1 - i);
             let window = &values[i - r..=i + r];
             // Relative to the middle: sums of coordinates of millions of metres would cost digits.
-            let mut sum = values[i] - values[i];
+            let mut sum = T::default();
             for value in window {
                 sum = sum + (*value - values[i]);
             }
@@ -165,7 +166,8 @@ fn read_points(path: &Path, document: &Document<'_>, world: &Georeference) -> Re
     if nodes.len() > MAX_POINTS {
         return Err(bad(nodes[MAX_POINTS], "trkpt", "at most 1000000 points", &nodes.len().to_string()));
     }
-    let crs_error = |place: String| move |source| PathError::Crs { path: path.to_owned(), place, source };
+    let crs_error =
+        |place: String| move |source| PathError::Crs { path: path.to_owned(), place, source: Box::new(source) };
     let lonlat = world.from_lonlat().map_err(crs_error("the track".into()))?;
     let mut points: Vec<Point> = Vec::with_capacity(nodes.len());
     // A track has times at all points or is flown at an even speed.
@@ -181,8 +183,7 @@ fn read_points(path: &Path, document: &Document<'_>, world: &Georeference) -> Re
         let place = lonlat.position(lon, lat).map_err(crs_error(place_of(node)))?;
         let t = if is_timed {
             let stamp = super::kml::child(node, "time").map_or("", text);
-            seconds_from_iso8601(stamp)
-                .ok_or_else(|| bad(node, "time", "a time like 2024-05-01T10:00:00Z", stamp))?
+            seconds_from_iso8601(stamp).ok_or_else(|| bad(node, "time", "a time like 2024-05-01T10:00:00Z", stamp))?
         } else {
             points.last().map_or(0.0, |last: &Point| last.t + last.place.distance(place) / DEFAULT_SPEED)
         };
@@ -190,7 +191,12 @@ fn read_points(path: &Path, document: &Document<'_>, world: &Georeference) -> Re
             // A receiver that stood still, or wrote a point twice.
             Some(last) if t == last.t => continue,
             Some(last) if t < last.t => {
-                return Err(bad(node, "time", "a time after that of the point before", &format!("{} s earlier", last.t - t)));
+                return Err(bad(
+                    node,
+                    "time",
+                    "a time after that of the point before",
+                    &format!("{} s earlier", last.t - t),
+                ));
             }
             _ => points.push(Point { t, place }),
         }
@@ -249,8 +255,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn gpx(points: &str) -> String {
-        format!(r#"<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>
-{points}</trkseg></trk></gpx>"#)
+        format!(
+            r#"<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>
+{points}</trkseg></trk></gpx>"#
+        )
     }
 
     fn point(lon: f64, time: &str) -> String {
@@ -291,7 +299,8 @@ mod tests {
         assert_eq!(seconds_from_iso8601("1970-01-01T00:00:00Z"), Some(0.0));
         assert_eq!(seconds_from_iso8601("2000-03-01T12:00:00.25Z"), Some(951_912_000.25));
         assert_eq!(seconds_from_iso8601("2000-03-01T14:00:00+02:00"), Some(951_912_000.0));
-        for text in ["", "T", "2000-13-01T00:00:00Z", "2000-01-01", "2000-01-01T1:00:00Z", "2000-01-01T00:00:00+é:00"] {
+        for text in ["", "T", "2000-13-01T00:00:00Z", "2000-01-01", "2000-01-01T1:00:00Z", "2000-01-01T00:00:00+é:00"]
+        {
             assert_eq!(seconds_from_iso8601(text), None, "{text}");
         }
     }
@@ -306,7 +315,10 @@ mod tests {
             (point(-122.0, "noon"), "time: expected a time like 2024-05-01T10:00:00Z, found \"noon\""),
             (late, "line 3: time: expected a time after"),
             ("<trkpt/>".into(), "lat: expected degrees from -90 to 90, found nothing"),
-            ([point(-122.0, "1999-05-01T10:00:10Z"), point(-121.0, "2024-05-01T10:00:00Z")].concat(), "at most 2000000"),
+            (
+                [point(-122.0, "1999-05-01T10:00:10Z"), point(-121.0, "2024-05-01T10:00:00Z")].concat(),
+                "at most 2000000",
+            ),
         ] {
             let message = parse_text(&gpx(&points)).unwrap_err().to_string();
             assert!(message.contains(expected), "{points}\n  {message}\n  {expected}");
@@ -319,10 +331,10 @@ mod tests {
             lon in "(-?[0-9]{1,3}(\\.[0-9]{1,3})?|NaN|[a-z]{0,3})",
             time in "([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(Z|[+-][0-9]{2}:[0-9]{2})?|\\PC{0,10})",
         ) {
-            let _ = seconds_from_iso8601(&time);
+            drop(seconds_from_iso8601(&time));
             let time: String = time.chars().filter(|c| !"<&".contains(*c)).collect();
             let text = gpx(&format!("<trkpt lat=\"45\" lon=\"{lon}\"><time>{time}</time></trkpt>").repeat(2));
-            let _ = parse_text(&text);
+            drop(parse_text(&text));
         }
 
         #[test]

@@ -36,8 +36,13 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
             serde_json::from_str::<[u8; 3]>(raw.get()).ok()
         })?,
     };
-    let crs = reader.optional("crs", "a text like \"EPSG:32610\"", |raw| serde_json::from_str::<String>(raw.get()).ok())?;
-    let crs_error = |place: &str, source: CrsError| PathError::Crs { path: path.to_owned(), place: place.into(), source };
+    let crs =
+        reader.optional("crs", "a text like \"EPSG:32610\"", |raw| serde_json::from_str::<String>(raw.get()).ok())?;
+    let crs_error = |place: &str, source: CrsError| PathError::Crs {
+        path: path.to_owned(),
+        place: place.into(),
+        source: Box::new(source),
+    };
     let transform = match crs {
         Some(crs) => world.from_crs(&crs).map_err(|source| crs_error("\"crs\"", source))?,
         None => None,
@@ -45,7 +50,11 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
     let poses = |key: &'static str, limit: usize| -> Result<Option<Vec<&RawValue>>, PathError> {
         let list = reader.optional(key, "a list", |raw| serde_json::from_str::<Vec<&RawValue>>(raw.get()).ok())?;
         match list {
-            Some(list) if list.len() > limit => Err(reader.bad(key, "a list of at most 2000000 frames or 1000000 keyframes", format!("{} of them", list.len()))),
+            Some(list) if list.len() > limit => Err(reader.bad(
+                key,
+                "a list of at most 2000000 frames or 1000000 keyframes",
+                format!("{} of them", list.len()),
+            )),
             other => Ok(other),
         }
     };
@@ -60,7 +69,11 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
         };
         let reader = Reader { path, place, object: &object };
         let pose = reader.pose(transform.as_ref())?;
-        let t = if keyframes.is_some() && frames.is_none() { reader.required("t", "a number of seconds", number)? } else { 0.0 };
+        let t = if keyframes.is_some() && frames.is_none() {
+            reader.required("t", "a number of seconds", number)?
+        } else {
+            0.0
+        };
         Ok((pose, t))
     };
     const EXPECTED: &str = "\"frames\" or \"keyframes\", a list with at least one pose";
@@ -88,7 +101,8 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
         }
         (None, None) => return Err(PathError::Empty { path: path.to_owned(), expected: EXPECTED }),
     };
-    if matches!(&course, Course::Frames(poses) if poses.is_empty()) || matches!(&course, Course::Timed(s) if s.is_empty())
+    if matches!(&course, Course::Frames(poses) if poses.is_empty())
+        || matches!(&course, Course::Timed(s) if s.is_empty())
     {
         return Err(PathError::Empty { path: path.to_owned(), expected: EXPECTED });
     }
@@ -101,7 +115,9 @@ fn number(raw: &RawValue) -> Option<f64> {
 
 fn pixels(raw: &RawValue) -> Option<u32> {
     // A whole number, also written as 1280.0, as some programs do.
-    number(raw).filter(|v| v.fract() == 0.0 && (1.0..=f64::from(crate::cli::values::MAX_SIDE_PX)).contains(v)).map(|v| v as u32)
+    number(raw)
+        .filter(|v| v.fract() == 0.0 && (1.0..=f64::from(crate::cli::values::MAX_SIDE_PX)).contains(v))
+        .map(|v| v as u32)
 }
 
 /// Reads the values of one object.
@@ -139,8 +155,7 @@ impl<'a> Reader<'a> {
         expected: &'static str,
         read: impl Fn(&'a RawValue) -> Option<T>,
     ) -> Result<T, PathError> {
-        self.optional(key, expected, read)?
-            .ok_or_else(|| self.bad(&format!("{key:?}"), expected, "nothing".into()))
+        self.optional(key, expected, read)?.ok_or_else(|| self.bad(&format!("{key:?}"), expected, "nothing".into()))
     }
 
     fn pose(&self, transform: Option<&Transform>) -> Result<Pose, PathError> {
@@ -149,18 +164,18 @@ impl<'a> Reader<'a> {
         let (x, y, z) = (coordinate("x")?, coordinate("y")?, coordinate("z")?);
         let angle = |raw: &RawValue| number(raw).filter(|v| v.abs() <= 1e6);
         let heading = self.required("heading", "degrees clockwise from grid north", angle)?.to_radians();
-        let pitch = self.required("pitch", "degrees from -90 to 90", |raw| {
-            number(raw).filter(|v| (-90.0..=90.0).contains(v))
-        })?;
+        let pitch =
+            self.required("pitch", "degrees from -90 to 90", |raw| number(raw).filter(|v| (-90.0..=90.0).contains(v)))?;
         let roll = self.optional("roll", "degrees", angle)?.unwrap_or(0.0);
         let (position, heading_rad) = match transform {
             None => (DVec3::new(x, y, z), heading),
             Some(transform) => {
-                let at = |source| PathError::Crs { path: self.path.to_owned(), place: self.place.clone(), source };
-                (
-                    transform.position(x, y).map_err(at)?.extend(z),
-                    transform.heading(x, y, heading).map_err(at)?,
-                )
+                let at = |source| PathError::Crs {
+                    path: self.path.to_owned(),
+                    place: self.place.clone(),
+                    source: Box::new(source),
+                };
+                (transform.position(x, y).map_err(at)?.extend(z), transform.heading(x, y, heading).map_err(at)?)
             }
         };
         Ok(Pose { position, heading_rad, pitch_rad: pitch.to_radians(), roll_rad: roll.to_radians() })
@@ -206,8 +221,14 @@ mod tests {
     #[test]
     fn a_bad_value_is_named_by_file_frame_and_key() {
         for (text, expected) in [
-            (r#"{"frames":[{"x":1,"y":2,"z":3,"heading":0,"pitch":"down"}]}"#, r#"p: frame 0: "pitch": expected degrees from -90 to 90, found "down""#),
-            (r#"{"frames":[{"x":1,"y":2,"heading":0,"pitch":0}]}"#, r#"p: frame 0: "z": expected a coordinate in metres, found nothing"#),
+            (
+                r#"{"frames":[{"x":1,"y":2,"z":3,"heading":0,"pitch":"down"}]}"#,
+                r#"p: frame 0: "pitch": expected degrees from -90 to 90, found "down""#,
+            ),
+            (
+                r#"{"frames":[{"x":1,"y":2,"heading":0,"pitch":0}]}"#,
+                r#"p: frame 0: "z": expected a coordinate in metres, found nothing"#,
+            ),
             (r#"{"frames":[{"x":1,"y":2,"z":3,"heading":0,"pitch":91}]}"#, "found 91"),
             (r#"{"frames":[{"x":1e999,"y":2,"z":3,"heading":0,"pitch":0}]}"#, "found 1e999"),
             (r#"{"frames":[7]}"#, "frame 0: the entry: expected an object"),
@@ -220,8 +241,14 @@ mod tests {
             (r#"{"sky_rgb":[1,2,256],"frames":[]}"#, "from 0 to 255"),
             (r#"{"crs":7,"frames":[]}"#, "EPSG:32610"),
             (r#"{"crs":"moon","frames":[]}"#, "not known here"),
-            (r#"{"keyframes":[{"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#, r#"keyframe 0: "t": expected a number of seconds, found nothing"#),
-            (r#"{"keyframes":[{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#, "keyframe 1"),
+            (
+                r#"{"keyframes":[{"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
+                r#"keyframe 0: "t": expected a number of seconds, found nothing"#,
+            ),
+            (
+                r#"{"keyframes":[{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
+                "keyframe 1",
+            ),
         ] {
             let message = parse_text(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text}\n  {message}\n  {expected}");
@@ -249,7 +276,7 @@ mod tests {
                 format!("{{\"keyframes\":[{{\"t\":0,\"x\":1,\"y\":1,\"z\":1,\"heading\":0,\"pitch\":0,\"{key}\":{value}}}]}}")
             };
             if let Ok(path) = parse_text(&text) {
-                let _ = path.course.pose(0, 30.0, 1.0);
+                drop(path.course.pose(0, 30.0, 1.0));
             }
         }
     }

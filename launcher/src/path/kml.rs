@@ -32,7 +32,8 @@ pub fn parse(
         .find(|node| node.tag_name().name() == "Tour")
         .and_then(|tour| child(tour, "Playlist"))
         .ok_or_else(empty)?;
-    let crs_error = |source| PathError::Crs { path: path.to_owned(), place: "the tour".into(), source };
+    let crs_error =
+        |source| PathError::Crs { path: path.to_owned(), place: "the tour".into(), source: Box::new(source) };
     let reader = Reader { path, transform: &world.from_lonlat().map_err(crs_error)?, ground };
 
     let mut pieces = Vec::new();
@@ -136,7 +137,8 @@ impl Reader<'_> {
         let heading = number("heading", "degrees from -360 to 360", -360.0, 360.0, Some(0.0))?.to_radians();
         let tilt = number("tilt", "degrees from 0 to 180", 0.0, 180.0, Some(0.0))?.to_radians();
         let roll = number("roll", "degrees from -180 to 180", -180.0, 180.0, Some(0.0))?.to_radians();
-        let at = |source| PathError::Crs { path: self.path.to_owned(), place: self.place(view), source };
+        let at =
+            |source| PathError::Crs { path: self.path.to_owned(), place: self.place(view), source: Box::new(source) };
         let place = self.transform.position(longitude, latitude).map_err(at)?;
         let heading_rad = self.transform.heading(longitude, latitude, heading).map_err(at)?;
 
@@ -268,8 +270,8 @@ mod tests {
                 .replace(">45<", &format!(">{}<", values[4]))
                 .replace(">3000<", &format!(">{}<", values[5]));
             if let Ok(path) = parse_text(&tour(&format!("{step}{step}"))) {
-                let _ = path.course.frame_count(30.0, 1.0);
-                let _ = path.course.pose(1, 30.0, 1.0);
+                drop(path.course.frame_count(30.0, 1.0));
+                drop(path.course.pose(1, 30.0, 1.0));
             }
         }
     }

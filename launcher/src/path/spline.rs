@@ -263,6 +263,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
         #[test]
         fn attitude_and_pose_are_inverse(h in -180.0..180.0, p in -89.9..89.9, r in -179.0..179.0) {
             let there = pose(0.0, h, p, r);

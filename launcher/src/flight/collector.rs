@@ -1,0 +1,211 @@
+//! Collects what the stages tell of their work, as figures per frame; and keeps all of it when a trace is wanted.
+
+use std::collections::BTreeMap;
+use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::node::NodeId;
+use terravision_common::shm::Stage;
+
+/// Spans of which each frame has a sum: all names.
+pub const SPANS: usize = SpanName::ALL.len();
+
+/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FrameFigures {
+    /// Sum of durations by [`SpanName`] (its number less one).
+    pub span_nanos: [u64; SPANS],
+    /// When the renderer began with the frame.
+    pub draw_started_nanos: u64,
+    /// End of its read-back.
+    pub done_nanos: u64,
+    /// When it had left the sink.
+    pub written_nanos: u64,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// Tiles that it wanted.
+    pub wanted: u32,
+    /// Nodes of its tree.
+    pub nodes: u32,
+    /// Tiles that were copied to the device for it.
+    pub uploaded: u64,
+    /// Whether it was written with all the tiles that it wanted.
+    pub is_settled: bool,
+}
+
+/// Why a tile could not be had, as events give it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct UnavailableTile {
+    /// Whether it is a colour tile (else elevation).
+    pub is_color: bool,
+    /// The node.
+    pub node: NodeId,
+}
+
+/// Figures of a run.
+#[derive(Debug)]
+pub struct Collector {
+    first_frame: u64,
+    /// By frame, from the first.
+    pub frames: Vec<FrameFigures>,
+    /// Cause by tile: 1 missing, 2 corrupt, 3 read error.
+    pub unavailable: BTreeMap<UnavailableTile, u64>,
+    device: Vec<u8>,
+    driver: Vec<u8>,
+    /// Events that made no sense.
+    pub strange_events: u64,
+    /// All events, when a trace is wanted.
+    pub trace: Option<Vec<(Stage, Event)>>,
+}
+
+impl Collector {
+    /// For a run of `count` frames from `first_frame`.
+    #[must_use]
+    pub fn new(first_frame: u64, count: usize, is_traced: bool) -> Self {
+        Self {
+            first_frame,
+            frames: vec![FrameFigures::default(); count],
+            unavailable: BTreeMap::new(),
+            device: Vec::new(),
+            driver: Vec::new(),
+            strange_events: 0,
+            trace: is_traced.then(Vec::new),
+        }
+    }
+
+    /// Number of the first frame.
+    #[must_use]
+    pub fn first_frame(&self) -> u64 {
+        self.first_frame
+    }
+
+    /// Name of the device that drew; empty when it was not told.
+    #[must_use]
+    pub fn device(&self) -> String {
+        String::from_utf8_lossy(&self.device).into_owned()
+    }
+
+    /// Name of its driver; empty when it was not told.
+    #[must_use]
+    pub fn driver(&self) -> String {
+        String::from_utf8_lossy(&self.driver).into_owned()
+    }
+
+    /// Takes one event. It comes from shared memory: numbers are checked, nonsense is counted.
+    pub fn take(&mut self, stage: Stage, event: Event) {
+        if let Some(trace) = &mut self.trace {
+            trace.push((stage, event));
+        }
+        let Some(kind) = EventKind::from_number(event.kind) else {
+            self.strange_events += 1;
+            return;
+        };
+        match kind {
+            EventKind::DeviceName => {
+                event.collect_text(&mut self.device);
+                return;
+            }
+            EventKind::DriverName => {
+                event.collect_text(&mut self.driver);
+                return;
+            }
+            EventKind::TileUnavailable => {
+                let (is_color, cause) = (event.value & 0xFF == 1, event.value >> 8);
+                match NodeId::unpack(event.node) {
+                    Some(node) => {
+                        self.unavailable.insert(UnavailableTile { is_color, node }, cause);
+                    }
+                    None => self.strange_events += 1,
+                }
+                return;
+            }
+            _ => {}
+        }
+        let index = event.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
+        let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) else {
+            // Loading of the locked top levels belongs to no frame.
+            self.strange_events += u64::from(kind != EventKind::Span);
+            return;
+        };
+        match kind {
+            EventKind::Span => match SpanName::from_number(event.value) {
+                Some(name) => {
+                    let sum = &mut frame.span_nanos[name as usize - 1];
+                    *sum = sum.saturating_add(event.duration_nanos);
+                    let is_drawing = matches!(name, SpanName::Record | SpanName::Upload | SpanName::Draw);
+                    if is_drawing && (frame.draw_started_nanos == 0 || event.start_nanos < frame.draw_started_nanos) {
+                        frame.draw_started_nanos = event.start_nanos;
+                    }
+                }
+                None => self.strange_events += 1,
+            },
+            EventKind::FrameDone => {
+                frame.done_nanos = event.start_nanos;
+                frame.triangles = event.value;
+            }
+            EventKind::FrameWritten => {
+                frame.written_nanos = event.start_nanos.saturating_add(event.duration_nanos);
+                frame.is_settled = event.value == 1;
+            }
+            EventKind::FrameWanted => {
+                frame.wanted = event.value as u32;
+                frame.nodes = (event.value >> 32) as u32;
+            }
+            EventKind::FrameUploaded => frame.uploaded = frame.uploaded.saturating_add(event.value),
+            EventKind::DeviceName | EventKind::DriverName | EventKind::TileUnavailable => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn event(kind: EventKind, frame: u64, start: u64, duration: u64, value: u64) -> Event {
+        Event { kind: kind as u32, thread: 0, frame, start_nanos: start, duration_nanos: duration, value, node: 0 }
+    }
+
+    #[test]
+    fn events_become_figures_of_their_frame() {
+        let mut collector = Collector::new(10, 2, true);
+        collector.take(Stage::Preparer, event(EventKind::Span, 11, 5, 7, SpanName::LoadTile as u64));
+        collector.take(Stage::Preparer, event(EventKind::Span, 11, 9, 3, SpanName::LoadTile as u64));
+        collector.take(Stage::Renderer, event(EventKind::Span, 11, 20, 3, SpanName::Record as u64));
+        collector.take(Stage::Renderer, event(EventKind::FrameDone, 11, 40, 0, 1234));
+        collector.take(Stage::Renderer, event(EventKind::FrameWritten, 11, 50, 2, 1));
+        collector.take(Stage::Preparer, event(EventKind::FrameWanted, 11, 0, 0, 7 << 32 | 99));
+        for piece in Event::text(EventKind::DeviceName, "llvmpipe (LLVM 15.0.6, 256 bits) and more than one piece") {
+            collector.take(Stage::Renderer, piece);
+        }
+        let frame = collector.frames[1];
+        assert_eq!(frame.span_nanos[SpanName::LoadTile as usize - 1], 10);
+        assert_eq!((frame.draw_started_nanos, frame.done_nanos, frame.written_nanos), (20, 40, 52));
+        assert_eq!((frame.triangles, frame.wanted, frame.nodes, frame.is_settled), (1234, 99, 7, true));
+        assert!(collector.device().ends_with("more than one piece"));
+        assert_eq!(collector.strange_events, 0);
+        assert_eq!(collector.trace.as_ref().map(Vec::len), Some(8));
+    }
+
+    #[test]
+    fn a_tile_is_listed_once_with_its_cause() {
+        let mut collector = Collector::new(0, 1, false);
+        let node = NodeId::new(3, 4, 1).unwrap();
+        for _ in 0..2 {
+            let mut event = event(EventKind::TileUnavailable, 0, 0, 0, 1 + 256 * 2);
+            event.node = node.pack();
+            collector.take(Stage::Preparer, event);
+        }
+        let listed: Vec<_> = collector.unavailable.iter().collect();
+        assert_eq!(listed, [(&UnavailableTile { is_color: true, node }, &2)]);
+    }
+
+    proptest! {
+        #[test]
+        fn any_event_is_taken(kind in 0u32..12, thread: u32, frame in 0u64..4, value: u64, node: u64, start: u64, duration: u64) {
+            let mut collector = Collector::new(1, 2, false);
+            let event = Event { kind, thread, frame, start_nanos: start, duration_nanos: duration, value, node };
+            collector.take(Stage::Renderer, event);
+            collector.take(Stage::Renderer, event);
+            prop_assert_eq!(collector.frames.len(), 2);
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! Runs the pipeline: starts the three stages, flies the camera, watches, collects, cleans up.
+//!
+//! ```text
+//! segments made ─▶ stages started ─▶ pilot flies ─▶ stages end, renderer last ─▶ files get their names
+//!                        │ a stage dies: Failed ────┐
+//!                        │ Ctrl-C: Stopping ────────┴▶ stages end within 2 s, else TERM, then KILL
+//! ```
+//!
+//! Whatever happens, no process and no segment is left: both belong to values that end them when they are dropped. Only
+//! SIGKILL leaves segments; the next start removes them.
+
+pub mod collector;
+pub mod interrupt;
+pub mod memory;
+pub mod pilot;
+pub mod progress;
+pub mod stage;
+pub mod supervisor;
+
+use crate::failure::{ExitStatus, Failure};
+use crate::plan::FlightPlan;
+use crate::report::{Report, RunFigures};
+use crate::trace;
+use anyhow::{Context, anyhow};
+use collector::Collector;
+use memory::MemoryPeaks;
+use pilot::Pilot;
+use progress::Progress;
+use stage::StageProcess;
+use std::path::{Path, PathBuf};
+use supervisor::Ending;
+use terravision_common::event::{Event, monotonic_nanos};
+use terravision_common::run::SinkConfig;
+use terravision_common::shm::{Consumer, Control, Counter, RunSegments, ShmError, Stage, reap_dead_runs};
+
+/// Folder of the programs of the stages: that of this program.
+///
+/// # Errors
+/// The system does not say where this program is.
+pub fn own_folder() -> Result<PathBuf, Failure> {
+    let own = std::env::current_exe().context("cannot find the folder of this program").map_err(Failure::failed)?;
+    Ok(own.parent().unwrap_or(Path::new("/")).to_owned())
+}
+
+/// Flies a plan.
+///
+/// # Errors
+/// [`Failure`] with the exit code: a stage died, no room in shared memory, interrupted, tiles unavailable.
+pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
+    let mut progress = Progress::new(plan.cameras.len() as u64, plan.is_quiet);
+    let removed = reap_dead_runs();
+    if !removed.is_empty() {
+        progress.say(&format!("removed {} shared-memory segments of runs that were killed", removed.len()));
+    }
+    for warning in &plan.warnings {
+        progress.warn(warning);
+    }
+    interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
+    supervisor::adopt_orphans();
+
+    let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
+    let mut run = Run::open(&plan)?;
+    let ending = run.fly(&mut plan, &mut progress)?;
+    let figures = run.close(&plan, started_nanos);
+    drop(segments);
+    supervisor::end_orphans();
+    progress.finish();
+
+    match ending {
+        Ending::Finished => {}
+        Ending::Interrupted => {
+            return Err(Failure {
+                status: ExitStatus::Interrupted,
+                error: anyhow!("{}", interrupted(&plan, &figures)),
+            });
+        }
+        Ending::Died { stage, how, words, is_bad_input } => {
+            let error = if words.is_empty() {
+                anyhow!("the {stage} {how}, without a word")
+            } else if how.starts_with("was killed") {
+                anyhow!("the {stage} {how}; it said last: {words}")
+            } else {
+                anyhow!("the {stage} gave up: {words}")
+            };
+            return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
+        }
+    }
+    conclude(plan, &figures, &progress)
+}
+
+/// Gives the results their names, writes report and trace, says how it went.
+fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Result<(), Failure> {
+    let wanted = plan.cameras.len() as u64;
+    if figures.written_frames < wanted {
+        return Err(Failure::failed(anyhow!("the flight ended after {} of {wanted} frames", figures.written_frames)));
+    }
+    let report = Report::new(&plan.config, figures);
+    for file in plan.files {
+        file.finish().map_err(Failure::failed)?;
+    }
+    if let Some(file) = plan.report {
+        file.finish_with(|writer| report.write(writer)).map_err(Failure::failed)?;
+    }
+    if let Some(file) = plan.trace {
+        file.finish_with(|writer| trace::write(writer, figures)).map_err(Failure::failed)?;
+    }
+    progress.say(&format!("{} → {}", report.summary(), plan.destination));
+    if report.is_complete() {
+        return Ok(());
+    }
+    let count = report.unavailable_count();
+    Err(Failure {
+        status: ExitStatus::TilesUnavailable,
+        error: anyhow!(
+            "{count} {} could not be had and {} drawn from coarser ones; {}",
+            if count == 1 { "tile" } else { "tiles" },
+            if count == 1 { "was" } else { "were" },
+            report.first_unavailable()
+        ),
+    })
+}
+
+fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {
+    let kept = match plan.config.render.sink {
+        SinkConfig::PngFolder(_) if figures.written_frames > 0 => {
+            format!("; {} frames are in {}", figures.written_frames, plan.destination)
+        }
+        _ => String::new(),
+    };
+    format!("interrupted after {} of {} frames{kept}", figures.written_frames, plan.cameras.len())
+}
+
+fn no_segments(error: ShmError) -> Failure {
+    match error {
+        ShmError::NotEnoughSpace { needed, available } => Failure::failed(anyhow!(
+            "shared memory is too small: the run needs {} in /dev/shm, which has {} free; give it more \
+             (mount -o remount,size=2g /dev/shm, or docker run --shm-size=2g), or ask for less with --memory",
+            crate::plan::bytes_for_people(needed),
+            crate::plan::bytes_for_people(available)
+        )),
+        other => Failure::failed(other),
+    }
+}
+
+/// The launcher's ends of the run's segments, and what comes out of them.
+struct Run {
+    control: Control,
+    events: Vec<(Stage, Consumer<Event>)>,
+    collector: Collector,
+    memory: MemoryPeaks,
+    pids: Vec<(Stage, u32)>,
+}
+
+impl Run {
+    fn open(plan: &FlightPlan) -> Result<Self, Failure> {
+        let events: Result<Vec<_>, ShmError> =
+            Stage::ALL.into_iter().map(|stage| Ok((stage, Consumer::open(&plan.run, stage.events())?))).collect();
+        Ok(Self {
+            control: Control::open(&plan.run).map_err(Failure::failed)?,
+            events: events.map_err(Failure::failed)?,
+            collector: Collector::new(plan.config.frames[0], plan.cameras.len(), plan.trace.is_some()),
+            memory: MemoryPeaks::default(),
+            pids: Vec::new(),
+        })
+    }
+
+    /// From the start of the stages to the end of the last.
+    fn fly(&mut self, plan: &mut FlightPlan, progress: &mut Progress) -> Result<Ending, Failure> {
+        let json = serde_json::to_string(&plan.config).context("cannot write the run's configuration");
+        let json = json.map_err(Failure::failed)?;
+        let programs = own_folder()?;
+        let has_stdout = plan.config.render.sink == SinkConfig::Y4mStdout;
+        let mut stages = Vec::new();
+        for stage in Stage::ALL {
+            let has_stdout = has_stdout && stage == Stage::Renderer;
+            stages.push(StageProcess::start(stage, &programs, &json, has_stdout).map_err(Failure::failed)?);
+        }
+        self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
+        let pilot = Pilot::start(plan).map_err(Failure::failed)?;
+        let Self { control, events, collector, memory, .. } = self;
+        let ending = supervisor::watch(&mut stages, control, &interrupt::is_interrupted, &mut |stages| {
+            drain(events, collector);
+            memory.sample(stages);
+            progress.show(control.written_frames());
+        });
+        // The pilot's wait ends with the run.
+        if ending == Ending::Finished {
+            control.set_state(terravision_common::shm::RunState::Stopping);
+        }
+        pilot.join();
+        drain(&mut self.events, &mut self.collector);
+        if ending == Ending::Finished {
+            for stage in &stages {
+                for line in stage.lines() {
+                    progress.warn(&format!("{}: {line}", stage.stage()));
+                }
+            }
+        }
+        Ok(ending)
+    }
+
+    fn close(self, plan: &FlightPlan, started_nanos: u64) -> RunFigures {
+        let counter = |counter| self.control.counter(counter);
+        RunFigures {
+            started_nanos,
+            ended_nanos: monotonic_nanos(),
+            written_frames: self.control.written_frames(),
+            tiles_wanted: counter(Counter::TilesWanted),
+            tiles_loaded: counter(Counter::TilesLoaded),
+            tiles_evicted: counter(Counter::TilesEvicted),
+            tiles_uploaded: counter(Counter::TilesUploaded),
+            tiles_unavailable: counter(Counter::TilesUnavailable),
+            frames_unsettled: counter(Counter::FramesUnsettled),
+            events_dropped: counter(Counter::EventsDropped),
+            trees_cut_short: counter(Counter::TreesCutShort),
+            shared_memory_bytes: plan.layout.total_bytes(),
+            collector: self.collector,
+            memory: self.memory,
+            pids: self.pids,
+        }
+    }
+}
+
+fn drain(events: &mut [(Stage, Consumer<Event>)], collector: &mut Collector) {
+    for (stage, ring) in events {
+        // At most a ring full at a time, so that a stage that floods its ring cannot keep the launcher from watching.
+        for _ in 0..ring.capacity() {
+            match ring.try_pop() {
+                Ok(Some(event)) => collector.take(*stage, event),
+                Ok(None) => break,
+                Err(_corrupt) => {
+                    collector.strange_events += 1;
+                    break;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! What a person sees while a run goes on: a bar on a terminal, and lines that begin with the program's name.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+
+/// Progress of a run, on standard error.
+#[derive(Debug)]
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    is_quiet: bool,
+}
+
+impl Progress {
+    /// For a run of so many frames. Without a terminal, or with `is_quiet`, there is no bar.
+    #[must_use]
+    pub fn new(frames: u64, is_quiet: bool) -> Self {
+        let has_bar = !is_quiet && frames > 1 && io::stderr().is_terminal();
+        let bar = has_bar.then(|| {
+            let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr_with_hz(5));
+            let template = "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left";
+            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, is_quiet }
+    }
+
+    /// So many frames are written.
+    pub fn show(&self, written: u64) {
+        if let Some(bar) = &self.bar {
+            bar.set_position(written);
+        }
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+
+    /// Something that is not as asked.
+    pub fn warn(&self, text: &str) {
+        self.line(&format!("terravision: warning: {text}"));
+    }
+
+    /// Something that is good to know.
+    pub fn say(&self, text: &str) {
+        if !self.is_quiet {
+            self.line(&format!("terravision: {text}"));
+        }
+    }
+
+    fn line(&self, text: &str) {
+        // Standard error may be closed; then there is nobody to tell.
+        match &self.bar {
+            Some(bar) => bar.suspend(|| drop(writeln!(io::stderr(), "{text}"))),
+            None => drop(writeln!(io::stderr(), "{text}")),
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! One stage process: started beside this program, watched by a pidfd, its last words kept.
+
+use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
+use std::collections::VecDeque;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use terravision_common::shm::Stage;
+
+/// Lines of a stage's standard error that are kept.
+const KEPT_LINES: usize = 20;
+/// Longest line that is kept, bytes.
+const LINE_BYTES: u64 = 4096;
+/// How long the end of a dead stage's standard error is waited for: a child of it may hold it open.
+const LAST_WORDS_WAIT: Duration = Duration::from_millis(200);
+
+/// Why a stage does not start.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StartError {
+    /// Its program is not there.
+    #[error(
+        "the program of the {stage}, {}, is missing: the launcher starts the stages from its own folder, where \
+         'cargo build --release' puts all of them", program.display()
+    )]
+    Missing {
+        /// The stage.
+        stage: Stage,
+        /// Where it should be.
+        program: PathBuf,
+    },
+    /// The system does not start it.
+    #[error("cannot start the {stage}, {}: {source}", program.display())]
+    Spawn {
+        /// The stage.
+        stage: Stage,
+        /// Its program.
+        program: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+}
+
+/// What a stage wrote to its standard error.
+#[derive(Debug, Default)]
+struct Words {
+    lines: VecDeque<String>,
+    is_over: bool,
+}
+
+#[derive(Debug, Default)]
+struct SharedWords {
+    words: Mutex<Words>,
+    over: Condvar,
+}
+
+/// A stage process. Dropped while it lives, it is killed and waited for.
+#[derive(Debug)]
+pub struct StageProcess {
+    stage: Stage,
+    child: Child,
+    pidfd: Option<OwnedFd>,
+    words: Arc<SharedWords>,
+    status: Option<ExitStatus>,
+}
+
+impl StageProcess {
+    /// Starts the program of a stage from the folder `programs`. Call it on a thread that lives as long as the run: the
+    /// kernel tells the stage of the death of the *thread* that made it.
+    ///
+    /// # Errors
+    /// [`StartError`].
+    pub fn start(stage: Stage, programs: &Path, run: &str, has_stdout: bool) -> Result<Self, StartError> {
+        let program = programs.join(format!("terravision-{stage}"));
+        let mut command = Command::new(&program);
+        command.arg("--run").arg(run).stdin(Stdio::null()).stderr(Stdio::piped());
+        command.stdout(if has_stdout { Stdio::inherit() } else { Stdio::null() });
+        let mut child = command.spawn().map_err(|source| match source.kind() {
+            io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },
+            _ => StartError::Spawn { stage, program: program.clone(), source },
+        })?;
+        let words = Arc::new(SharedWords::default());
+        if let Some(stderr) = child.stderr.take() {
+            let words = Arc::clone(&words);
+            // Ends with the pipe; nobody waits for it.
+            std::thread::spawn(move || listen(stage, stderr, &words));
+        }
+        let pid = Pid::from_child(&child);
+        Ok(Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, words, status: None })
+    }
+
+    /// The stage.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Readable when it has ended; `None` when it has been noticed already, or where the kernel has no pidfds.
+    #[must_use]
+    pub fn pidfd(&self) -> Option<BorrowedFd<'_>> {
+        self.pidfd.as_ref().filter(|_| self.status.is_none()).map(AsFd::as_fd)
+    }
+
+    /// How it ended, if it has.
+    pub fn poll(&mut self) -> Option<ExitStatus> {
+        if self.status.is_none() {
+            self.status = match self.child.try_wait() {
+                Ok(status) => status,
+                // Somebody else has waited for it: nothing is known but that it is gone.
+                Err(_gone) => Some(ExitStatus::from_raw(1 << 8)),
+            };
+        }
+        self.status
+    }
+
+    /// Sends it a signal, unless it has ended.
+    pub fn signal(&mut self, signal: Signal) {
+        if self.poll().is_none() {
+            // It may end just now.
+            kill_process(Pid::from_child(&self.child), signal).ok();
+        }
+    }
+
+    /// What it said last, as one line; empty when it said nothing.
+    #[must_use]
+    pub fn last_words(&self) -> String {
+        let end = Instant::now() + LAST_WORDS_WAIT;
+        let mut words = self.words.words.lock().unwrap_or_else(PoisonError::into_inner);
+        while !words.is_over && Instant::now() < end {
+            let rest = end.saturating_duration_since(Instant::now());
+            words = self.words.over.wait_timeout(words, rest).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        last_words(words.lines.iter().map(String::as_str))
+    }
+
+    /// All lines that were kept.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        self.words.words.lock().unwrap_or_else(PoisonError::into_inner).lines.iter().cloned().collect()
+    }
+}
+
+impl Drop for StageProcess {
+    fn drop(&mut self) {
+        if self.poll().is_none() {
+            drop(self.child.kill());
+            drop(self.child.wait());
+        }
+    }
+}
+
+/// The last thing that a process said: the last line, or all of a panic's message.
+fn last_words<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> String {
+    let worth = |line: &&str| !line.trim().is_empty() && !line.starts_with("note: ");
+    let lines: Vec<&str> = lines.filter(worth).collect();
+    let from = lines.iter().rposition(|line| line.contains("panicked at")).unwrap_or(lines.len().saturating_sub(1));
+    lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" ")
+}
+
+fn listen(stage: Stage, stderr: ChildStderr, shared: &SharedWords) {
+    let is_passed_on = std::env::var_os("TERRAVISION_LOG").is_some_and(|value| value == "stages");
+    let mut reader = BufReader::new(stderr);
+    let mut line = Vec::new();
+    // A line without an end is cut, so that a stage that goes mad does not fill the memory.
+    while matches!(reader.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line), Ok(1..)) {
+        let text = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if is_passed_on {
+            // Standard error may be closed.
+            drop(writeln!(io::stderr(), "{stage}: {text}"));
+        }
+        let mut words = shared.words.lock().unwrap_or_else(PoisonError::into_inner);
+        if words.lines.len() == KEPT_LINES {
+            words.lines.pop_front();
+        }
+        words.lines.push_back(text);
+        line.clear();
+    }
+    shared.words.lock().unwrap_or_else(PoisonError::into_inner).is_over = true;
+    shared.over.notify_all();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn last_words_are_the_last_line_or_a_whole_panic() {
+        assert_eq!(last_words(["a", "cannot do it", "", " "].into_iter()), "cannot do it");
+        let panic = ["a", "thread 'main' panicked at x.rs:1:2:", "oh no", "note: run with `RUST_BACKTRACE=1`"];
+        assert_eq!(last_words(panic.into_iter()), "thread 'main' panicked at x.rs:1:2: oh no");
+        assert_eq!(last_words([].into_iter()), "");
+    }
+}

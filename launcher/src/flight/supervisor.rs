@@ -1,0 +1,162 @@
+//! Watches the stages of a run: notices one that dies, passes on an interruption, and ends them all.
+
+use super::stage::StageProcess;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
+use std::time::{Duration, Instant};
+use terravision_common::shm::{Control, RunState, Stage};
+
+/// Longest time between two looks at the stages and their events; the death of a stage wakes sooner.
+const TICK: Duration = Duration::from_millis(20);
+/// After this time a stage that was told to stop is sent TERM...
+const TERM_AFTER: Duration = Duration::from_millis(600);
+/// ... and after this KILL. The whole end stays well below two seconds.
+const KILL_AFTER: Duration = Duration::from_millis(1200);
+/// How long the rest may take in good order after the renderer is done.
+const REST_AFTER: Duration = Duration::from_millis(3000);
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// All stages ended by themselves, in good order.
+    Finished,
+    /// The user interrupted it.
+    Interrupted,
+    /// A stage died or gave up.
+    Died {
+        /// Which.
+        stage: Stage,
+        /// How, in words.
+        how: String,
+        /// What it said last; may be empty.
+        words: String,
+        /// Whether it gave up over bad input (exit code 2).
+        is_bad_input: bool,
+    },
+}
+
+/// Watches until all stages have ended, which they do within two seconds of the first death or of an interruption.
+/// `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM.
+pub fn watch(
+    stages: &mut [StageProcess],
+    control: &Control,
+    is_interrupted: &dyn Fn() -> bool,
+    tick: &mut dyn FnMut(&[StageProcess]),
+) -> Ending {
+    let mut ending: Option<Ending> = None;
+    let mut deadline: Option<Instant> = None;
+    loop {
+        let ended: Vec<Option<ExitStatus>> = stages.iter_mut().map(StageProcess::poll).collect();
+        tick(stages);
+        if ending.is_none() {
+            let death = ended.iter().zip(stages.iter()).filter_map(|(status, stage)| death_of(stage, (*status)?));
+            if is_interrupted() {
+                control.set_state(RunState::Stopping);
+                ending = Some(Ending::Interrupted);
+            } else if let Some((_, death)) = death.max_by_key(|(weight, _)| *weight) {
+                control.set_state(RunState::Failed);
+                ending = Some(death);
+            }
+            if ending.is_some() {
+                deadline = Some(Instant::now());
+            }
+        }
+        if ended.iter().all(Option::is_some) {
+            return ending.unwrap_or(Ending::Finished);
+        }
+        let is_renderer_done = stages.iter().zip(&ended).any(|(s, e)| s.stage() == Stage::Renderer && e.is_some());
+        if is_renderer_done && deadline.is_none() {
+            // All frames are written. The others are done too, and need no more than a moment.
+            deadline = Some(Instant::now() + REST_AFTER);
+        }
+        if let Some(waited) = deadline.and_then(|deadline| Instant::now().checked_duration_since(deadline)) {
+            let signal =
+                if waited > KILL_AFTER { Some(Signal::KILL) } else { (waited > TERM_AFTER).then_some(Signal::TERM) };
+            if let Some(signal) = signal {
+                // A stage that does not end by itself after all frames are written is no reason to lose them.
+                ending.get_or_insert(Ending::Finished);
+                stages.iter_mut().for_each(|stage| stage.signal(signal));
+            }
+        }
+        wait_for_an_end(stages);
+    }
+}
+
+/// Sleeps until a stage ends, but no longer than a tick.
+fn wait_for_an_end(stages: &[StageProcess]) {
+    let mut fds: Vec<PollFd<'_>> =
+        stages.iter().filter_map(StageProcess::pidfd).map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
+    let tick = Timespec { tv_sec: 0, tv_nsec: TICK.subsec_nanos().into() };
+    if fds.is_empty() || poll(&mut fds, Some(&tick)).is_err() {
+        std::thread::sleep(TICK);
+    }
+}
+
+/// The death that this end of a stage is, if it is none in good order, and how much it tells: when several stages are
+/// dead at once, one that was killed brought down those that gave up.
+fn death_of(stage: &StageProcess, status: ExitStatus) -> Option<(u32, Ending)> {
+    let (weight, how) = match (status.code(), status.signal()) {
+        (Some(0), _) => return None,
+        (Some(2), _) => (2, "found bad input".to_owned()),
+        (Some(code), _) => (1, format!("ended with exit code {code}")),
+        (None, Some(signal)) => (3, format!("was killed by signal {signal}{}", signal_name(signal))),
+        (None, None) => (1, "ended".to_owned()),
+    };
+    let is_bad_input = status.code() == Some(2);
+    Some((weight, Ending::Died { stage: stage.stage(), how, words: stage.last_words(), is_bad_input }))
+}
+
+fn signal_name(signal: i32) -> &'static str {
+    match signal {
+        4 => " (illegal instruction)",
+        6 => " (aborted)",
+        7 => " (bus error: is /dev/shm full?)",
+        9 => " (KILL)",
+        11 => " (segmentation fault)",
+        15 => " (TERM)",
+        _ => "",
+    }
+}
+
+/// Kills what the stages have left behind: with this process as the reaper of its descendants, an orphan of a stage (an
+/// encoder, say) is now a child of it.
+pub fn end_orphans() {
+    let end = Instant::now() + Duration::from_millis(300);
+    while let Some(children) = own_children().filter(|children| !children.is_empty()) {
+        let is_late = Instant::now() > end;
+        for pid in children {
+            if is_late {
+                kill_process(pid, Signal::KILL).ok();
+            }
+            waitpid(Some(pid), WaitOptions::NOHANG).ok();
+        }
+        if Instant::now() > end + Duration::from_millis(300) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Makes this process the parent of orphans below it, so that nothing that a stage started outlives the run unseen.
+pub fn adopt_orphans() {
+    // Where it is refused, orphans end by themselves when their pipes close.
+    rustix::process::set_child_subreaper(Some(rustix::process::getpid())).ok();
+}
+
+fn own_children() -> Option<Vec<Pid>> {
+    children_of(std::process::id())
+        .map(|children| children.into_iter().filter_map(|pid| Pid::from_raw(pid.cast_signed())).collect())
+}
+
+/// Process ids of the children of a process; `None` where the kernel does not tell.
+#[must_use]
+pub fn children_of(pid: u32) -> Option<Vec<u32>> {
+    let mut children = Vec::new();
+    for task in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {
+        let text = std::fs::read_to_string(task.ok()?.path().join("children")).ok()?;
+        children.extend(text.split_whitespace().filter_map(|word| word.parse::<u32>().ok()));
+    }
+    Some(children)
+}

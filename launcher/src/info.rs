@@ -1,0 +1,88 @@
+//! `terravision info`: what a terrain database holds.
+
+use crate::cli::InfoArgs;
+use crate::failure::Failure;
+use crate::plan::{bytes_for_people, open_world};
+use anyhow::Context;
+use serde_json::json;
+use std::io::{self, Write};
+use terravision_common::database::{Database, Source};
+
+/// Prints it.
+///
+/// # Errors
+/// Bad input: no database. Or standard output cannot be written to.
+pub fn info(args: &InfoArgs) -> Result<(), Failure> {
+    let database = open_world(&args.world)?;
+    let text = if args.json { as_json(&database) } else { as_text(&database) };
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .context("cannot write to standard output")
+        .map_err(Failure::failed)
+}
+
+fn as_json(database: &Database) -> String {
+    let (manifest, world) = (database.manifest(), database.world());
+    let mut value = json!({"schema": "terravision-info-1", "path": database.path()});
+    value["manifest"] = serde_json::to_value(manifest).unwrap_or_default();
+    let [width, height] = world.extent_m();
+    let [x, y] = world.fields().origin;
+    value["bounds"] = json!([x, y, x + width, y + height]);
+    value["levels"] = json!(world.levels());
+    value["elevation_spacing_m"] = json!(world.elevation_spacing_m(world.finest_elevation_level()));
+    value["color_spacing_m"] = json!(world.color_spacing_m(world.finest_color_level()));
+    format!("{value:#}\n")
+}
+
+fn as_text(database: &Database) -> String {
+    let (manifest, world) = (database.manifest(), database.world());
+    let [width, height] = world.extent_m();
+    let [x, y] = world.fields().origin;
+    let [low, high] = manifest.elevation.range_m;
+    let epsg = manifest.crs.epsg.map_or(String::new(), |epsg| format!(" (EPSG:{epsg})"));
+    let void = |area_m2: f64| match area_m2 {
+        a if a <= 0.0 => String::new(),
+        a => format!(", {:.3} km² without data filled", a / 1e6),
+    };
+    let sources = |list: &[Source]| {
+        let each = list
+            .iter()
+            .map(|s| format!("\n              {} ({} x {}, {}, {})", s.file, s.size[0], s.size[1], s.data_type, s.crs));
+        each.collect::<String>()
+    };
+    format!(
+        "{name}: a terrain database of format {version}, on {body}\n\
+         CRS           {crs}{epsg}\n\
+         extent        {km_x:.2} x {km_y:.2} km, from {x:.1}, {y:.1} to {right:.1}, {top:.1}\n\
+         heights       {low:.1} to {high:.1} m\n\
+         quad tree     {levels} levels, tiles of {nz} x {nz} intervals and {nc} x {nc} texels\n\
+         elevation     {dz} m posts, {tiles_z} tiles, {bytes_z}{void_z}{sources_z}\n\
+         colour        {dc} m texels, {tiles_c} tiles, {bytes_c}{void_c}{sources_c}\n",
+        name = manifest.name,
+        version = manifest.format_version,
+        body = manifest.body.name,
+        crs = manifest.crs.name,
+        km_x = width / 1e3,
+        km_y = height / 1e3,
+        right = x + width,
+        top = y + height,
+        levels = world.levels(),
+        nz = world.elevation_tile(),
+        nc = world.color_tile(),
+        dz = world.elevation_spacing_m(world.finest_elevation_level()),
+        tiles_z = manifest.elevation.archive.tiles,
+        bytes_z = bytes_for_people(manifest.elevation.archive.bytes),
+        void_z = void(manifest.elevation.void_area_m2),
+        sources_z = sources(&manifest.elevation.sources),
+        dc = world.color_spacing_m(world.finest_color_level()),
+        tiles_c = manifest.color.archive.tiles,
+        bytes_c = bytes_for_people(manifest.color.archive.bytes),
+        void_c = void(manifest.color.void_area_m2),
+        sources_c = if manifest.color.sources.is_empty() {
+            "\n              a tint by height, shaded (no colour was given)".to_owned()
+        } else {
+            sources(&manifest.color.sources)
+        },
+    )
+}

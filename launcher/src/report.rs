@@ -1,0 +1,430 @@
+//! The report of a run, JSON of the schema `terravision-fly-1` (docs/report.md).
+
+use crate::flight::collector::{Collector, FrameFigures};
+use crate::flight::memory::MemoryPeaks;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use terravision_common::event::SpanName;
+use terravision_common::run::RunConfig;
+use terravision_common::shm::Stage;
+
+/// All that is known of a run when it has ended.
+#[derive(Debug)]
+pub struct RunFigures {
+    /// When the program started, nanoseconds of the monotonic clock.
+    pub started_nanos: u64,
+    /// When the last stage had ended.
+    pub ended_nanos: u64,
+    /// Frames that have left the sink.
+    pub written_frames: u64,
+    /// Tiles wanted, each frame counted for itself.
+    pub tiles_wanted: u64,
+    /// Tiles read and decoded.
+    pub tiles_loaded: u64,
+    /// Tiles that made room for others.
+    pub tiles_evicted: u64,
+    /// Colour tiles copied to the device.
+    pub tiles_uploaded: u64,
+    /// Tiles that could not be had, as the stages counted them.
+    pub tiles_unavailable: u64,
+    /// Frames written although a tile was missing.
+    pub frames_unsettled: u64,
+    /// Events that found their ring full: figures of single frames may be missing.
+    pub events_dropped: u64,
+    /// Trees that were larger than their buffer.
+    pub trees_cut_short: u64,
+    /// Shared memory of the run.
+    pub shared_memory_bytes: u64,
+    /// What the stages told.
+    pub collector: Collector,
+    /// Peaks of memory.
+    pub memory: MemoryPeaks,
+    /// Process ids of the stages.
+    pub pids: Vec<(Stage, u32)>,
+}
+
+/// The report. Field names are the schema's.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    schema: &'static str,
+    version: &'static str,
+    frames: u64,
+    first_frame: u64,
+    fps: f64,
+    wall_s: f64,
+    frame_ms: Vec<f64>,
+    frame_ms_median: f64,
+    frame_ms_p99: f64,
+    frame_ms_max: f64,
+    width: u32,
+    height: u32,
+    device: String,
+    driver: String,
+    settings: Settings,
+    stages: BTreeMap<&'static str, Spread>,
+    spans: BTreeMap<&'static str, Spread>,
+    tiles: Tiles,
+    nodes_median: f64,
+    triangles_median: f64,
+    rss_peak_mb: BTreeMap<String, f64>,
+    pss_peak_mb: BTreeMap<String, f64>,
+    shared_memory_mb: f64,
+    time_to_first_frame_s: f64,
+    settled: bool,
+    trees_cut_short: u64,
+    events_dropped: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Settings {
+    facet_px: f64,
+    texel_px: f64,
+    measure: String,
+    samples: u32,
+    exaggeration: f64,
+    threads: u32,
+}
+
+/// Milliseconds per frame.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Spread {
+    ms_median: f64,
+    ms_p99: f64,
+    ms_max: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Tiles {
+    wanted: u64,
+    loaded: u64,
+    evicted: u64,
+    uploaded: u64,
+    unavailable: Vec<Unavailable>,
+    /// Larger than the list when events were lost.
+    unavailable_count: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Unavailable {
+    layer: &'static str,
+    node: [u32; 2],
+    level: u8,
+    cause: &'static str,
+}
+
+const NANOS_PER_MS: f64 = 1e6;
+
+impl Report {
+    /// The report of a run.
+    #[must_use]
+    pub fn new(config: &RunConfig, figures: &RunFigures) -> Self {
+        let collector = &figures.collector;
+        let frames = &collector.frames;
+        let span = |name: SpanName| -> Vec<f64> {
+            let nanos = frames.iter().map(|frame| frame.span_nanos[name as usize - 1]);
+            nanos.filter(|nanos| *nanos > 0).map(|nanos| nanos as f64 / NANOS_PER_MS).collect()
+        };
+        let renderer_ms = renderer_ms(frames);
+        let mut stages = BTreeMap::new();
+        stages.insert(Stage::Generator.name(), Spread::of(&span(SpanName::Generate)));
+        stages.insert(Stage::Preparer.name(), Spread::of(&span(SpanName::Prepare)));
+        stages.insert(Stage::Renderer.name(), Spread::of(&renderer_ms));
+        let spans = SpanName::ALL.iter().map(|name| (name.as_str(), Spread::of(&span(*name)))).collect();
+        let frame_ms = frame_ms(frames);
+        let spread = Spread::of(&frame_ms);
+        let unavailable: Vec<Unavailable> = collector
+            .unavailable
+            .iter()
+            .map(|(tile, cause)| Unavailable {
+                layer: if tile.is_color { "color" } else { "elevation" },
+                node: [tile.node.m(), tile.node.n()],
+                level: tile.node.q(),
+                cause: match cause {
+                    1 => "missing",
+                    2 => "corrupt",
+                    _ => "read error",
+                },
+            })
+            .collect();
+        let unavailable_count = figures.tiles_unavailable.max(unavailable.len() as u64);
+        let first_written = frames.iter().map(|frame| frame.written_nanos).find(|nanos| *nanos > 0);
+        let first_written = first_written.unwrap_or(figures.ended_nanos);
+        let is_complete = figures.written_frames == frames.len() as u64;
+        let of_frames = |value: fn(&FrameFigures) -> f64| -> f64 {
+            median(&mut frames.iter().filter(|frame| frame.done_nanos > 0).map(value).collect::<Vec<_>>())
+        };
+        let mut pss_peak_mb = figures.memory.pss_mb.clone();
+        pss_peak_mb.insert("all".into(), figures.memory.pss_total_mb);
+        Self {
+            schema: "terravision-fly-1",
+            version: env!("CARGO_PKG_VERSION"),
+            frames: figures.written_frames,
+            first_frame: collector.first_frame(),
+            fps: frames_per_second(frames),
+            wall_s: seconds(figures.started_nanos, figures.ended_nanos),
+            frame_ms_median: spread.ms_median,
+            frame_ms_p99: spread.ms_p99,
+            frame_ms_max: spread.ms_max,
+            frame_ms,
+            width: config.width,
+            height: config.height,
+            device: collector.device(),
+            driver: collector.driver(),
+            settings: Settings {
+                facet_px: config.r_z_px,
+                texel_px: config.r_c_px,
+                measure: format!("{:?}", config.measure).to_lowercase(),
+                samples: config.render.samples,
+                exaggeration: config.exaggeration,
+                threads: config.loader_threads,
+            },
+            stages,
+            spans,
+            tiles: Tiles {
+                wanted: figures.tiles_wanted,
+                loaded: figures.tiles_loaded,
+                evicted: figures.tiles_evicted,
+                uploaded: figures.tiles_uploaded,
+                unavailable,
+                unavailable_count,
+            },
+            nodes_median: of_frames(|frame| f64::from(frame.nodes)),
+            triangles_median: of_frames(|frame| frame.triangles as f64),
+            rss_peak_mb: figures.memory.rss_mb.clone(),
+            pss_peak_mb,
+            shared_memory_mb: figures.shared_memory_bytes as f64 / f64::from(1 << 20),
+            time_to_first_frame_s: seconds(figures.started_nanos, first_written),
+            settled: is_complete && unavailable_count == 0 && figures.frames_unsettled == 0,
+            trees_cut_short: figures.trees_cut_short,
+            events_dropped: figures.events_dropped + collector.strange_events,
+        }
+    }
+
+    /// Writes it as JSON.
+    ///
+    /// # Errors
+    /// The writer's.
+    pub fn write(&self, writer: &mut impl Write) -> io::Result<()> {
+        serde_json::to_writer_pretty(&mut *writer, self)?;
+        writer.write_all(b"\n")
+    }
+
+    /// Whether every tile that was wanted was drawn.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.settled
+    }
+
+    /// Number of tiles that could not be had.
+    #[must_use]
+    pub fn unavailable_count(&self) -> u64 {
+        self.tiles.unavailable_count
+    }
+
+    /// The first tile of the list of those that could not be had, in words.
+    #[must_use]
+    pub fn first_unavailable(&self) -> String {
+        match self.tiles.unavailable.first() {
+            Some(tile) => format!(
+                "the first is the {} tile of node ({}, {}, {}), {} (a report lists all)",
+                tile.layer, tile.node[0], tile.node[1], tile.level, tile.cause
+            ),
+            None => "which ones was lost on the way".into(),
+        }
+    }
+
+    /// The run in one line.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        if self.frames == 1 {
+            return format!("1 frame, {}x{}, in {:.1} s", self.width, self.height, self.wall_s);
+        }
+        format!(
+            "{} frames, {}x{}, in {:.1} s ({:.1} frames/s; worst frame {:.0} ms, median {:.0} ms)",
+            self.frames, self.width, self.height, self.wall_s, self.fps, self.frame_ms_max, self.frame_ms_median
+        )
+    }
+}
+
+impl Spread {
+    fn of(values: &[f64]) -> Self {
+        let mut values = values.to_vec();
+        let ms_median = median(&mut values);
+        let ms_max = values.last().copied().unwrap_or(0.0);
+        // Nearest rank.
+        let rank = ((values.len() as f64 * 0.99).ceil() as usize).saturating_sub(1);
+        let ms_p99 = values.get(rank).copied().unwrap_or(0.0);
+        Self { ms_median, ms_p99, ms_max }
+    }
+}
+
+/// The median; 0 of nothing. Leaves the values sorted.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() {
+        0 => 0.0,
+        n if n % 2 == 1 => values[middle],
+        _ => 0.5 * (values[middle - 1] + values[middle]),
+    }
+}
+
+fn seconds(from_nanos: u64, to_nanos: u64) -> f64 {
+    to_nanos.saturating_sub(from_nanos) as f64 / 1e9
+}
+
+/// Time from the end of the frame before to the end of each; of the first from its beginning. In the order of frames.
+fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
+    let mut before = None;
+    let done = frames.iter().filter(|frame| frame.done_nanos > 0);
+    done.map(|frame| {
+        let from = before.unwrap_or(frame.draw_started_nanos);
+        before = Some(frame.done_nanos);
+        if from == 0 { 0.0 } else { frame.done_nanos.saturating_sub(from) as f64 / NANOS_PER_MS }
+    })
+    .collect()
+}
+
+/// What the renderer itself took for each frame: from when it began with it, or was done with the one before if that
+/// was later, to the end of its read-back. Waiting for the ring is not in it.
+fn renderer_ms(frames: &[FrameFigures]) -> Vec<f64> {
+    let mut before = 0;
+    let known = frames.iter().filter(|frame| frame.done_nanos > 0 && frame.draw_started_nanos > 0);
+    known
+        .map(|frame| {
+            let from = frame.draw_started_nanos.max(before);
+            before = frame.done_nanos;
+            frame.done_nanos.saturating_sub(from) as f64 / NANOS_PER_MS
+        })
+        .collect()
+}
+
+/// Frames per second from the end of the first to the end of the last; of a single frame, the inverse of its time.
+fn frames_per_second(frames: &[FrameFigures]) -> f64 {
+    let done: Vec<&FrameFigures> = frames.iter().filter(|frame| frame.done_nanos > 0).collect();
+    let (Some(first), Some(last)) = (done.first(), done.last()) else { return 0.0 };
+    let (count, from) = match done.len() {
+        1 => (1, first.draw_started_nanos),
+        n => (n - 1, first.done_nanos),
+    };
+    let seconds = seconds(from, last.done_nanos);
+    if seconds > 0.0 { count as f64 / seconds } else { 0.0 }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use terravision_common::event::{Event, EventKind};
+    use terravision_common::level::Measure;
+    use terravision_common::node::NodeId;
+    use terravision_common::run::{RenderConfig, SinkConfig};
+
+    pub(crate) fn config() -> RunConfig {
+        RunConfig {
+            run_id: "tv-1-2".into(),
+            world: "w.tv".into(),
+            width: 64,
+            height: 36,
+            fps: 30.0,
+            frames: [5, 8],
+            r_z_px: 10.0,
+            r_c_px: 1.0,
+            measure: Measure::Area,
+            exaggeration: 1.0,
+            loader_threads: 2,
+            render: RenderConfig {
+                sky_rgb: [1, 2, 3],
+                samples: 1,
+                has_tree_overlay: false,
+                has_validation: false,
+                frames_in_flight: 2,
+                sink: SinkConfig::Null,
+                depth: None,
+                ground: None,
+            },
+        }
+    }
+
+    /// Three frames of 10 ms each, of which the renderer works 8, 10 and 4.
+    pub(crate) fn figures() -> RunFigures {
+        let mut collector = Collector::new(5, 3, true);
+        const MS: u64 = 1_000_000;
+        for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
+            let mut event = |stage, kind: EventKind, start, duration, value| {
+                let (start_nanos, duration_nanos) = (start * MS, duration * MS);
+                let kind = kind as u32;
+                collector.take(stage, Event { kind, thread: 0, frame, start_nanos, duration_nanos, value, node: 0 });
+            };
+            event(Stage::Generator, EventKind::Span, started - 50, 1, SpanName::Generate as u64);
+            event(Stage::Preparer, EventKind::Span, started - 20, frame - 4, SpanName::Prepare as u64);
+            event(Stage::Renderer, EventKind::Span, started, 1, SpanName::Record as u64);
+            event(Stage::Renderer, EventKind::FrameDone, done, 10, 1000 + frame);
+            event(Stage::Renderer, EventKind::FrameWritten, done + 5, 0, 1);
+        }
+        RunFigures {
+            started_nanos: 15 * MS,
+            ended_nanos: 215 * MS,
+            written_frames: 3,
+            tiles_wanted: 30,
+            tiles_loaded: 12,
+            tiles_evicted: 0,
+            tiles_uploaded: 6,
+            tiles_unavailable: 0,
+            frames_unsettled: 0,
+            events_dropped: 0,
+            trees_cut_short: 0,
+            shared_memory_bytes: 1 << 20,
+            collector,
+            memory: MemoryPeaks::default(),
+            pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13)],
+        }
+    }
+
+    #[test]
+    fn the_report_has_the_schema_and_the_figures() {
+        let mut bytes = Vec::new();
+        Report::new(&config(), &figures()).write(&mut bytes).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        assert_eq!(report["schema"], "terravision-fly-1");
+        assert_eq!(report["frames"], 3);
+        assert_eq!(report["fps"], 100.0);
+        assert_eq!(report["frame_ms"], serde_json::json!([8.0, 10.0, 10.0]));
+        assert_eq!(report["stages"]["generator"]["ms_median"], 1.0);
+        assert_eq!(report["stages"]["preparer"]["ms_median"], 2.0);
+        assert_eq!(report["stages"]["preparer"]["ms_p99"], 3.0);
+        assert_eq!(report["stages"]["renderer"]["ms_median"], 8.0);
+        assert_eq!(report["stages"]["renderer"]["ms_p99"], 10.0);
+        assert_eq!(
+            report["tiles"],
+            serde_json::json!({"wanted": 30, "loaded": 12, "evicted": 0, "uploaded": 6, "unavailable": [], "unavailable_count": 0})
+        );
+        assert_eq!(report["triangles_median"], 1006.0);
+        assert_eq!(report["time_to_first_frame_s"], 0.1);
+        assert_eq!(report["settled"], true);
+    }
+
+    #[test]
+    fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
+        let mut figures = figures();
+        let node = NodeId::new(3, 4, 1).unwrap().pack();
+        let kind = EventKind::TileUnavailable as u32;
+        let event = Event { kind, thread: 0, frame: 6, start_nanos: 0, duration_nanos: 0, value: 256 * 2, node };
+        figures.collector.take(Stage::Preparer, event);
+        let report = Report::new(&config(), &figures);
+        assert!(!report.is_complete());
+        assert_eq!(report.unavailable_count(), 1);
+        assert!(report.first_unavailable().contains("elevation tile of node (3, 4, 1), corrupt"));
+        let listed = serde_json::to_value(&report).unwrap()["tiles"]["unavailable"].clone();
+        assert_eq!(listed, serde_json::json!([{"layer": "elevation", "node": [3, 4], "level": 1, "cause": "corrupt"}]));
+    }
+
+    #[test]
+    fn a_run_of_nothing_has_a_report() {
+        let mut figures = figures();
+        figures.collector = Collector::new(0, 0, false);
+        figures.written_frames = 0;
+        let report = Report::new(&config(), &figures);
+        assert!(report.frame_ms.is_empty() && report.fps == 0.0);
+    }
+}
