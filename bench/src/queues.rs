@@ -7,6 +7,7 @@
 
 use crate::cli::ReaderArgs;
 use crate::measurement::{Measurement, Target, median, quantile};
+use crate::session::sibling;
 use anyhow::{Context, bail, ensure};
 use bytemuck::Zeroable;
 use std::io::{Read, Write};
@@ -105,7 +106,7 @@ impl Pair {
         let layout = Layout { ring_slots: 8192, tree_nodes: 65_536, ..Layout::small() };
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;
-        let program = std::env::current_exe().context("cannot find this program")?;
+        let program = sibling("terravision-bench")?;
         let name = match queue {
             Queue::Ring => "ring",
             Queue::PingPong => "ping-pong",

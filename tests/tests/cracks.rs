@@ -1,5 +1,7 @@
 //! No background is seen through the ground: not from above, not at grazing angles, on terrain as rough as none is.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use terravision_tests::flight::{Pose, write_png};
 use terravision_tests::folder::target_tmp;
 use terravision_tests::metrics::count_holes;

@@ -1,5 +1,7 @@
 //! Processes that are killed: the others notice, say so and leave nothing behind.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use rustix::process::Signal;
 use std::path::Path;
 use std::time::{Duration, Instant};

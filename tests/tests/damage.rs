@@ -1,5 +1,7 @@
 //! Damaged and wrong input: a sentence and the right exit code, or the picture with what is left of the data.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use std::fs;
 use std::path::Path;
 use std::time::Duration;

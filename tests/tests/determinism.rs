@@ -1,5 +1,7 @@
 //! The same input gives the same bytes: again, with other threads, with less memory, in pieces.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use terravision_tests::flight::{Pose, write_path};

@@ -1,5 +1,7 @@
 //! What a flight may use: memory.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::{Terravision, pss_kib};
 use terravision_tests::shot::read_report;

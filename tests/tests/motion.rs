@@ -1,5 +1,7 @@
 //! Nothing pops: along a slow flight the picture changes by its motion and by nothing else.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use glam::DVec3;
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;

@@ -1,6 +1,8 @@
 //! The picture is right: nearer to the truth than thresholds that were set before it was drawn, and the nearer the
 //! finer the settings.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use terravision_tests::metrics::{Quality, compare, median_absolute_error};
 use terravision_tests::reference::Picture;
 use terravision_tests::shot::{Shot, Taken, oblique_poses};

@@ -1,6 +1,8 @@
 //! Real rasters, from `TERRAVISION_DATA`: they ingest, and what is seen of them looks as they do. Without that folder
 //! there is nothing to test, and the tests say so.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;

@@ -223,7 +223,7 @@ mod tests {
         #[test]
         fn the_first_hit_is_the_one_that_small_steps_find(
             seed: u64, x in 5.0..355.0f64, y in 5.0..275.0f64, z in 31.0..120.0f64,
-            heading in 0.0..6.2831f64, slope in -3.0..0.05f64,
+            heading in 0.0..std::f64::consts::TAU, slope in -3.0..0.05f64,
         ) {
             let heights = rough(seed);
             let eye = DVec3::new(500_000.0 + x, 4_000_000.0 + y, z);
