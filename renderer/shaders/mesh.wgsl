@@ -55,7 +55,8 @@ fn post_of(vertex: u32) -> vec2<u32> {
     return vec2(vertex - row * frame.posts, row);
 }
 
-fn vertex_of(tile: Tile, post: vec2<u32>) -> Vertex {
+// The post that is drawn in a post's place.
+fn snapped(tile: Tile, post: vec2<u32>) -> vec2<u32> {
     var at = post;
     let last = frame.posts - 1u;
     let snap = tile.level_and_snap;
@@ -66,7 +67,11 @@ fn vertex_of(tile: Tile, post: vec2<u32>) -> Vertex {
         if post.y == 0u { at.x &= ~0u << extractBits(snap, 16u, 4u); }
         if post.y == last { at.x &= ~0u << extractBits(snap, 20u, 4u); }
     }
-    let lattice = min(tile.origin_from_cell + vec2<i32>(at << vec2(snap & 0xffu)), frame.extent_from_cell);
+    return at;
+}
+
+fn vertex_of(tile: Tile, at: vec2<u32>) -> Vertex {
+    let lattice = min(tile.origin_from_cell + vec2<i32>(at << vec2(tile.level_and_snap & 0xffu)), frame.extent_from_cell);
     let ground = vec2<f32>(lattice) * frame.unit_m - frame.eye_in_cell_m;
     let from_eye = vec3(ground, elevations[tile.array_start + at.y * frame.posts + at.x]);
     let texel = vec2<f32>(lattice - tile.color_origin_from_cell) * tile.color_scale + frame.color_border;
@@ -85,7 +90,8 @@ struct Varyings {
 
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varyings {
-    let made = vertex_of(tiles[instance], post_of(vertex));
+    let tile = tiles[instance];
+    let made = vertex_of(tile, snapped(tile, post_of(vertex)));
     return Varyings(made.position, made.color_at, made.layer);
 }
 
@@ -107,7 +113,7 @@ struct OverlayVaryings {
 @vertex
 fn vertex_overlay(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> OverlayVaryings {
     let tile = tiles[instance];
-    let post = post_of(vertex);
+    let post = snapped(tile, post_of(vertex));
     let made = vertex_of(tile, post);
     let start = vec2(tile.block_start & 0xffffu, tile.block_start >> 16u);
     let end = vec2(tile.block_end & 0xffffu, tile.block_end >> 16u);

@@ -1,0 +1,203 @@
+//! Hand-made recordings: small worlds with a known shape and known colours.
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses a part of it")]
+
+use bytemuck::Zeroable;
+use std::sync::Arc;
+use std::time::Duration;
+use terravision_common::camera::Camera;
+use terravision_common::node::NodeId;
+use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
+use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
+use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
+use terravision_renderer::frame::FrameReader;
+use terravision_renderer::gpu::ElevationPath;
+use terravision_renderer::source::{FrameSource, RecordedFrame, RecordedSource, Recording, RecordingBuilder};
+
+/// A sky that no texture has.
+pub const SKY: [u8; 3] = [255, 0, 255];
+
+/// A world of `2^k` nodes of level 0 a side: 10 m posts, 8 intervals and 32 texels a tile.
+pub fn world(extent: [u32; 2]) -> World {
+    let longer = extent[0].max(extent[1]).div_ceil(8).next_power_of_two();
+    World::new(WorldFields {
+        origin: [500_000.0, 4_000_000.0],
+        lattice_unit_m: 10.0,
+        extent,
+        elevation_tile: 8,
+        color_tile: 32,
+        levels: longer.ilog2() as u8 + 1,
+        finest_elevation_level: 0,
+        finest_color_level: 0,
+    })
+    .unwrap()
+}
+
+/// A camera over the world, metres and degrees.
+pub fn camera(eye: [f64; 3], heading: f64, pitch: f64, size: [u32; 2]) -> Camera {
+    Camera {
+        eye_in_world: eye,
+        heading_rad: heading.to_radians(),
+        pitch_rad: pitch.to_radians(),
+        roll_rad: 0.0,
+        vfov_rad: 60f64.to_radians(),
+        width: size[0],
+        height: size[1],
+        timestamp_nanos: 0,
+    }
+}
+
+/// Builds one frame after the other.
+pub struct Scene<'a> {
+    pub world: World,
+    pub builder: RecordingBuilder,
+    pub height: &'a dyn Fn(f64, f64) -> f64,
+    /// Colour of the texel centre at a point of the world.
+    pub color: &'a dyn Fn(f64, f64) -> [u8; 3],
+    frame: u64,
+    next_slot: u32,
+}
+
+impl<'a> Scene<'a> {
+    pub fn new(
+        world: World,
+        height: &'a dyn Fn(f64, f64) -> f64,
+        color: &'a dyn Fn(f64, f64) -> [u8; 3],
+    ) -> Self {
+        Self { world, builder: RecordingBuilder::new(world), height, color, frame: 0, next_slot: 0 }
+    }
+
+    /// A tile with its own elevation array and colour tile: a leaf at `node`.
+    pub fn leaf(&mut self, node: NodeId, camera: &Camera, edge_snap: [u8; 4]) -> TileSlot {
+        let side = self.world.elevation_tile() as u16;
+        let origin = self.world.node_origin(node).map(|v| v as u32);
+        let position = self.add_array(node, camera);
+        let color_slot = self.add_color(node);
+        TileSlot {
+            node: node.pack(),
+            elevation_position: position,
+            elevation_origin: origin,
+            color_origin: origin,
+            start: [0, 0],
+            end: [side, side],
+            color_slot,
+            color_generation: 1,
+            elevation_level: node.q(),
+            color_level: node.q(),
+            edge_snap,
+            ..TileSlot::zeroed()
+        }
+    }
+
+    pub fn add_array(&mut self, node: NodeId, camera: &Camera) -> u64 {
+        let origin = self.world.node_origin(node);
+        let extent = self.world.extent();
+        let unit = self.world.lattice_unit_m();
+        let mut values = Vec::new();
+        for j in 0..u64::from(self.world.elevation_posts()) {
+            for i in 0..u64::from(self.world.elevation_posts()) {
+                let at = |axis: usize, k: u64| (origin[axis] + (k << node.q())).min(extent[axis].into()) as f64 * unit;
+                values.push(((self.height)(at(0, i), at(1, j)) - camera.eye_in_world[2]) as f32);
+            }
+        }
+        self.builder.add_elevations(&values)
+    }
+
+    pub fn add_color(&mut self, node: NodeId) -> u32 {
+        let mut texels = Vec::new();
+        let [x0, y0] = self.world.node_origin(node).map(|v| v as f64 * self.world.lattice_unit_m());
+        let side_m = self.world.node_side_m(node.q());
+        for mip in 0..COLOR_MIPS {
+            let stored = self.world.color_stored() >> mip;
+            let border = f64::from(COLOR_BORDER >> mip);
+            let spacing = side_m / f64::from(self.world.color_tile() >> mip);
+            for row in 0..stored {
+                for column in 0..stored {
+                    let x = x0 + (f64::from(column) + 0.5 - border) * spacing;
+                    let y = y0 + side_m - (f64::from(row) + 0.5 - border) * spacing;
+                    let [r, g, b] = (self.color)(x, y);
+                    texels.extend([r, g, b, 255]);
+                }
+            }
+        }
+        let slot = self.next_slot;
+        self.next_slot += 1;
+        self.builder.add_color(slot, 1, &texels);
+        slot
+    }
+
+    /// Adds a frame of these tiles.
+    pub fn frame(&mut self, camera: &Camera, tiles: Vec<TileSlot>) {
+        let marker = FrameMarker { frame: self.frame, camera: *camera, r_z_px: 10.0, r_c_px: 1.0, reserved: [0; 24] };
+        let end = FrameEnd {
+            frame: self.frame,
+            tile_count: tiles.len() as u32,
+            elevation_end: self.builder.arrays(),
+            ..FrameEnd::zeroed()
+        };
+        self.builder.add_frame(RecordedFrame { marker, tiles, end });
+        self.frame += 1;
+    }
+
+    pub fn finish(self) -> Arc<Recording> {
+        Arc::new(self.builder.finish())
+    }
+}
+
+pub fn node(m: u32, n: u32, q: u8) -> NodeId {
+    NodeId::new(m, n, q).unwrap()
+}
+
+/// Options of all tests: validation on, a size, nothing else special.
+pub fn options(size: [u32; 2]) -> EngineOptions {
+    EngineOptions { size, sky_rgb: SKY, has_validation: true, ..EngineOptions::default() }
+}
+
+/// Draws all frames of a recording.
+pub fn draw(options: &EngineOptions, recording: &Arc<Recording>) -> Result<Vec<Finished>, EngineError> {
+    let mut source = RecordedSource::new(Arc::clone(recording), 1);
+    let mut reader = FrameReader::new(source.shape(), options.size)?;
+    let mut engine = Engine::new(options.clone(), &source)?;
+    let mut finished = Vec::new();
+    while reader.remaining() > 0 {
+        while !engine.has_room() {
+            finished.extend(engine.poll(Duration::from_secs(20))?);
+        }
+        reader.read(&mut source, true)?;
+        let readback = engine.new_readback()?;
+        engine.submit(reader.frame(), &mut source, readback)?;
+    }
+    while engine.is_busy() {
+        finished.extend(engine.poll(Duration::from_secs(20))?);
+    }
+    engine.device().instance().check_validation()?;
+    Ok(finished)
+}
+
+/// The pixel of a picture.
+pub fn pixel(finished: &Finished, x: u32, y: u32) -> [u8; 3] {
+    let [width, _] = finished.readback.size();
+    let start = (y * width + x) as usize * 4;
+    let rgba = &finished.readback.rgba()[start..start + 4];
+    assert_eq!(rgba[3], 255);
+    [rgba[0], rgba[1], rgba[2]]
+}
+
+/// Number of pixels of sky.
+pub fn sky_pixels(finished: &Finished) -> usize {
+    finished.readback.rgba().chunks_exact(4).filter(|texel| texel[..3] == SKY).count()
+}
+
+/// All ways in which elevations and colours reach the device.
+pub fn paths(options: &EngineOptions) -> [EngineOptions; 2] {
+    let staged =
+        EngineOptions { elevation_path: ElevationPath::Staged, can_import_colors: false, ..options.clone() };
+    [options.clone(), staged]
+}
+
+/// Writes a picture for a person to look at, when `TERRAVISION_TEST_PICTURES` names a folder.
+pub fn keep(finished: &Finished, name: &str) {
+    let Some(folder) = std::env::var_os("TERRAVISION_TEST_PICTURES") else { return };
+    let [width, height] = finished.readback.size();
+    let path = std::path::Path::new(&folder).join(format!("{name}.png"));
+    image::save_buffer(path, finished.readback.rgba(), width, height, image::ExtendedColorType::Rgba8).unwrap();
+}
