@@ -2,6 +2,7 @@
 //! the ping-pong buffer that the preparer does not read. The search itself is [`terravision_common::traversal`].
 
 use bytemuck::Zeroable;
+use std::sync::Arc;
 use terravision_common::database::{Database, DatabaseError};
 use terravision_common::event::{SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
@@ -53,7 +54,7 @@ impl StageError for GeneratorError {
 #[derive(Debug)]
 pub struct Ports {
     /// The control block.
-    pub control: Control,
+    pub control: Arc<Control>,
     /// Cameras, one per frame, in order.
     pub cameras: Consumer<CameraRecord>,
     /// The ping-pong buffer.
@@ -71,7 +72,7 @@ impl Ports {
         let control = Control::open(run.id())?;
         control.register(Stage::Generator)?;
         Ok(Self {
-            control,
+            control: Arc::new(control),
             cameras: Consumer::open(run.id(), SegmentKind::CameraRing)?,
             trees: TreeWriter::open(run.id())?,
             events: Events::new(Producer::open(run.id(), SegmentKind::EventsGenerator)?),

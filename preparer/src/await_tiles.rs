@@ -60,7 +60,7 @@ pub struct TileWait {
     pending: Vec<Tile>,
     /// The top levels, which are in the pools whatever a frame wants.
     locked: Vec<Tile>,
-    /// The coarsest level that is not locked has this level.
+    /// The coarsest level that is not locked; -1 when all are.
     first_unlocked: i32,
 }
 
@@ -122,7 +122,7 @@ impl TileWait {
         let mut unavailable = 0;
         loop {
             let completed = control.completed_sequence();
-            let mut has_no_room = false;
+            let mut without_room = None;
             loader.drain(&mut tell);
             self.pending.retain(|tile| match loader.want(*tile, frame, sequence, control) {
                 TileState::Resident => false,
@@ -132,7 +132,7 @@ impl TileWait {
                 }
                 TileState::Loading => true,
                 TileState::NoRoom => {
-                    has_no_room = true;
+                    without_room = Some(tile.layer);
                     true
                 }
             });
@@ -140,11 +140,17 @@ impl TileWait {
                 loader.drain(&mut tell);
                 return Ok(unavailable);
             }
-            if has_no_room && loader.in_flight() == 0 {
-                // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
-                control.wait_completed(completed + 1)?;
-            } else {
-                loader.wait(control)?;
+            match without_room {
+                Some(layer) if loader.in_flight() == 0 => {
+                    if completed + 1 >= sequence {
+                        // No earlier frame holds a slot, so nothing would end the wait.
+                        let capacity = u64::from(loader.capacity(layer));
+                        return Err(self.too_small(layer, capacity + 1, capacity, frame));
+                    }
+                    // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
+                    control.wait_completed(completed + 1)?;
+                }
+                _ => loader.wait(control)?,
             }
         }
     }

@@ -86,7 +86,7 @@ impl StageError for PreparerError {
 #[derive(Debug)]
 pub struct Ports {
     /// The control block.
-    pub control: Control,
+    pub control: Arc<Control>,
     /// The ping-pong buffer.
     pub trees: TreeReader,
     /// The ring.
@@ -106,7 +106,7 @@ impl Ports {
         let control = Control::open(run.id())?;
         control.register(Stage::Preparer)?;
         Ok(Self {
-            control,
+            control: Arc::new(control),
             trees: TreeReader::open(run.id())?,
             ring: Producer::open(run.id(), SegmentKind::Ring)?,
             elevation: ElevationWriter::open(run.id())?,

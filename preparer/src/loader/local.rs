@@ -176,10 +176,11 @@ impl TileLoader for LocalLoader {
         std::mem::swap(&mut self.done, &mut self.shared.lock().done);
         for loaded in self.done.drain(..) {
             self.in_flight -= 1;
-            if let Some(code) = loaded.code {
-                self.unavailable.insert(loaded.tile, code);
+            // Between its failure and this place a tile may have been asked for, and have failed, again.
+            let is_news = loaded.code.is_none_or(|code| self.unavailable.insert(loaded.tile, code).is_none());
+            if is_news {
+                tell(&loaded);
             }
-            tell(&loaded);
         }
     }
 

@@ -16,6 +16,8 @@ use terravision_preparer::frame::{FrameBuffer, FrameMaker};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
 
+pub mod flight;
+
 pub const NODES: u32 = 20_000;
 
 pub fn world(extent: [u32; 2], levels: u8, finest: [u8; 2], nz: u32) -> World {

@@ -1,0 +1,148 @@
+//! The generator between its rings: every camera becomes a tree, in order; what is no camera ends it.
+
+use std::sync::Arc;
+use terravision_common::camera::Camera;
+use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::level::Measure;
+use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
+use terravision_common::stage::{Events, StageError};
+use terravision_common::synthetic::{Relief, SyntheticTerrain};
+use terravision_common::traversal::TreeLimits;
+use terravision_common::world::{World, WorldFields};
+use terravision_generator::{Generator, GeneratorError, Ports};
+
+const NODES: u32 = 8192;
+
+fn world() -> World {
+    World::new(WorldFields {
+        origin: [0.0; 2],
+        lattice_unit_m: 10.0,
+        extent: [2000, 1500],
+        elevation_tile: 16,
+        color_tile: 128,
+        levels: 8,
+        finest_elevation_level: 0,
+        finest_color_level: 1,
+    })
+    .expect("valid")
+}
+
+fn config(frames: [u64; 2]) -> RunConfig {
+    RunConfig {
+        run_id: "tv-1-1".to_owned(),
+        world: "/nowhere".into(),
+        width: 640,
+        height: 360,
+        fps: 30.0,
+        frames,
+        r_z_px: 10.0,
+        r_c_px: 1.0,
+        measure: Measure::Area,
+        exaggeration: 1.0,
+        loader_threads: 1,
+        render: RenderConfig {
+            sky_rgb: [0; 3],
+            samples: 1,
+            has_tree_overlay: false,
+            has_validation: false,
+            frames_in_flight: 2,
+            sink: SinkConfig::Null,
+            depth: None,
+            ground: None,
+        },
+    }
+}
+
+fn camera(k: u64) -> Camera {
+    Camera {
+        eye_in_world: [3000.0 + 20.0 * k as f64, 2000.0, 900.0],
+        heading_rad: 0.02 * k as f64,
+        pitch_rad: -0.4,
+        roll_rad: 0.0,
+        vfov_rad: 1.0,
+        width: 640,
+        height: 360,
+        timestamp_nanos: 0,
+    }
+}
+
+struct Sides {
+    control: Arc<Control>,
+    ports: Ports,
+    cameras: Producer<CameraRecord>,
+    trees: TreeReader,
+    events: Consumer<Event>,
+    generator: Generator<SyntheticTerrain>,
+}
+
+fn sides(frames: [u64; 2]) -> Sides {
+    let control = Arc::new(memory::control().expect("a control block"));
+    let (cameras, camera_reader) = memory::ring(64).expect("valid");
+    let (tree_writer, trees) = memory::ping_pong(NODES).expect("valid");
+    let (told, events) = memory::ring(256).expect("valid");
+    let ports =
+        Ports { control: Arc::clone(&control), cameras: camera_reader, trees: tree_writer, events: Events::new(told) };
+    let terrain = SyntheticTerrain::new(&world(), Relief::Mountains { height_m: 400.0 }, 1);
+    let limits = TreeLimits { nodes: NODES, elevation_leaves: 1024 };
+    let generator = Generator::new(&world(), terrain, &config(frames), limits);
+    Sides { control, ports, cameras, trees, events, generator }
+}
+
+impl Sides {
+    fn send(&mut self, frame: u64, camera: Camera) {
+        self.cameras.push(&CameraRecord { frame, camera }, &self.control).expect("room");
+    }
+
+    fn frame(&mut self) -> Result<u32, GeneratorError> {
+        self.generator.frame(&mut self.ports).map(|stats| stats.node_count)
+    }
+}
+
+#[test]
+fn cameras_become_trees_in_order() {
+    let mut sides = sides([30, 50]);
+    for k in 0..20 {
+        sides.send(30 + k, camera(k));
+        let nodes = sides.frame().expect("a tree");
+        let tree = sides.trees.next(&sides.control).expect("published");
+        let header = *tree.header();
+        assert_eq!((header.frame, header.camera, header.node_count), (30 + k, camera(k), nodes));
+        assert_eq!((header.r_z_px, header.r_c_px, header.is_cut_short), (10.0, 1.0, 0));
+        assert!(nodes > 20 && tree.len() == nodes as usize && header.started_nanos <= header.finished_nanos);
+        assert_eq!(tree[0].id(), Some(world().root()));
+    }
+    let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
+    assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
+    assert!(told.iter().all(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::Generate as u64));
+}
+
+#[test]
+fn what_is_no_camera_or_not_the_next_is_refused() {
+    let mut wrong = sides([30, 50]);
+    wrong.send(31, camera(0));
+    assert!(matches!(wrong.frame(), Err(GeneratorError::WrongFrame { found: 31, expected: 30 })));
+    let mut bad = sides([30, 50]);
+    bad.send(30, Camera { pitch_rad: f64::NAN, ..camera(0) });
+    assert!(matches!(bad.frame(), Err(GeneratorError::BadCamera { frame: 30 })));
+}
+
+#[test]
+fn a_run_that_stops_ends_the_wait_for_a_camera() {
+    let mut sides = sides([0, 1]);
+    sides.control.set_state(RunState::Stopping);
+    assert!(sides.frame().expect_err("stopped").is_stopping());
+}
+
+#[test]
+fn a_frame_allocates_nothing() {
+    let mut sides = sides([0, 40]);
+    for k in 0..40 {
+        sides.send(k, camera(k));
+        let made = allocation_counter::measure(|| {
+            sides.generator.frame(&mut sides.ports).expect("a tree");
+        });
+        assert!(k < 2 || made.count_total == 0, "frame {k}: {made:?}");
+        drop(sides.trees.next(&sides.control).expect("published"));
+    }
+}

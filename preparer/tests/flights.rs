@@ -1,0 +1,165 @@
+//! Whole flights through the preparer: the same frames for any number of threads and any memory that suffices, missing
+//! tiles drawn from their parents, and errors that end it.
+
+mod support;
+
+use std::collections::HashSet;
+use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
+use terravision_common::database::Layer;
+use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::node::NodeId;
+use terravision_common::shm::RunState;
+use terravision_common::stage::StageError;
+use terravision_common::traversal::Traversal;
+use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeHeader, TreeNode};
+use terravision_preparer::PreparerError;
+use terravision_preparer::frame_tree::Tile;
+use terravision_preparer::stage::Preparer;
+
+fn frames_of(flight: &Flight) -> Vec<Frame> {
+    flight.fly().expect("a flight").0
+}
+
+fn unavailable(events: &[Event]) -> Vec<Tile> {
+    let failed = events.iter().filter(|e| e.kind == EventKind::TileUnavailable as u32);
+    failed
+        .map(|e| {
+            assert_eq!(e.value >> 8, 1, "missing");
+            let layer = if e.value & 255 == 0 { Layer::Elevation } else { Layer::Color };
+            Tile { layer, node: NodeId::unpack(e.node).expect("an id") }
+        })
+        .collect()
+}
+
+#[test]
+fn frames_are_the_same_for_any_threads_and_any_memory_that_suffices() {
+    let flight = Flight::new();
+    let frames = frames_of(&flight);
+    assert_eq!(frames.len(), 40);
+    assert!(frames.windows(2).all(|w| w[0].tiles != w[1].tiles), "the path shows something new in each frame");
+    assert!(frames.iter().all(|f| f.end.unavailable_count == 0 && f.tiles.len() > 20));
+    let most = most_wanted(&frames);
+    for (threads, slots, in_flight) in [(1, 1500, 1), (4, 1500, 3), (3, most * 2 / 3, 1), (2, most * 2 / 3, 3)] {
+        let other = Flight { threads, color_slots: slots, elevation_slots: slots, in_flight, ..flight.clone() };
+        assert!(frames_of(&other) == frames, "{threads} threads, {slots} slots, {in_flight} frames in flight");
+    }
+}
+
+#[test]
+fn a_flight_in_two_parts_has_the_frames_of_the_whole() {
+    let whole = frames_of(&Flight { frames: 12, ..Flight::new() });
+    // The path begins with the first frame of a flight, so this is the first part, with a cold start of its own.
+    let part = frames_of(&Flight { frames: 5, ..Flight::new() });
+    assert!(whole[..5] == part[..]);
+}
+
+#[test]
+fn missing_tiles_are_told_once_counted_in_each_frame_and_drawn_from_their_parents() {
+    let flight = Flight { source: Source::new(20), ..Flight::new() };
+    let (frames, events) = flight.fly().expect("a flight");
+    let failed = unavailable(&events);
+    let distinct: HashSet<Tile> = failed.iter().copied().collect();
+    assert!(!failed.is_empty() && distinct.len() == failed.len(), "each once");
+    assert!(distinct.iter().all(|tile| flight.source.is_missing(*tile)));
+    assert!(frames.iter().any(|f| f.end.unavailable_count > 0));
+    // That the slots name resident tiles of the right nodes is what the renderer of these flights checks.
+    let other = Flight { threads: 1, in_flight: 1, ..flight };
+    assert!(frames_of(&other) == frames);
+}
+
+#[test]
+fn every_frame_is_told_with_its_spans_and_what_it_wanted() {
+    let (frames, events) = Flight { frames: 6, ..Flight::new() }.fly().expect("a flight");
+    for (k, frame) in (100u64..).zip(&frames) {
+        let of = |kind: EventKind| events.iter().filter(move |e| e.frame == k && e.kind == kind as u32);
+        let spans = |name: SpanName| of(EventKind::Span).filter(|e| e.value == name as u64).count();
+        assert_eq!((spans(SpanName::AwaitTiles), spans(SpanName::Prepare)), (1, 1));
+        let told = of(EventKind::FrameWanted).map(|e| e.value).collect::<Vec<_>>();
+        assert_eq!(told, [u64::from(frame.end.wanted_count) | u64::from(frame.end.node_count) << 32]);
+    }
+    let loads = events.iter().filter(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::LoadTile as u64);
+    assert!(loads.clone().count() > 42 && loads.clone().all(|e| e.thread > 0 && NodeId::unpack(e.node).is_some()));
+}
+
+#[test]
+fn a_frame_that_no_pool_can_hold_is_an_error_that_says_so() {
+    let flight = Flight { color_slots: 64, elevation_slots: 80, ..Flight::new() };
+    let error = flight.fly().expect_err("too little");
+    assert!(error.to_string().contains("--texel-px"), "{error}");
+    assert!(!error.is_stopping());
+}
+
+#[test]
+fn without_the_tiles_of_the_root_there_is_no_picture() {
+    let source = Source { is_root_missing: true, ..Source::new(0) };
+    let error = Flight { source, ..Flight::new() }.fly().expect_err("no root");
+    let PreparerError::Frame { frame: 100, source } = error else { panic!("{error}") };
+    assert!(source.to_string().contains("colour tile of the root"), "{source}");
+}
+
+#[test]
+fn a_run_that_stops_ends_the_preparer_while_it_waits() {
+    let flight = Flight::new();
+    let mut parts = flight.parts();
+    let mut preparer = Preparer::new(&small_world(), &flight.config(), parts.loader, &mut parts.ports).expect("made");
+    parts.control.set_state(RunState::Stopping);
+    assert!(preparer.frame(&mut parts.ports).expect_err("stopped").is_stopping());
+}
+
+#[test]
+fn trees_and_headers_that_cannot_be_are_refused() {
+    let root = small_world().root();
+    let leaf = |node: NodeId| TreeNode {
+        node: node.pack(),
+        flags: ELEVATION_LEAF | COLOR_LEAF,
+        ..bytemuck::Zeroable::zeroed()
+    };
+    let refused = |change: &dyn Fn(&mut TreeHeader, &mut [TreeNode])| {
+        let flight = Flight::new();
+        let mut parts = flight.parts();
+        let mut preparer =
+            Preparer::new(&small_world(), &flight.config(), parts.loader, &mut parts.ports).expect("made");
+        let write = parts.trees.write(&parts.control, |nodes| {
+            let mut header = TreeHeader {
+                frame: 100,
+                camera: path(1)[0],
+                r_z_px: 1.0,
+                r_c_px: 1.0,
+                node_count: 1,
+                ..bytemuck::Zeroable::zeroed()
+            };
+            nodes[0] = leaf(root);
+            change(&mut header, nodes);
+            header
+        });
+        write.expect("written");
+        preparer.frame(&mut parts.ports).expect_err("refused").to_string()
+    };
+    assert!(refused(&|header, _| header.frame = 99).contains("another frame"));
+    assert!(refused(&|header, _| header.camera.vfov_rad = f64::NAN).contains("camera"));
+    assert!(refused(&|header, _| header.r_c_px = -1.0).contains("resolutions"));
+    assert!(refused(&|_, nodes| nodes[0].node = u64::MAX).contains("no node of this world"));
+    assert!(refused(&|_, nodes| nodes[0] = leaf(root.child(0).expect("not the finest"))).contains("expected the root"));
+    assert!(refused(&|header, _| header.node_count = 2).contains("node"));
+}
+
+#[test]
+fn a_frame_in_the_steady_state_allocates_nothing() {
+    let flight = Flight { frames: 40, ..Flight::new() };
+    let mut parts = flight.parts();
+    let mut preparer = Preparer::new(&small_world(), &flight.config(), parts.loader, &mut parts.ports).expect("made");
+    let mut traversal = Traversal::new(&small_world(), limits());
+    let mut allocations = vec![];
+    for (k, camera) in (0..).zip(path(flight.frames)) {
+        let made = allocation_counter::measure(|| {
+            flight.generate_one(&mut traversal, 100 + k, &camera, &parts.control, &mut parts.trees).expect("written");
+            preparer.frame(&mut parts.ports).expect("a frame");
+        });
+        allocations.push(made.count_total);
+        while parts.ring.try_pop().expect("not corrupt").is_some() {}
+        parts.elevation.released(parts.ports.elevation.next_position()).expect("not corrupt");
+        parts.control.set_completed_sequence(k + 1);
+    }
+    // The first frame may size buffers of the system's (locks, queues).
+    assert_eq!(allocations[2..].iter().sum::<u64>(), 0, "{allocations:?}");
+}

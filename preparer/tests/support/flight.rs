@@ -1,0 +1,328 @@
+//! A whole flight through a preparer, over memory of this process: the test writes trees as the generator does, and
+//! reads the rings as the renderer does.
+
+use bytemuck::Zeroable;
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::time::Duration;
+use terravision_common::camera::Camera;
+use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
+use terravision_common::event::Event;
+use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::node::NodeId;
+use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::shm::{
+    Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
+};
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::stage::Events;
+use terravision_common::synthetic::{Relief, SyntheticTerrain};
+use terravision_common::traversal::{Traversal, TreeLimits};
+use terravision_common::tree::TreeHeader;
+use terravision_common::world::World;
+use terravision_preparer::PreparerError;
+use terravision_preparer::frame_tree::Tile;
+use terravision_preparer::loader::local::LocalLoader;
+use terravision_preparer::stage::{Ports, Preparer};
+
+pub const NODES: u32 = 4096;
+pub const ARRAYS: u32 = 512;
+pub const R_PX: [f64; 2] = [24.0, 2.0];
+
+pub fn small_world() -> World {
+    super::world([300, 200], 8, [0, 0], 4)
+}
+
+/// A path low over the terrain: the tree is another one in every frame.
+pub fn path(frames: u64) -> Vec<Camera> {
+    let at = |k: u64| Camera {
+        eye_in_world: [300.0 + 8.0 * k as f64, 200.0 + 5.0 * k as f64, 500.0],
+        heading_rad: 0.8 + 0.01 * k as f64,
+        pitch_rad: -0.5,
+        roll_rad: 0.0,
+        vfov_rad: 1.0,
+        width: 320,
+        height: 200,
+        timestamp_nanos: 0,
+    };
+    (0..frames).map(at).collect()
+}
+
+/// A terrain some tiles of which cannot be had, as a fixed share of the finer nodes of each layer.
+#[derive(Debug, Clone)]
+pub struct Source {
+    pub terrain: SyntheticTerrain,
+    /// Of 256.
+    pub missing: u8,
+    /// The root's colour tile, too.
+    pub is_root_missing: bool,
+}
+
+impl Source {
+    pub fn new(missing: u8) -> Self {
+        let terrain = SyntheticTerrain::new(&small_world(), Relief::Mountains { height_m: 300.0 }, 5);
+        Self { terrain, missing, is_root_missing: false }
+    }
+
+    pub fn is_missing(&self, tile: Tile) -> bool {
+        if tile.node == self.terrain.world().root() {
+            return self.is_root_missing && tile.layer == Layer::Color;
+        }
+        let hash = (tile.node.pack() ^ (tile.layer as u64) << 50).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56;
+        (hash as u8) < self.missing
+    }
+
+    fn check(&self, layer: Layer, node: NodeId) -> Result<(), TileError> {
+        if self.is_missing(Tile { layer, node }) { Err(TileError::Missing { layer, node }) } else { Ok(()) }
+    }
+}
+
+impl TileSource for Source {
+    fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError> {
+        self.check(Layer::Elevation, node)?;
+        self.terrain.read_elevation(node, out, scratch)
+    }
+
+    fn read_color(&self, node: NodeId, out: &mut [u8], scratch: &mut TileScratch) -> Result<(), TileError> {
+        self.check(Layer::Color, node)?;
+        self.terrain.read_color(node, out, scratch)
+    }
+}
+
+/// One frame as the renderer got it, without what differs from run to run: pool slots and ring positions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    pub marker: FrameMarker,
+    pub tiles: Vec<TileSlot>,
+    pub arrays: Vec<Vec<u32>>,
+    pub end: FrameEnd,
+}
+
+/// How a flight is flown.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    pub source: Source,
+    pub threads: u32,
+    pub color_slots: u32,
+    pub elevation_slots: u32,
+    /// Frames that the renderer keeps before it calls the oldest completed.
+    pub in_flight: usize,
+    pub frames: u64,
+    pub first_frame: u64,
+}
+
+impl Flight {
+    pub fn new() -> Self {
+        Self {
+            source: Source::new(0),
+            threads: 2,
+            color_slots: 1500,
+            elevation_slots: 3000,
+            in_flight: 2,
+            frames: 40,
+            first_frame: 100,
+        }
+    }
+
+    /// Flies it. What the renderer saw, and what the preparer told.
+    pub fn fly(&self) -> Result<(Vec<Frame>, Vec<Event>), PreparerError> {
+        let flight = self.clone();
+        let (send, receive) = channel();
+        let thread = std::thread::spawn(move || send.send(flight.fly_here()));
+        let result = receive.recv_timeout(Duration::from_secs(120)).expect("the flight ends in time");
+        thread.join().expect("no panic").expect("received");
+        result
+    }
+
+    fn fly_here(&self) -> Result<(Vec<Frame>, Vec<Event>), PreparerError> {
+        let Parts { control, mut ports, mut trees, mut ring, mut elevation, colors, mut events, loader } = self.parts();
+        let world = small_world();
+        std::thread::scope(|scope| {
+            scope.spawn(|| self.generate(&control, &mut trees));
+            let renderer = scope.spawn(|| self.render(&control, &mut ring, &mut elevation, &colors));
+            let prepared = (|| {
+                let mut preparer = Preparer::new(&world, &self.config(), loader, &mut ports)?;
+                for _ in 0..self.frames {
+                    preparer.frame(&mut ports)?;
+                }
+                Ok(())
+            })();
+            if prepared.is_err() {
+                control.set_state(RunState::Failed);
+            }
+            let frames = renderer.join().expect("no panic");
+            let told = std::iter::from_fn(|| events.try_pop().expect("not corrupt")).collect();
+            prepared.map(|()| (frames.expect("all frames"), told))
+        })
+    }
+
+    pub fn parts(&self) -> Parts {
+        let world = small_world();
+        let posts = world.elevation_posts().pow(2);
+        let stored = world.color_stored();
+        let color_bytes = (0..3).map(|mip| u64::from(stored >> mip).pow(2) * 4).sum();
+        let (trees, tree_reader) = memory::ping_pong(NODES).expect("valid");
+        let (slots, ring) = memory::ring::<Slot>(256).expect("valid");
+        let (arrays, elevation) = memory::elevation_ring(ARRAYS, posts).expect("valid");
+        let (told, events) = memory::ring::<Event>(1 << 15).expect("valid");
+        let (elevation_pool, _) = memory::pool(self.elevation_slots, u64::from(posts) * 4 + 28).expect("valid");
+        let (color_pool, colors) = memory::pool(self.color_slots, color_bytes).expect("valid");
+        let loader = LocalLoader::new(Arc::new(self.source.clone()), elevation_pool, color_pool, self.threads);
+        let loader = loader.expect("threads");
+        // Two handles on one control block: the preparer's, and that of everyone else here.
+        let control = Arc::new(memory::control().expect("a control block"));
+        let ports = Ports {
+            control: Arc::clone(&control),
+            trees: tree_reader,
+            ring: slots,
+            elevation: arrays,
+            events: Events::new(told),
+        };
+        Parts { control, ports, trees, ring, elevation, colors, events, loader }
+    }
+
+    pub fn config(&self) -> RunConfig {
+        RunConfig {
+            run_id: "tv-1-1".to_owned(),
+            world: "/nowhere".into(),
+            width: 320,
+            height: 200,
+            fps: 30.0,
+            frames: [self.first_frame, self.first_frame + self.frames],
+            r_z_px: R_PX[0],
+            r_c_px: R_PX[1],
+            measure: Measure::Area,
+            exaggeration: 1.5,
+            loader_threads: self.threads,
+            render: RenderConfig {
+                sky_rgb: [0; 3],
+                samples: 1,
+                has_tree_overlay: false,
+                has_validation: false,
+                frames_in_flight: 2,
+                sink: SinkConfig::Null,
+                depth: None,
+                ground: None,
+            },
+        }
+    }
+
+    /// Writes the trees of the path, as long as anyone takes them.
+    fn generate(&self, control: &Control, trees: &mut TreeWriter) {
+        let mut traversal = Traversal::new(&small_world(), limits());
+        for (frame, camera) in (self.first_frame..).zip(path(self.frames)) {
+            if self.generate_one(&mut traversal, frame, &camera, control, trees).is_err() {
+                return;
+            }
+        }
+    }
+
+    pub fn generate_one(
+        &self,
+        traversal: &mut Traversal,
+        frame: u64,
+        camera: &Camera,
+        control: &Control,
+        trees: &mut TreeWriter,
+    ) -> Result<(), WaitError> {
+        let level = LevelFunction::new(camera, &small_world(), 1.5, Measure::Area, R_PX[0], R_PX[1]);
+        trees.write(control, |nodes| {
+            let stats = traversal.build(camera, &level, &self.source.terrain, nodes);
+            let [r_z_px, r_c_px] = R_PX;
+            let node_count = stats.node_count;
+            TreeHeader { frame, camera: *camera, r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
+        })
+    }
+
+    /// Takes frames out of the rings and looks at all that they name.
+    fn render(
+        &self,
+        control: &Control,
+        ring: &mut Consumer<Slot>,
+        elevation: &mut ElevationReader,
+        colors: &PoolReader,
+    ) -> Result<Vec<Frame>, WaitError> {
+        let mut frames = vec![];
+        let mut open: Option<Frame> = None;
+        let mut array_of = HashMap::new();
+        let mut ends = vec![];
+        let complete = |count: usize, ends: &[u64], elevation: &mut ElevationReader| {
+            if count > 0 {
+                elevation.released(ends[count - 1]).expect("not corrupt");
+                control.set_completed_sequence(count as u64);
+            }
+        };
+        while frames.len() < self.frames as usize {
+            let slot = match ring.try_pop()? {
+                Some(slot) => slot,
+                None => {
+                    // The device finishes what it has; it does not wait for more.
+                    complete(frames.len(), &ends, elevation);
+                    ring.pop(control)?
+                }
+            };
+            match slot.read().expect("a slot") {
+                SlotContent::Marker(marker) => {
+                    assert!(open.is_none(), "a frame opens inside of another");
+                    open = Some(Frame { marker, tiles: vec![], arrays: vec![], end: FrameEnd::zeroed() });
+                    array_of.clear();
+                }
+                SlotContent::Tile(tile) => {
+                    let frame = open.as_mut().expect("a tile has a frame");
+                    self.look_at_color(&tile, colors);
+                    let index = *array_of.entry(tile.elevation_position).or_insert_with(|| {
+                        let array = elevation.read_array(tile.elevation_position).expect("not corrupt");
+                        frame.arrays.push(array.expect("published").iter().map(|z| z.to_bits()).collect());
+                        frame.arrays.len() as u64 - 1
+                    });
+                    let neutral = TileSlot { elevation_position: index, color_slot: 0, color_generation: 0, ..tile };
+                    frame.tiles.push(neutral);
+                }
+                SlotContent::End(end) => {
+                    let mut frame = open.take().expect("an end has a frame");
+                    assert_eq!(end.tile_count as usize, frame.tiles.len());
+                    frame.end = FrameEnd { elevation_end: 0, ..end };
+                    frames.push(frame);
+                    ends.push(end.elevation_end);
+                    complete(frames.len().saturating_sub(self.in_flight), &ends, elevation);
+                }
+            }
+        }
+        Ok(frames)
+    }
+
+    /// The pool's slot holds the colour of the node that the tile slot says.
+    fn look_at_color(&self, tile: &TileSlot, colors: &PoolReader) {
+        let world = small_world();
+        let side = world.node_side(tile.color_level) as u32;
+        let [m, n] = tile.color_origin.map(|c| c / side);
+        let node = NodeId::new(m, n, tile.color_level).expect("an id");
+        assert!(!self.source.is_missing(Tile { layer: Layer::Color, node }));
+        let found = colors.bytes(tile.color_slot, tile.color_generation).expect("resident");
+        let mut expected = vec![0; found.len()];
+        self.source.terrain.read_color(node, &mut expected, &mut TileScratch::default()).expect("always");
+        assert_eq!(found[..4], expected[..4], "the slot of {node} holds another tile");
+    }
+}
+
+pub fn limits() -> TreeLimits {
+    TreeLimits { nodes: NODES, elevation_leaves: ARRAYS }
+}
+
+/// Both sides of all segments.
+pub struct Parts {
+    pub control: Arc<Control>,
+    pub ports: Ports,
+    pub trees: TreeWriter,
+    pub ring: Consumer<Slot>,
+    pub elevation: ElevationReader,
+    pub colors: PoolReader,
+    pub events: Consumer<Event>,
+    pub loader: LocalLoader,
+}
+
+/// The sum of pool slots that no frame of the flight can do without.
+pub fn most_wanted(frames: &[Frame]) -> u32 {
+    frames.iter().map(|f| f.end.wanted_count).max().unwrap_or(0)
+}
