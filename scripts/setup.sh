@@ -1,0 +1,104 @@
+#!/usr/bin/env bash
+# Installs what TerraVision needs and this machine lacks: Debian 12, Ubuntu 24.04 and their like. Asks nothing, says what
+# and why. With --tests also what only the tests need.
+set -euo pipefail
+
+readonly MSRV=1.89
+
+say() { printf 'setup: %s\n' "$*" >&2; }
+
+# What is needed: the package, a test that is true when it is there, and why.
+missing=()
+need() {
+  local package=$1 why=$2
+  shift 2
+  if ! "$@" >/dev/null 2>&1; then
+    say "$package is missing: $why"
+    missing+=("$package")
+  fi
+}
+
+has_library() { ldconfig -p | grep -q "$1"; }
+has_vulkan_driver() {
+  # Any driver will do: one of a GPU, or the software device of Mesa.
+  compgen -G '/usr/share/vulkan/icd.d/*.json' || compgen -G '/etc/vulkan/icd.d/*.json' || [[ -n ${VK_ICD_FILENAMES:-}${VK_DRIVER_FILES:-} ]]
+}
+has_validation_layer() {
+  compgen -G '/usr/share/vulkan/explicit_layer.d/*validation*.json' || compgen -G '/etc/vulkan/explicit_layer.d/*validation*.json'
+}
+
+check_packages() {
+  # ldconfig is not on every user's path.
+  PATH=$PATH:/usr/sbin:/sbin
+  need build-essential 'compiles and links (zstd is C)' command -v cc
+  need pkg-config 'finds GDAL when ingest is built' command -v pkg-config
+  need libgdal-dev 'reads rasters of all kinds (ingest)' pkg-config --exists gdal
+  need libvulkan1 'the Vulkan loader (renderer)' has_library 'libvulkan\.so\.1'
+  need mesa-vulkan-drivers 'a Vulkan device without a GPU: lavapipe (renderer)' has_vulkan_driver
+  need ffmpeg 'makes films (fly -o film.mp4)' command -v ffmpeg
+  if [[ $1 == tests ]]; then
+    need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
+  fi
+}
+
+install_packages() {
+  local as_root=()
+  if [[ $(id -u) -ne 0 ]]; then
+    as_root=(sudo -n)
+    if ! command -v sudo >/dev/null || ! sudo -n true 2>/dev/null; then
+      say "not root, and sudo would ask: run  apt-get install -y --no-install-recommends ${missing[*]}  as root, then again"
+      exit 1
+    fi
+  fi
+  if ! command -v apt-get >/dev/null; then
+    say "no apt-get here: install by hand what your system calls ${missing[*]}"
+    exit 1
+  fi
+  say "installing ${missing[*]}"
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get update -qq >&2
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >&2
+}
+
+check_rust() {
+  # rustup's default folder is not on the path of a shell that was there before it.
+  if ! command -v cargo >/dev/null && [[ -x $HOME/.cargo/bin/cargo ]]; then
+    say "Rust is in $HOME/.cargo/bin, which is not on PATH: run  . \"\$HOME/.cargo/env\"  first"
+    exit 1
+  fi
+  if ! command -v cargo >/dev/null; then
+    say "Rust $MSRV or newer is missing; install it with:"
+    say "  curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal && . \"\$HOME/.cargo/env\""
+    exit 1
+  fi
+  local found
+  found=$(rustc --version | awk '{ print $2 }')
+  if [[ $(printf '%s\n%s\n' "$MSRV" "$found" | sort -V | head -n 1) != "$MSRV" ]]; then
+    say "Rust $found is too old, $MSRV or newer is needed:  rustup update stable"
+    exit 1
+  fi
+}
+
+main() {
+  local purpose=flights
+  case ${1:-} in
+    '') ;;
+    --tests) purpose=tests ;;
+    *)
+      say "usage: scripts/setup.sh [--tests]"
+      exit 2
+      ;;
+  esac
+  check_packages "$purpose"
+  if ((${#missing[@]} > 0)); then
+    install_packages
+    missing=()
+    check_packages "$purpose"
+    if ((${#missing[@]} > 0)); then
+      say "still missing after the installation: ${missing[*]}"
+      exit 1
+    fi
+  fi
+  check_rust
+}
+
+main "$@"
