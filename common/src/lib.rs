@@ -19,6 +19,7 @@ pub mod node_table;
 pub mod run;
 pub mod shm;
 pub mod slot;
+#[cfg(not(loom))]
 pub mod stage;
 pub mod sync;
 pub mod synthetic;
