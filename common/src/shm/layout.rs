@@ -65,9 +65,10 @@ impl Layout {
         let stored = u64::from(world.color_stored());
         let color_bytes: u64 = (0..COLOR_MIPS).map(|mip| (stored >> mip).pow(2) * 4).sum();
         let color_slot_bytes = color_bytes.next_multiple_of(4096);
-        // Two copies of each colour tile, one of them the device's, and four elevation tiles: elevation has tiles for
-        // ancestors and neighbours as well, and costs a twentieth.
-        let per_color_slot = 2 * color_slot_bytes + 4 * elevation_slot_bytes;
+        // Two copies of each colour tile, one of them the device's, and a sixteenth of that for elevation, four tiles at
+        // least: fine facets under coarse texels want many more elevation tiles than colour tiles.
+        let elevation_per_color = (color_slot_bytes / (8 * elevation_slot_bytes)).max(4);
+        let per_color_slot = 2 * color_slot_bytes + elevation_per_color * elevation_slot_bytes;
         let color_slots = (memory_bytes / per_color_slot).min(MAX_COLOR_SLOTS);
         if color_slots < MIN_COLOR_SLOTS {
             let needed = MIN_COLOR_SLOTS * per_color_slot;
@@ -82,7 +83,7 @@ impl Layout {
             elevation_array_f32: (posts * posts) as u32,
             color_slots: color_slots as u32,
             color_slot_bytes,
-            elevation_slots: 4 * color_slots as u32,
+            elevation_slots: (elevation_per_color * color_slots) as u32,
             elevation_slot_bytes,
             camera_slots: 256,
             event_slots: 16384,
