@@ -1,0 +1,248 @@
+//! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along the Hilbert curve.
+
+use crate::IngestError;
+use crate::store::{Level, Rect, Rgb};
+use crate::work::Work;
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use pmtiles::{CallerKey, Compression, PmTilesStreamWriter, PmTilesWriter, TileCoord, TileId, TileType};
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use terravision_common::database::{
+    ArchiveRecord, encode_elevation_tile, index_crc32, seal_color_tile, tile_coord,
+};
+use terravision_common::node::NodeId;
+use terravision_common::world::{COLOR_BORDER, World};
+
+/// Tiles along a side of what is read at a time: an aligned square, so a contiguous run of the Hilbert curve.
+const RUN: u32 = 8;
+
+/// What an archive says about itself to other programs.
+#[derive(Debug, Clone)]
+pub struct ArchiveInfo {
+    /// Longitude and latitude of the bounds: west, south, east, north, degrees; zeros when unknown.
+    pub bounds_deg: [f64; 4],
+    /// JSON object.
+    pub metadata: String,
+}
+
+/// A tile: where it is, its bytes, and what makes it equal to others, if it is one of many.
+type Tile = (TileCoord, Vec<u8>, Option<u64>);
+
+type Writer = PmTilesStreamWriter<File, CallerKey<u64>>;
+
+fn output(path: &Path) -> impl Fn(io::Error) -> IngestError + Copy + '_ {
+    |source| IngestError::Output { source, path: path.to_owned() }
+}
+
+fn pmtiles_error(path: &Path) -> impl Fn(pmtiles::PmtError) -> IngestError + Copy + '_ {
+    move |e| output(path)(io::Error::other(e))
+}
+
+/// Runs of tiles of a level, in order along the curve: for each its first column and row (from the south).
+fn runs(world: &World, q: u8) -> Vec<[u32; 2]> {
+    let [columns, rows] = world.nodes_at(q);
+    let mut runs = Vec::new();
+    for n in (0..rows).step_by(RUN as usize) {
+        for m in (0..columns).step_by(RUN as usize) {
+            let id = |m, n| tile_id(world, m, n, q).map_or(u64::MAX, |(_, id)| id);
+            // The curve enters and leaves an aligned square at corners.
+            let last = RUN - 1;
+            let least = [id(m, n), id(m + last, n), id(m, n + last), id(m + last, n + last)].into_iter().min();
+            runs.push((least, [m, n]));
+        }
+    }
+    runs.sort_unstable();
+    runs.into_iter().map(|(_, at)| at).collect()
+}
+
+fn tile_id(world: &World, m: u32, n: u32, q: u8) -> Option<(TileCoord, u64)> {
+    let coord = tile_coord(world, NodeId::new(m, n, q)?)?;
+    Some((coord, TileId::from(coord).value()))
+}
+
+/// Tiles of a run that exist: column and row within the level, in order along the curve.
+fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2]) -> Vec<(u64, TileCoord, [u32; 2])> {
+    let [columns, rows] = world.nodes_at(q);
+    let mut tiles = Vec::new();
+    for n in n0..(n0 + RUN).min(rows) {
+        for m in m0..(m0 + RUN).min(columns) {
+            tiles.extend(tile_id(world, m, n, q).map(|(coord, id)| (id, coord, [m, n])));
+        }
+    }
+    tiles.sort_unstable_by_key(|(id, ..)| *id);
+    tiles
+}
+
+/// Writes one archive: all levels from the root down to `finest`, each run of tiles made by `make`.
+#[expect(clippy::too_many_arguments, reason = "the two pyramids share the loop, and nothing groups these")]
+fn write(
+    path: &Path,
+    what: &'static str,
+    tile_type: TileType,
+    world: &World,
+    finest: u8,
+    info: &ArchiveInfo,
+    work: &Work,
+    make: impl Fn(u8, [u32; 2], Vec<(u64, TileCoord, [u32; 2])>) -> io::Result<Vec<Tile>> + Sync,
+) -> Result<ArchiveRecord, IngestError> {
+    let fail = pmtiles_error(path);
+    let file = File::create(path).map_err(output(path))?;
+    let [west, south, east, north] = info.bounds_deg;
+    let top = world.levels() - 1;
+    let mut writer: Writer = PmTilesWriter::new(tile_type)
+        .tile_compression(Compression::None)
+        .internal_compression(Compression::Gzip)
+        .min_zoom(0)
+        .max_zoom(top - finest)
+        .bounds(west, south, east, north)
+        .center(0.5 * (west + east), 0.5 * (south + north))
+        .center_zoom((top - finest) / 2)
+        .metadata(info.metadata.clone())
+        .dedup_by_key::<u64>()
+        .create(file.try_clone().map_err(output(path))?)
+        .map_err(fail)?;
+    let mut count = 0;
+    for q in (finest..=top).rev() {
+        let runs = runs(world, q);
+        work.in_order(
+            what,
+            runs.len(),
+            || Ok(()),
+            |(), index| make(q, runs[index], tiles_of_run(world, q, runs[index])).map_err(output(path)),
+            |tiles| {
+                for (coord, bytes, key) in tiles {
+                    writer.add_tile(coord, &bytes, key).map_err(fail)?;
+                    count += 1;
+                }
+                Ok(())
+            },
+        )?;
+    }
+    writer.finalize().map_err(fail)?;
+    file.sync_all().map_err(output(path))?;
+    let index_crc32 = index_crc32(path).map_err(|e| output(path)(io::Error::other(e)))?;
+    let bytes = file.metadata().map_err(output(path))?.len();
+    Ok(ArchiveRecord { bytes, index_crc32, tiles: count })
+}
+
+/// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids.
+///
+/// # Errors
+/// [`IngestError::Output`], interruption.
+pub fn write_elevation(
+    path: &Path,
+    world: &World,
+    levels: &[Level<f32>],
+    info: &ArchiveInfo,
+    work: &Work,
+) -> Result<ArchiveRecord, IngestError> {
+    let finest = world.finest_elevation_level();
+    let (side, posts) = (world.elevation_tile() as usize, world.elevation_posts() as usize);
+    write(path, "elevation tiles", TileType::Unknown, world, finest, info, work, |q, run, tiles| {
+        let origin = run.map(|v| i64::from(v) * side as i64);
+        let rect = Rect::new(origin, tiles_size(&tiles, run).map(|n| n * side + 1));
+        let heights = levels[usize::from(q - finest)].read(rect)?;
+        let tile = |[m, n]: [u32; 2]| {
+            let at = [(m - run[0]) as usize * side, (n - run[1]) as usize * side];
+            (0..posts).flat_map(|j| &heights[(at[1] + j) * rect.size[0] + at[0]..][..posts]).copied().collect::<Vec<_>>()
+        };
+        Ok(tiles
+            .into_iter()
+            .map(|(_, coord, at)| {
+                let tile = tile(at);
+                let first = tile[0];
+                let key = tile.iter().all(|h| *h == first).then(|| u64::from(first.to_bits()));
+                (coord, encode_elevation_tile(&tile, posts as u32), key)
+            })
+            .collect())
+    })
+}
+
+/// Columns and rows of tiles that a run needs.
+fn tiles_size(tiles: &[(u64, TileCoord, [u32; 2])], run: [u32; 2]) -> [usize; 2] {
+    [0, 1].map(|a| tiles.iter().map(|(_, _, at)| (at[a] - run[a]) as usize + 1).max().unwrap_or(0))
+}
+
+/// Writes the colour archive. `levels[k]` is level `finest_color_level + k`.
+///
+/// # Errors
+/// [`IngestError::Output`], interruption.
+pub fn write_color(
+    path: &Path,
+    world: &World,
+    levels: &[Level<Rgb>],
+    quality: u8,
+    info: &ArchiveInfo,
+    work: &Work,
+) -> Result<ArchiveRecord, IngestError> {
+    let finest = world.finest_color_level();
+    let (side, stored, border) = (world.color_tile() as usize, world.color_stored() as usize, COLOR_BORDER as usize);
+    write(path, "colour tiles", TileType::Jpeg, world, finest, info, work, |q, run, tiles| {
+        let origin = run.map(|v| i64::from(v) * side as i64 - border as i64);
+        let rect = Rect::new(origin, tiles_size(&tiles, run).map(|n| n * side + 2 * border));
+        let texels = levels[usize::from(q - finest)].read(rect)?;
+        tiles
+            .into_iter()
+            .map(|(_, coord, at)| {
+                let at = [0, 1].map(|a| (at[a] - run[a]) as usize * side);
+                // Pictures have their first row in the north.
+                let rows = (0..stored).rev().map(|j| &texels[(at[1] + j) * rect.size[0] + at[0]..][..stored]);
+                let picture: Vec<Rgb> = rows.flatten().copied().collect();
+                let first = picture[0];
+                let key = picture.iter().all(|t| *t == first).then(|| u64::from_le_bytes([first[0], first[1], first[2], 0, 0, 0, 0, 0]));
+                Ok((coord, encode_color_tile(&picture, stored as u16, quality)?, key))
+            })
+            .collect()
+    })
+}
+
+/// A colour tile of `side`² texels, row 0 in the north.
+///
+/// # Errors
+/// When the encoder fails: a picture of a wrong size.
+pub fn encode_color_tile(picture: &[Rgb], side: u16, quality: u8) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::with_capacity(usize::from(side) * usize::from(side) / 4);
+    let mut encoder = Encoder::new(&mut bytes, quality);
+    encoder.set_sampling_factor(SAMPLING);
+    encoder.set_optimized_huffman_tables(true);
+    encoder.encode(bytemuck::cast_slice(picture), side, side, ColorType::Rgb).map_err(io::Error::other)?;
+    seal_color_tile(&mut bytes);
+    Ok(bytes)
+}
+
+/// Colour differences at half the resolution: see `docs/ingest.md` for what it costs and saves.
+const SAMPLING: SamplingFactor = SamplingFactor::R_4_2_0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::world::WorldFields;
+
+    fn world(extent: [u32; 2], levels: u8) -> World {
+        World::new(WorldFields {
+            origin: [0.0; 2],
+            lattice_unit_m: 1.0,
+            extent,
+            elevation_tile: 4,
+            color_tile: 16,
+            levels,
+            finest_elevation_level: 0,
+            finest_color_level: 0,
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn runs_visit_every_tile_once_in_ascending_order() {
+        for extent in [[4 * 40, 4 * 23], [4, 4 * 31], [4 * 64, 4 * 64]] {
+            let world = world(extent, 7);
+            for q in 0..7 {
+                let tiles: Vec<_> = runs(&world, q).into_iter().flat_map(|run| tiles_of_run(&world, q, run)).collect();
+                let [columns, rows] = world.nodes_at(q);
+                assert_eq!(tiles.len() as u32, columns * rows);
+                assert!(tiles.windows(2).all(|pair| pair[0].0 < pair[1].0));
+            }
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! The command line of `terravision-ingest`, as typed and as checked.
+
+use crate::error::IngestError;
+use crate::job::Job;
+use crate::plan::PlanOptions;
+use crate::source::values::{NodataChoice, metres_in};
+use crate::synth::SynthOptions;
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Rasters to terrain databases, and a synthetic world.
+#[derive(Debug, Parser)]
+#[command(name = "terravision-ingest", version, propagate_version = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Make a terrain database from elevation and colour rasters.
+    ///
+    /// Any raster that GDAL reads, one or many per layer. Where several have data the first one named is on top.
+    /// Elevation that is in a projected system in metres keeps its own posts; all else is resampled. Without --color
+    /// the ground shows a hypsometric tint with hill-shading. Nothing looks finished before it is: the manifest is
+    /// written last, and an interrupted ingest can simply be run again.
+    #[command(after_help = "Examples:\n  terravision ingest --elevation dem.tif --color ortho.tif -o valley.tv\n  \
+        terravision ingest --elevation N46W122.hgt.zip N46W123.hgt.zip -o cascades.tv --crs EPSG:32610\n  \
+        terravision ingest --elevation dem.tif --color landsat.tif --bands 3,2,1 -o scene.tv")]
+    Ingest(IngestArgs),
+    /// Make a believable mountain world: dem.tif (float32) and ortho.tif (RGB, twice as fine), in UTM.
+    ///
+    /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and seed give the same
+    /// files on every machine; any size that fits on disk is made in tiles, in little memory.
+    #[command(after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv")]
+    Synth(SynthArgs),
+}
+
+/// Arguments of `ingest`, as typed.
+#[derive(Debug, Args)]
+pub struct IngestArgs {
+    /// Elevation rasters; the first that has data at a place gives its height
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    elevation: Vec<PathBuf>,
+    /// Colour rasters (grey, palette, RGB, with alpha or not); without them a tint is made from the elevation
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    color: Vec<PathBuf>,
+    /// Folder of the database to make, by custom NAME.tv
+    #[arg(short, long, value_name = "WORLD")]
+    output: PathBuf,
+    /// CRS of the database, projected and in metres: EPSG:N, WKT or a PROJ string. Default: that of the first
+    /// elevation file if it is such, else the UTM zone of the data, else (large areas, other bodies) a plane around them
+    #[arg(long, value_name = "CRS")]
+    crs: Option<String>,
+    /// CRS of files that have none
+    #[arg(long, value_name = "CRS")]
+    source_crs: Option<String>,
+    /// Most memory to use: larger caches read badly laid out files faster
+    #[arg(long, default_value = "2GiB", value_name = "SIZE", value_parser = parse_size)]
+    memory: u64,
+    /// Replace a finished database
+    #[arg(long)]
+    overwrite: bool,
+    /// Elevation value that means "no data", beside what files declare; "none": only what files declare, and values
+    /// that look like undeclared "no data" are heights
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = parse_nodata)]
+    nodata: Option<NodataChoice>,
+    /// Unit of elevation when files do not say, or say it wrongly: m, ft, us-ft, …
+    #[arg(long, value_name = "UNIT", value_parser = parse_unit)]
+    elevation_unit: Option<f64>,
+    /// Bands that show red, green and blue, counted from 1 (Landsat 7: 3,2,1)
+    #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
+    bands: Option<Bands>,
+    /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load
+    #[arg(long, default_value_t = 90, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
+    color_quality: u8,
+    /// Distance of elevation posts, metres. Default: that of the finest elevation file
+    #[arg(long, value_name = "METRES", value_parser = parse_positive)]
+    spacing: Option<f64>,
+    /// Threads. Default: all cores. The result is the same for any number
+    #[arg(long, value_name = "N", value_parser = parse_threads)]
+    threads: Option<usize>,
+    /// Intervals along an elevation tile's side, a power of two
+    #[arg(long, default_value_t = 32, value_name = "N", hide = true)]
+    elevation_tile: u32,
+    /// Texels along a colour tile's side, a power of two
+    #[arg(long, default_value_t = 256, value_name = "N", hide = true)]
+    color_tile: u32,
+}
+
+/// Three bands.
+#[derive(Debug, Clone, Copy)]
+struct Bands([usize; 3]);
+
+impl IngestArgs {
+    /// Checks what belongs together.
+    ///
+    /// # Errors
+    /// [`IngestError::Usage`].
+    pub fn validate(self) -> Result<Job, IngestError> {
+        let sizes = [("--elevation-tile", self.elevation_tile, 2..=256), ("--color-tile", self.color_tile, 16..=1024)];
+        for (flag, size, range) in sizes {
+            if !size.is_power_of_two() || !range.contains(&size) {
+                let (first, last) = (range.start(), range.end());
+                return Err(IngestError::usage(format!("{flag} is {size}, expected a power of two from {first} to {last}")));
+            }
+        }
+        let job = Job::new(self.elevation, self.color, self.output);
+        Ok(Job {
+            crs: self.crs,
+            source_crs: self.source_crs,
+            memory_bytes: self.memory,
+            may_overwrite: self.overwrite,
+            nodata: self.nodata.unwrap_or(NodataChoice::FromFiles),
+            elevation_unit_m: self.elevation_unit,
+            bands: self.bands.map(|b| b.0),
+            color_quality: self.color_quality,
+            threads: self.threads.unwrap_or(job.threads),
+            plan: PlanOptions {
+                elevation_tile: self.elevation_tile,
+                color_tile: self.color_tile,
+                spacing_m: self.spacing,
+            },
+            ..job
+        })
+    }
+}
+
+/// Arguments of `synth`, as typed.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// Folder for dem.tif and ortho.tif
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Intervals along a side: the DEM has one post more, the orthophoto twice as many pixels
+    #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    size: u32,
+    /// Distance of DEM posts, metres
+    #[arg(long, default_value_t = 10.0, value_name = "METRES", value_parser = parse_positive)]
+    spacing: f64,
+    /// Another number, another world
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seed: u64,
+    /// Threads. Default: all cores. The result is the same for any number
+    #[arg(long, value_name = "N", value_parser = parse_threads)]
+    threads: Option<usize>,
+}
+
+impl SynthArgs {
+    /// Checks what belongs together.
+    ///
+    /// # Errors
+    /// [`IngestError::Usage`].
+    pub fn validate(self) -> Result<SynthOptions, IngestError> {
+        let span = f64::from(self.size) * self.spacing;
+        if !(self.spacing >= 0.1 && span <= 4.0e7) {
+            return Err(IngestError::usage(format!(
+                "a world of {span} m at a spacing of {} m cannot be made, expected a spacing of at least 0.1 m and a side \
+                 of at most 40000 km",
+                self.spacing
+            )));
+        }
+        let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+        Ok(SynthOptions { output: self.output, size: self.size, spacing_m: self.spacing, seed: self.seed, threads })
+    }
+}
+
+/// Bytes in "2GiB", "512M", "1.5 GB", "1073741824".
+///
+/// # Errors
+/// A sentence.
+pub fn parse_size(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let split = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kib" => 1024.0,
+        "kb" => 1e3,
+        "m" | "mib" => 1024.0 * 1024.0,
+        "mb" => 1e6,
+        "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
+        "gb" => 1e9,
+        "t" | "tib" => 1024f64.powi(4),
+        "tb" => 1e12,
+        _ => return Err(format!("{text} is no size, expected a number with a unit such as 512MiB or 2GiB")),
+    };
+    match number.parse::<f64>() {
+        Ok(number) if number * factor < 1e18 => Ok((number * factor) as u64),
+        _ => Err(format!("{text} is no size, expected a number with a unit such as 512MiB or 2GiB")),
+    }
+}
+
+fn parse_nodata(text: &str) -> Result<NodataChoice, String> {
+    if text.eq_ignore_ascii_case("none") {
+        return Ok(NodataChoice::OnlyDeclared);
+    }
+    let value = text.parse::<f64>().map_err(|e| format!("{text} is neither a number nor \"none\" ({e})"))?;
+    Ok(NodataChoice::Value(value))
+}
+
+fn parse_unit(text: &str) -> Result<f64, String> {
+    metres_in(text).ok_or_else(|| format!("{text} is no unit of length that is known, expected m, ft, us-ft, km, cm, mm"))
+}
+
+fn parse_bands(text: &str) -> Result<Bands, String> {
+    let bands: Vec<usize> = text.split(',').filter_map(|b| b.trim().parse().ok()).filter(|b| *b > 0).collect();
+    match (bands.as_slice(), text.split(',').count()) {
+        ([red, green, blue], 3) => Ok(Bands([*red, *green, *blue])),
+        _ => Err(format!("{text} does not name three bands, expected for example 3,2,1")),
+    }
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err(format!("{text} is no positive number")),
+    }
+}
+
+fn parse_threads(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(count @ 1..=1024) => Ok(count),
+        _ => Err(format!("{text} is no number of threads from 1 to 1024")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_with_and_without_units() {
+        assert_eq!(parse_size("2GiB"), Ok(2 << 30));
+        assert_eq!(parse_size("1.5G"), Ok(3 << 29));
+        assert_eq!(parse_size("800 MB"), Ok(800_000_000));
+        assert_eq!(parse_size("4096"), Ok(4096));
+        assert!(parse_size("much").is_err() && parse_size("1e99GiB").is_err() && parse_size("-1M").is_err());
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn negative_nodata_is_no_flag() {
+        let cli = Cli::try_parse_from(["x", "ingest", "--elevation", "a.tif", "-o", "w.tv", "--nodata", "-9999"]).unwrap();
+        let Verb::Ingest(args) = cli.verb else { panic!("ingest was asked for") };
+        assert_eq!(args.validate().unwrap().nodata, NodataChoice::Value(-9999.0));
+    }
+}

@@ -1,0 +1,281 @@
+//! The whole of an ingest, from files to a database.
+
+mod output;
+mod record;
+
+use crate::archive;
+use crate::error::IngestError;
+use crate::plan::{Plan, PlanOptions};
+use crate::pyramid::{self, voids};
+use crate::sample;
+use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
+use crate::source::{Note, Raster, TargetCrs};
+use crate::store::{Level, Rgb};
+use crate::tint::Tint;
+use crate::work::Work;
+use output::Output;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, Manifest, NODES_FILE};
+
+/// What is asked for, checked.
+#[derive(Debug, Clone)]
+pub struct Job {
+    /// Elevation sources, the topmost first.
+    pub elevation: Vec<PathBuf>,
+    /// Colour sources, the topmost first.
+    pub color: Vec<PathBuf>,
+    /// Folder of the database.
+    pub output: PathBuf,
+    /// CRS of the database, when the user chose one.
+    pub crs: Option<String>,
+    /// CRS of sources that have none.
+    pub source_crs: Option<String>,
+    /// What memory may be used, bytes.
+    pub memory_bytes: u64,
+    /// Whether a finished database may be replaced.
+    pub may_overwrite: bool,
+    /// What means "no data" in elevation.
+    pub nodata: NodataChoice,
+    /// Metres in the unit of elevation, when the user says.
+    pub elevation_unit_m: Option<f64>,
+    /// Bands for red, green and blue.
+    pub bands: Option<[usize; 3]>,
+    /// Quality of colour tiles, 1 to 100.
+    pub color_quality: u8,
+    /// Threads that work.
+    pub threads: usize,
+    /// Tile sizes, spacing.
+    pub plan: PlanOptions,
+}
+
+/// Memory that a working thread needs at most (a window of a source in samples and pixels), bytes.
+const THREAD_BYTES: u64 = 64 << 20;
+/// The least memory that an ingest can promise to stay under: program, libraries, one thread, a small cache.
+pub const LEAST_MEMORY_BYTES: u64 = 256 << 20;
+/// Memory per node of the tree for height ranges and the archives' directories, bytes.
+const NODE_BYTES: u64 = 100;
+
+impl Job {
+    /// A job with defaults.
+    #[must_use]
+    pub fn new(elevation: Vec<PathBuf>, color: Vec<PathBuf>, output: PathBuf) -> Self {
+        Self {
+            elevation,
+            color,
+            output,
+            crs: None,
+            source_crs: None,
+            memory_bytes: 2 << 30,
+            may_overwrite: false,
+            nodata: NodataChoice::FromFiles,
+            elevation_unit_m: None,
+            bands: None,
+            color_quality: 90,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            plan: PlanOptions::default(),
+        }
+    }
+
+    fn describe(&self, paths: &[PathBuf]) -> Result<Vec<Raster>, IngestError> {
+        paths.iter().map(|path| Raster::describe(path, self.source_crs.as_deref())).collect()
+    }
+
+    /// Does it. `stop` ends it early; `note` hears what the user should know.
+    ///
+    /// # Errors
+    /// [`IngestError`]. Nothing is left in the output then, except a finished database that was there before.
+    pub fn run(
+        &self,
+        stop: Arc<AtomicBool>,
+        shows_progress: bool,
+        note: &mut dyn FnMut(Note),
+    ) -> Result<Manifest, IngestError> {
+        if self.memory_bytes < LEAST_MEMORY_BYTES {
+            let [asked, least] = [self.memory_bytes >> 20, LEAST_MEMORY_BYTES >> 20];
+            return Err(IngestError::usage(format!("--memory is {asked} MiB, expected at least {least} MiB")));
+        }
+        quieten_gdal(self.memory_bytes);
+        let affordable = (self.memory_bytes / 2 / THREAD_BYTES).max(1) as usize;
+        let work = Work::new(self.threads.min(affordable), stop, shows_progress, self.output.clone());
+        // First everything that needs no output: most mistakes show here.
+        let elevation = self.describe(&self.elevation)?;
+        let color = self.describe(&self.color)?;
+        let target = TargetCrs::choose(&elevation, self.crs.as_deref(), note)?;
+        let plan = Plan::new(&target, &elevation, &color, self.plan, note)?;
+        self.check_memory(&plan)?;
+        let output = Output::begin(&self.output, self.may_overwrite)?;
+        output.check_space(plan.disk_bytes())?;
+        let values = |raster: Raster, note: &mut dyn FnMut(Note)| {
+            let values = ElevationValues::of(&raster, self.nodata, self.elevation_unit_m, &work, note)?;
+            Ok((raster, values))
+        };
+        let elevation = elevation.into_iter().map(|r| values(r, note)).collect::<Result<Vec<_>, IngestError>>()?;
+        let color_values = ColorValues::of_all(&color, self.bands, note)?;
+        let color: Vec<_> = color.into_iter().zip(color_values).collect();
+        let manifest = self.build(&plan, &target, &elevation, &color, &output, &work, note)?;
+        output.finish(&manifest, &work)?;
+        Ok(manifest)
+    }
+
+    fn check_memory(&self, plan: &Plan) -> Result<(), IngestError> {
+        let world = &plan.world;
+        let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
+        let needed = LEAST_MEMORY_BYTES + nodes * NODE_BYTES;
+        if needed > self.memory_bytes {
+            return Err(IngestError::usage(format!(
+                "a world of {nodes} tiles needs --memory {}MiB or more, {} MiB are allowed",
+                needed.div_ceil(1 << 20),
+                self.memory_bytes >> 20
+            )));
+        }
+        Ok(())
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the steps of an ingest share all of these")]
+    fn build(
+        &self,
+        plan: &Plan,
+        target: &TargetCrs,
+        elevation: &[(Raster, ElevationValues)],
+        color: &[(Raster, ColorValues)],
+        output: &Output,
+        work: &Work,
+        note: &mut dyn FnMut(Note),
+    ) -> Result<Manifest, IngestError> {
+        let (world, folder) = (&plan.world, output.folder());
+        let (levels, summary) = elevation_levels(plan, target, elevation, folder, work)?;
+        let post_area = plan.elevation.step.powi(2);
+        let void_area_m2 = summary.voids as f64 * post_area;
+        if summary.voids > 0 {
+            let all = plan.elevation_size(world.finest_elevation_level()).iter().product::<u64>();
+            note(Note::Info(format!(
+                "elevation has no data for {:.3} km² ({:.1} %): filled from around it",
+                void_area_m2 / 1e6,
+                100.0 * summary.voids as f64 / all as f64
+            )));
+        }
+        let info = record::archive_info(plan, target, &self.name());
+        let elevation_record = archive::write_elevation(&output.part(ELEVATION_FILE), world, &levels, &info.0, work)?;
+        let ranges = crate::ranges::compute(world, &levels, folder, work)?;
+        let nodes_path = output.part(NODES_FILE);
+        let nodes_fail = |source| IngestError::Output { source, path: nodes_path.clone() };
+        let nodes = ranges.write(&nodes_path).map_err(nodes_fail)?;
+        drop(ranges);
+
+        let (colors, voids) = self.color_levels(plan, target, color, &levels, folder, work)?;
+        drop(levels);
+        let texels = plan.color_size(world.finest_color_level()).iter().product::<u64>();
+        if !color.is_empty() && voids == texels {
+            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+        }
+        if !color.is_empty() && voids > 0 {
+            note(Note::Info(format!(
+                "colour has no data for {:.1} % of the world: a tint of the elevation is shown there",
+                100.0 * voids as f64 / texels as f64
+            )));
+        }
+        let path = output.part(COLOR_FILE);
+        let color_record = archive::write_color(&path, world, &colors, self.color_quality, &info.1, work)?;
+        Ok(record::manifest(record::Parts {
+            name: self.name(),
+            plan,
+            target,
+            elevation,
+            color,
+            range: summary.range,
+            void_areas_m2: [void_area_m2, voids as f64 * plan.color.step.powi(2)],
+            quality: self.color_quality,
+            archives: [elevation_record, color_record],
+            nodes,
+        }))
+    }
+
+    fn color_levels(
+        &self,
+        plan: &Plan,
+        target: &TargetCrs,
+        color: &[(Raster, ColorValues)],
+        elevation: &[Level<f32>],
+        folder: &Path,
+        work: &Work,
+    ) -> Result<(Vec<Level<Rgb>>, u64), IngestError> {
+        let world = &plan.world;
+        // The finest level of at most a million posts tells the terrain's range.
+        let is_small = |level: &Level<f32>| level.size().iter().product::<u64>() <= 1 << 20;
+        let overview = elevation.iter().position(is_small).unwrap_or(elevation.len() - 1);
+        let overview_m = plan.elevation.step * f64::from(1u32 << overview);
+        let overview = (&elevation[overview], overview_m);
+        let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, &target.body.name)
+            .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
+        let (finest, voids) = sample::color::sample(plan, target, color, &tint, folder, work)?;
+        let mut levels = vec![finest];
+        for q in world.finest_color_level() + 1..world.levels() {
+            let coarser = pyramid::color::coarser(&levels[levels.len() - 1], plan.color_size(q), folder, work)?;
+            levels.push(coarser);
+        }
+        Ok((levels, voids))
+    }
+
+    /// The database's name: its folder's.
+    fn name(&self) -> String {
+        let name = self.output.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        name.strip_suffix(".tv").unwrap_or(&name).to_owned()
+    }
+}
+
+/// All elevation levels, without voids, and what the finest had.
+fn elevation_levels(
+    plan: &Plan,
+    target: &TargetCrs,
+    sources: &[(Raster, ElevationValues)],
+    folder: &Path,
+    work: &Work,
+) -> Result<(Vec<Level<f32>>, sample::elevation::Summary), IngestError> {
+    let world = &plan.world;
+    let (finest, summary) = sample::elevation::sample(plan, target, sources, folder, work)?;
+    if summary.voids == finest.size().iter().product::<u64>() {
+        let file = &sources[0].0.path;
+        return Err(IngestError::source(file, "has no elevation data: every sample is \"no data\""));
+    }
+    let mut levels = vec![finest];
+    for q in world.finest_elevation_level() + 1..world.levels() {
+        let coarser = pyramid::elevation::coarser(&levels[levels.len() - 1], plan.elevation_size(q), folder, work)?;
+        levels.push(coarser);
+    }
+    if summary.voids > 0 {
+        let middle = 0.5 * (summary.range[0] + summary.range[1]);
+        let mut filled: Vec<Level<f32>> = Vec::with_capacity(levels.len());
+        for level in levels.into_iter().rev() {
+            let level = match filled.last() {
+                Some(coarser) => voids::fill(level, coarser, folder, work)?,
+                None => {
+                    voids::fill_coarsest(&level, middle)
+                        .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
+                    level
+                }
+            };
+            filled.push(level);
+        }
+        filled.reverse();
+        levels = filled;
+    }
+    Ok((levels, summary))
+}
+
+/// GDAL's block cache within our memory, and its messages in our errors instead of on the terminal.
+pub(crate) fn quieten_gdal(memory_bytes: u64) {
+    gdal::config::set_error_handler(|_, _, _| {});
+    let cache_mb = (memory_bytes / 4) >> 20;
+    for (key, value) in [("GDAL_CACHEMAX", cache_mb.to_string()), ("GDAL_PAM_ENABLED", "NO".to_owned())] {
+        // An option that cannot be set costs memory or a file beside the source, not correctness.
+        gdal::config::set_config_option(key, &value).ok();
+    }
+}
+
+/// Name of the manifest, for callers that look for finished databases.
+#[must_use]
+pub fn is_finished(folder: &Path) -> bool {
+    folder.join(MANIFEST_FILE).exists()
+}

@@ -1,0 +1,111 @@
+//! What a database says about itself: the manifest, and the metadata of its archives.
+
+use crate::archive::ArchiveInfo;
+use crate::plan::Plan;
+use crate::source::raster::traditional;
+use crate::source::values::{ColorValues, ElevationValues};
+use crate::source::{Raster, TargetCrs};
+use gdal::spatial_ref::CoordTransform;
+use serde_json::json;
+use terravision_common::database::{
+    ArchiveRecord, ColorLayer, ElevationLayer, FORMAT_VERSION, Manifest, NodesRecord, Source,
+};
+
+/// What a manifest is made of.
+pub(super) struct Parts<'a> {
+    pub(super) name: String,
+    pub(super) plan: &'a Plan,
+    pub(super) target: &'a TargetCrs,
+    pub(super) elevation: &'a [(Raster, ElevationValues)],
+    pub(super) color: &'a [(Raster, ColorValues)],
+    pub(super) range: [f32; 2],
+    pub(super) void_areas_m2: [f64; 2],
+    pub(super) quality: u8,
+    pub(super) archives: [ArchiveRecord; 2],
+    pub(super) nodes: NodesRecord,
+}
+
+pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
+    let Parts { plan, target, .. } = parts;
+    let source = |raster: &Raster, is_exact: bool| Source {
+        file: raster.file_name(),
+        size: raster.size,
+        crs: raster.crs_name.clone(),
+        data_type: raster.data_type.clone(),
+        nodata: raster.bands[0].nodata.map(|v| v.to_string()),
+        is_exact,
+    };
+    let elevation = parts.elevation.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.elevation, target, r)));
+    let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
+    Manifest {
+        format: String::new(),
+        format_version: FORMAT_VERSION,
+        written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
+        name: parts.name,
+        crs: target.crs.clone(),
+        body: target.body.clone(),
+        world: *plan.world.fields(),
+        vertical_unit: "metre".to_owned(),
+        elevation: ElevationLayer {
+            sources: elevation.collect(),
+            spacing_m: plan.elevation.step,
+            range_m: parts.range.map(f64::from),
+            void_area_m2: parts.void_areas_m2[0],
+            encoding: "terravision-elevation-1".to_owned(),
+            archive: parts.archives[0],
+        },
+        color: ColorLayer {
+            sources: color.collect(),
+            spacing_m: plan.color.step,
+            void_area_m2: parts.void_areas_m2[1],
+            encoding: "jpeg".to_owned(),
+            quality: parts.quality,
+            archive: parts.archives[1],
+        },
+        nodes: parts.nodes,
+        checksum: String::new(),
+    }
+}
+
+/// West, south, east, north in degrees; zeros when PROJ cannot tell.
+fn bounds_deg(plan: &Plan, target: &TargetCrs) -> Option<[f64; 4]> {
+    let srs = target.srs().ok()?;
+    let geographic = traditional(srs.geog_cs().ok()?);
+    let transform = CoordTransform::new(&srs, &geographic).ok()?;
+    let ([x0, y0], [w, h]) = (plan.world.fields().origin, plan.world.extent_m());
+    let side = 21usize;
+    let along = |k: usize| k as f64 / (side - 1) as f64;
+    let (mut x, mut y): (Vec<f64>, Vec<f64>) =
+        (0..side * side).map(|k| (x0 + w * along(k % side), y0 + h * along(k / side))).unzip();
+    // Points that have no longitude and latitude come back infinite and are left out.
+    transform.transform_coords(&mut x, &mut y, &mut []).ok();
+    let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+    for (x, y) in x.iter().zip(&y).filter(|(x, y)| x.is_finite() && y.is_finite()) {
+        bounds = [bounds[0].min(*x), bounds[1].min(*y), bounds[2].max(*x), bounds[3].max(*y)];
+    }
+    let limits = [180.0, 90.0, 180.0, 90.0];
+    (bounds[0] <= bounds[2]).then(|| [0, 1, 2, 3].map(|i| bounds[i].clamp(-limits[i], limits[i])))
+}
+
+/// What the elevation and the colour archive say to other programs.
+pub(super) fn archive_info(plan: &Plan, target: &TargetCrs, name: &str) -> (ArchiveInfo, ArchiveInfo) {
+    let bounds_deg = bounds_deg(plan, target).unwrap_or([0.0; 4]);
+    let info = |layer: &str, format: &str, payload: &str| ArchiveInfo {
+        bounds_deg,
+        metadata: json!({
+            "name": format!("{name} {layer}"),
+            "description": format!("{layer} tiles of a TerraVision terrain database"),
+            "type": "overlay",
+            "version": FORMAT_VERSION.to_string(),
+            "format": format,
+            "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
+            // Zooms and rows count as in web maps, but the root is a square of this CRS, not the globe.
+            "terravision": { "layer": layer, "crs": target.crs, "world": plan.world, "payload": payload },
+        })
+        .to_string(),
+    };
+    let elevation = "\"TVe1\", crc32, u16 posts a side, u8 byte planes, u8 0, zstd frame of planes of zigzagged errors of \
+                     planar prediction of heights in 1/128 m; little endian, row 0 in the south, borders shared";
+    let color = "JPEG with a border of 4 texels on each side, then \"TVc1\" and the crc32 of all before it";
+    (info("elevation", "terravision-elevation-1", elevation), info("colour", "jpg", color))
+}

@@ -1,0 +1,62 @@
+//! `terravision-ingest`: see `--help`.
+//!
+//! Exit codes: 0 done; 1 failed while writing; 2 wrong usage or input; 130 interrupted.
+
+#![forbid(unsafe_code)]
+
+use clap::Parser;
+use std::io::{self, IsTerminal, Write};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use terravision_ingest::cli::{Cli, Verb};
+use terravision_ingest::error::IngestError;
+use terravision_ingest::source::Note;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    // Without a handler an interrupt simply kills us, and the next run cleans up.
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).ok();
+    let result = match cli.verb {
+        Verb::Ingest(args) => args.validate().and_then(|job| {
+            let manifest = job.run(stop, io::stderr().is_terminal(), &mut print_note)?;
+            Ok(format!(
+                "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
+                job.output.display(),
+                manifest.elevation.archive.tiles,
+                manifest.color.archive.tiles,
+                manifest.elevation.range_m[0],
+                manifest.elevation.range_m[1]
+            ))
+        }),
+        Verb::Synth(args) => args.validate().and_then(|options| {
+            terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
+            Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
+        }),
+    };
+    match result {
+        Ok(line) => {
+            // A closed standard output is no failure of the ingest.
+            writeln!(io::stdout(), "{line}").ok();
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            print_error(&error);
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn print_note(note: Note) {
+    let line = match note {
+        Note::Info(text) => format!("note: {text}"),
+        Note::Warning(text) => format!("warning: {text}"),
+    };
+    writeln!(io::stderr(), "{line}").ok();
+}
+
+fn print_error(error: &IngestError) {
+    writeln!(io::stderr(), "error: {error}").ok();
+}

@@ -1,0 +1,120 @@
+//! The next coarser elevation level: a half-band filter on posts.
+//!
+//! Post i of the coarser level is on post 2i of the finer one: `[-1, 0, 9, 16, 9, 0, -1]/32` along each axis, the
+//! interpolating half-band filter of Deslauriers and Dubuc, which keeps cubics. Where a post under it is void,
+//! `[1, 2, 1]/4` over the posts that are left. The border is repeated outwards.
+
+use super::BLOCK;
+use crate::IngestError;
+use crate::sample::elevation::quantised;
+use crate::store::{Level, Rect};
+use crate::work::Work;
+use std::path::Path;
+
+/// Distance that the filter reaches, posts of the finer level.
+const REACH: usize = 3;
+/// Taps of the half-band filter but for zeros: distance and weight.
+const TAPS: [(i32, f32); 5] = [(-3, -1.0 / 32.0), (-1, 9.0 / 32.0), (0, 0.5), (1, 9.0 / 32.0), (3, -1.0 / 32.0)];
+
+/// Makes the next coarser level of `size` posts.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn coarser(finer: &Level<f32>, size: [u64; 2], folder: &Path, work: &Work) -> Result<Level<f32>, IngestError> {
+    let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+    let level = Level::create(folder, size).map_err(fail)?;
+    let blocks = level.blocks(BLOCK);
+    work.each(
+        "elevation levels",
+        blocks.count(),
+        || Ok(()),
+        |(), index| {
+            let block = blocks.rect(index);
+            let below = Rect::new(block.origin.map(|v| 2 * v), block.size.map(|n| 2 * n - 1)).grown(REACH);
+            let heights = finer.read(below).map_err(fail)?;
+            level.write(block, &filter(&heights, below.size[0], block.size)).map_err(fail)
+        },
+    )?;
+    Ok(level)
+}
+
+/// Filters a block of the finer level, `REACH` posts wider than the coarser one on each side.
+fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) -> Vec<f32> {
+    let height = fine.len() / width;
+    // Rows first: every row of the finer block, the columns of the coarser one. A void makes NaN of all it is in.
+    let mut across = Vec::with_capacity(columns * height);
+    for line in fine.chunks_exact(width) {
+        across.extend((0..columns).map(|i| {
+            let center = (REACH + 2 * i) as i32;
+            TAPS.iter().map(|(d, weight)| weight * line[(center + d) as usize]).sum::<f32>()
+        }));
+    }
+    let mut out = Vec::with_capacity(columns * rows);
+    for j in 0..rows {
+        let center = (REACH + 2 * j) as i32;
+        for i in 0..columns {
+            let sum: f32 = TAPS.iter().map(|(d, weight)| weight * across[(center + d) as usize * columns + i]).sum();
+            let sum = if sum.is_nan() { filter_around_voids(fine, width, REACH + 2 * i, REACH + 2 * j) } else { sum };
+            out.push(quantised(sum));
+        }
+    }
+    out
+}
+
+/// `[1, 2, 1]` both ways over what is no void; void when nothing is left, or less than a lone centre weighs.
+fn filter_around_voids(fine: &[f32], width: usize, column: usize, row: usize) -> f32 {
+    let (mut sum, mut known) = (0.0, 0.0);
+    for (j, down) in [1.0f32, 2.0, 1.0].into_iter().enumerate() {
+        for (i, across) in [1.0f32, 2.0, 1.0].into_iter().enumerate() {
+            let height = fine[(row + j - 1) * width + column + i - 1];
+            if !height.is_nan() {
+                sum += down * across * height;
+                known += down * across;
+            }
+        }
+    }
+    if known >= 4.0 { sum / known } else { f32::NAN }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn level(size: [u64; 2], f: impl Fn(usize, usize) -> f32) -> Level<f32> {
+        let level = Level::create(&std::env::temp_dir(), size).unwrap();
+        let [w, h] = size.map(|v| v as usize);
+        let all: Vec<f32> = (0..w * h).map(|k| f(k % w, k / w)).collect();
+        level.write(Rect::new([0, 0], [w, h]), &all).unwrap();
+        level
+    }
+
+    fn coarse(finer: &Level<f32>, size: [u64; 2]) -> Vec<f32> {
+        let level = coarser(finer, size, &std::env::temp_dir(), &Work::quiet(2)).unwrap();
+        level.read(Rect::new([0, 0], size.map(|v| v as usize))).unwrap()
+    }
+
+    #[test]
+    fn a_plane_stays_inside_and_a_checkerboard_goes() {
+        let plane = level([600, 600], |i, j| i as f32 * 0.5 + j as f32);
+        let out = coarse(&plane, [301, 301]);
+        for (i, j) in [(2usize, 2usize), (128, 127), (255, 256), (297, 200)] {
+            assert_eq!(out[j * 301 + i], i as f32 + 2.0 * j as f32);
+        }
+        let board = level([64, 64], |i, j| if (i + j) % 2 == 0 { 100.0 } else { -100.0 });
+        let out = coarse(&board, [33, 33]);
+        assert!(out.iter().skip(33 * 3).take(33 * 20).enumerate().all(|(k, v)| {
+            let i = k % 33;
+            !(3..30).contains(&i) || v.abs() < 1e-3
+        }));
+    }
+
+    #[test]
+    fn voids_are_masked_not_smeared() {
+        let holed = level([33, 33], |i, j| if (10..20).contains(&i) && (10..20).contains(&j) { f32::NAN } else { 7.0 });
+        let out = coarse(&holed, [17, 17]);
+        let at = |i: usize, j: usize| out[j * 17 + i];
+        assert!(at(7, 7).is_nan() && at(6, 8).is_nan());
+        assert!(out.iter().all(|v| v.is_nan() || *v == 7.0), "a constant beside a void stays what it is");
+        assert_eq!(at(4, 7), 7.0);
+    }
+}

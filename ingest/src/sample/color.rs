@@ -1,0 +1,72 @@
+//! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
+
+use super::mapper::{Lattice, Mapper};
+use super::{BLOCK, Sampler};
+use crate::IngestError;
+use crate::plan::Plan;
+use crate::source::open::ColorReader;
+use crate::source::values::ColorValues;
+use crate::source::{Raster, TargetCrs};
+use crate::store::{Level, Rgb};
+use crate::tint::Tint;
+use crate::work::Work;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn samplers<'a>(
+    target: &TargetCrs,
+    lattice: &Lattice,
+    sources: &'a [(Raster, ColorValues)],
+) -> Result<Vec<Sampler<ColorReader<'a>>>, IngestError> {
+    let open = |(raster, values): &'a (Raster, ColorValues)| {
+        let mapper = Mapper::new(target, raster)?;
+        let middle = super::middle_of(raster, target)?;
+        Ok(Sampler::new(ColorReader::open(raster, values)?, mapper, middle, lattice.step))
+    };
+    sources.iter().map(open).collect()
+}
+
+/// Samples the finest level; returns it and the number of texels without a source. The first source that has data at a
+/// texel gives its colour.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn sample(
+    plan: &Plan,
+    target: &TargetCrs,
+    sources: &[(Raster, ColorValues)],
+    tint: &Tint<'_>,
+    folder: &Path,
+    work: &Work,
+) -> Result<(Level<Rgb>, u64), IngestError> {
+    let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+    let level = Level::create(folder, plan.color_size(plan.world.finest_color_level())).map_err(fail)?;
+    let blocks = level.blocks(BLOCK);
+    let voids = AtomicU64::new(0);
+    work.each(
+        "colour",
+        blocks.count(),
+        || samplers(target, &plan.color, sources),
+        |samplers, index| {
+            let block = blocks.rect(index);
+            let texels = std::cell::RefCell::new(vec![None::<Rgb>; block.area()]);
+            for sampler in samplers {
+                let is_done = |at: usize| texels.borrow()[at].is_some();
+                sampler.sample::<3>(&plan.color, block, &is_done, &mut |at, color| {
+                    texels.borrow_mut()[at] = Some(color.map(|v| v.round().clamp(0.0, 255.0) as u8));
+                })?;
+            }
+            let mut texels = texels.into_inner();
+            let missing = texels.iter().filter(|t| t.is_none()).count();
+            if missing > 0 {
+                // Relaxed: read when all threads have ended.
+                voids.fetch_add(missing as u64, Ordering::Relaxed);
+                let tinted = tint.block(block).map_err(fail)?;
+                texels.iter_mut().zip(tinted).for_each(|(texel, tint)| *texel = texel.or(Some(tint)));
+            }
+            let texels: Vec<Rgb> = texels.into_iter().flatten().collect();
+            level.write(block, &texels).map_err(fail)
+        },
+    )?;
+    Ok((level, voids.into_inner()))
+}

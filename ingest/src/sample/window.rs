@@ -1,0 +1,185 @@
+//! A piece of a source in memory, and the kernel that samples it.
+//!
+//! Catmull-Rom cubic: it passes through the samples, so a source on its own lattice is copied. Where the target is
+//! coarser than the source the kernel is widened by the ratio, so that it averages (as GDAL's warper does). Where a
+//! sample under the kernel is void, a triangle (bilinear) kernel over what is left takes its place, and the result is
+//! void when more than half of that kernel's weight is.
+
+/// Pixels of a source, `size` from `origin` `[column, row]`, rows from the north as in the file.
+#[derive(Debug, Clone)]
+pub struct Window<const C: usize> {
+    origin: [usize; 2],
+    size: [usize; 2],
+    /// Samples.
+    pub pixels: Vec<[f32; C]>,
+    /// True where there is no data; empty when there is data everywhere.
+    voids: Vec<bool>,
+}
+
+impl<const C: usize> Window<C> {
+    /// A window of zeros without voids.
+    #[must_use]
+    pub fn new(origin: [usize; 2], size: [usize; 2]) -> Self {
+        Self { origin, size, pixels: vec![[0.0; C]; size[0] * size[1]], voids: Vec::new() }
+    }
+
+    /// Makes a pixel void.
+    pub fn mask(&mut self, at: usize) {
+        if self.voids.is_empty() {
+            self.voids = vec![false; self.pixels.len()];
+        }
+        self.voids[at] = true;
+        self.pixels[at] = [0.0; C];
+    }
+
+    fn at(&self, column: usize, row: usize) -> ([f32; C], bool) {
+        let at = row * self.size[0] + column;
+        (self.pixels[at], self.voids.get(at).copied().unwrap_or(false))
+    }
+}
+
+/// Catmull-Rom (cubic convolution with a = -1/2; Keys 1981).
+fn cubic(x: f64) -> f64 {
+    let x = x.abs();
+    if x < 1.0 {
+        (1.5 * x - 2.5) * x * x + 1.0
+    } else if x < 2.0 {
+        ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
+    } else {
+        0.0
+    }
+}
+
+fn triangle(x: f64) -> f64 {
+    (1.0 - x.abs()).max(0.0)
+}
+
+/// Samples windows; keeps the weights' buffers.
+#[derive(Debug, Clone)]
+pub struct Kernel {
+    /// Source pixels per target sample along columns and rows, at least 1.
+    scale: [f64; 2],
+    weights: [Vec<(usize, f64)>; 2],
+}
+
+impl Kernel {
+    /// A kernel for so many source pixels per target sample along columns and rows.
+    #[must_use]
+    pub fn new(scale: [f64; 2]) -> Self {
+        Self { scale: scale.map(|s| s.max(1.0)), weights: [Vec::new(), Vec::new()] }
+    }
+
+    /// How far from a position it may look, pixels.
+    #[must_use]
+    pub fn reach(&self) -> [usize; 2] {
+        self.scale.map(|s| (2.0 * s).ceil() as usize + 1)
+    }
+
+    /// Taps along an axis around position `at` (pixel centres are whole) as indices in the window, with weights that
+    /// sum to 1. Beyond the window (which ends only where the source does) its border is repeated.
+    fn taps(&mut self, axis: usize, at: f64, origin: usize, count: usize, support: f64, shape: fn(f64) -> f64) {
+        let scale = self.scale[axis];
+        let taps = &mut self.weights[axis];
+        taps.clear();
+        let place = |index: f64| (index as i64 - origin as i64).clamp(0, count as i64 - 1) as usize;
+        let whole = at.round();
+        if scale == 1.0 && (at - whole).abs() < SNAP_PX {
+            taps.push((place(whole), 1.0));
+            return;
+        }
+        let (first, last) = ((at - support * scale).ceil() as i64, (at + support * scale).floor() as i64);
+        let mut sum = 0.0;
+        for index in first..=last {
+            let weight = shape((index as f64 - at) / scale);
+            if weight != 0.0 {
+                taps.push((place(index as f64), weight));
+                sum += weight;
+            }
+        }
+        taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
+    }
+
+    /// The window's value at a position `[column, row]` in source pixels (centres are whole numbers); `None` where it
+    /// is void.
+    pub fn sample<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
+        for axis in 0..2 {
+            self.taps(axis, position[axis], window.origin[axis], window.size[axis], 2.0, cubic);
+        }
+        let mut sum = [0.0f64; C];
+        let mut has_void = false;
+        for &(row, down) in &self.weights[1] {
+            for &(column, across) in &self.weights[0] {
+                let (pixel, is_void) = window.at(column, row);
+                has_void |= is_void;
+                let weight = down * across;
+                sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += weight * f64::from(v));
+            }
+        }
+        if !has_void {
+            return Some(sum.map(|v| v as f32));
+        }
+        self.sample_around_voids(window, position)
+    }
+
+    fn sample_around_voids<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
+        for axis in 0..2 {
+            self.taps(axis, position[axis], window.origin[axis], window.size[axis], 1.0, triangle);
+        }
+        let (mut sum, mut known) = ([0.0f64; C], 0.0);
+        for &(row, down) in &self.weights[1] {
+            for &(column, across) in &self.weights[0] {
+                let (pixel, is_void) = window.at(column, row);
+                if !is_void {
+                    let weight = down * across;
+                    known += weight;
+                    sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += weight * f64::from(v));
+                }
+            }
+        }
+        (known >= 0.5).then(|| sum.map(|v| (v / known) as f32))
+    }
+}
+
+/// A position so close to a pixel's centre is on it: coordinates have gone through a projection's rounding.
+const SNAP_PX: f64 = 1e-4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> Window<1> {
+        let mut window = Window::new([10, 20], [8, 8]);
+        for (at, pixel) in window.pixels.iter_mut().enumerate() {
+            *pixel = [(at % 8) as f32 + 10.0 * (at / 8) as f32];
+        }
+        window
+    }
+
+    #[test]
+    fn on_pixels_it_copies_and_between_them_it_keeps_a_plane() {
+        let (window, mut kernel) = (ramp(), Kernel::new([1.0, 1.0]));
+        assert_eq!(kernel.sample(&window, [13.000_01, 22.0]), Some([23.0]));
+        let [between] = kernel.sample(&window, [13.25, 22.5]).unwrap();
+        assert!((between - 28.25).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_coarse_target_averages() {
+        let mut window = Window::<1>::new([0, 0], [64, 64]);
+        window.pixels.iter_mut().enumerate().for_each(|(at, p)| *p = [((at + at / 64) % 2) as f32]);
+        let [mean] = Kernel::new([4.0, 4.0]).sample(&window, [31.3, 30.9]).unwrap();
+        assert!((mean - 0.5).abs() < 0.01, "{mean}");
+    }
+
+    #[test]
+    fn voids_are_left_out_and_do_not_bleed() {
+        let mut window = ramp();
+        window.mask(3 * 8 + 3);
+        let mut kernel = Kernel::new([1.0, 1.0]);
+        assert_eq!(kernel.sample(&window, [13.0, 23.0]), None);
+        assert_eq!(kernel.sample(&window, [13.2, 23.2]), None);
+        assert_eq!(kernel.sample(&window, [14.0, 23.0]), Some([34.0]));
+        let [beside] = kernel.sample(&window, [13.9, 23.0]).unwrap();
+        assert!((beside - 34.0).abs() < 1e-5, "{beside}");
+    }
+}

@@ -1,0 +1,153 @@
+//! Reading sources: each thread has its own handles, since GDAL's are not shared.
+
+use super::raster::{Raster, open_dataset};
+use super::values::{ColorValues, ElevationValues};
+use crate::error::{IngestError, gdal_message};
+use crate::sample::window::Window;
+use gdal::Dataset;
+use gdal::raster::RasterBand;
+
+/// Opens a described source again.
+pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
+    open_dataset(&raster.open_name)
+        .map_err(|e| IngestError::source(&raster.path, format!("cannot be opened again: {}", gdal_message(&e))))
+}
+
+/// A source whose samples have `C` channels.
+pub trait Reader<const C: usize> {
+    /// Columns and rows of the source.
+    fn size(&self) -> [usize; 2];
+
+    /// Reads a rectangle that lies inside the source.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`] when it cannot be read.
+    fn read(&self, origin: [usize; 2], size: [usize; 2]) -> Result<Window<C>, IngestError>;
+}
+
+fn read_band<T: Copy + gdal::raster::GdalType>(
+    raster: &Raster,
+    band: &gdal::errors::Result<RasterBand<'_>>,
+    [x, y]: [usize; 2],
+    [w, h]: [usize; 2],
+) -> Result<Vec<T>, IngestError> {
+    let fail = |e: &gdal::errors::GdalError| {
+        IngestError::source(&raster.path, format!("cannot be read (it may be damaged or cut short): {}", gdal_message(e)))
+    };
+    let band = band.as_ref().map_err(fail)?;
+    let buffer = band.read_as::<T>((x as isize, y as isize), (w, h), (w, h), None).map_err(|e| fail(&e))?;
+    Ok(buffer.into_shape_and_vec().1)
+}
+
+/// An elevation source, open.
+#[derive(Debug)]
+pub struct ElevationReader<'a> {
+    raster: &'a Raster,
+    values: &'a ElevationValues,
+    dataset: Dataset,
+}
+
+impl<'a> ElevationReader<'a> {
+    /// Opens it.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`].
+    pub fn open(raster: &'a Raster, values: &'a ElevationValues) -> Result<Self, IngestError> {
+        Ok(Self { raster, values, dataset: open_raster(raster)? })
+    }
+}
+
+impl Reader<1> for ElevationReader<'_> {
+    fn size(&self) -> [usize; 2] {
+        self.raster.size
+    }
+
+    fn read(&self, origin: [usize; 2], size: [usize; 2]) -> Result<Window<1>, IngestError> {
+        let band = self.dataset.rasterband(1);
+        let samples = read_band::<f32>(self.raster, &band, origin, size)?;
+        let mut window = Window::new(origin, size);
+        for (at, sample) in samples.into_iter().enumerate() {
+            match self.values.height(sample) {
+                Some(height) => window.pixels[at] = [height],
+                None => window.mask(at),
+            }
+        }
+        if self.raster.bands[0].has_mask {
+            let mask = band.and_then(|band| {
+                let mask = band.open_mask_band()?;
+                mask.read_as::<u8>((origin[0] as isize, origin[1] as isize), (size[0], size[1]), (size[0], size[1]), None)
+            });
+            let mask = mask.map_err(|e| {
+                IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
+            })?;
+            mask.data().iter().enumerate().filter(|(_, m)| **m == 0).for_each(|(at, _)| window.mask(at));
+        }
+        Ok(window)
+    }
+}
+
+/// A colour source, open.
+#[derive(Debug)]
+pub struct ColorReader<'a> {
+    raster: &'a Raster,
+    values: &'a ColorValues,
+    dataset: Dataset,
+}
+
+impl<'a> ColorReader<'a> {
+    /// Opens it.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`].
+    pub fn open(raster: &'a Raster, values: &'a ColorValues) -> Result<Self, IngestError> {
+        Ok(Self { raster, values, dataset: open_raster(raster)? })
+    }
+}
+
+impl Reader<3> for ColorReader<'_> {
+    fn size(&self) -> [usize; 2] {
+        self.raster.size
+    }
+
+    fn read(&self, origin: [usize; 2], size: [usize; 2]) -> Result<Window<3>, IngestError> {
+        let mut window = Window::new(origin, size);
+        let samples = |band: usize| read_band::<f32>(self.raster, &self.dataset.rasterband(band), origin, size);
+        let bands = self.values.color_bands();
+        // A pixel is void when all its bands say so: pure white is no void where 255 in all bands is one.
+        let mut voids = vec![0u8; window.pixels.len()];
+        for band in &bands {
+            let palette = self.raster.bands[band - 1].palette.as_deref();
+            for (at, sample) in samples(*band)?.into_iter().enumerate() {
+                if !self.raster.is_data(*band, sample) {
+                    voids[at] += 1;
+                    continue;
+                }
+                let entry = palette.map(|p| p.get(sample as usize).copied().unwrap_or([0, 0, 0, 0]));
+                for channel in (0..3).filter(|&c| self.values.bands[c] == *band) {
+                    window.pixels[at][channel] = match entry {
+                        Some(entry) => f32::from(entry[channel]),
+                        None => self.values.eight_bits(sample),
+                    };
+                }
+                if entry.is_some_and(|e| e[3] == 0) {
+                    voids[at] += 1;
+                }
+            }
+        }
+        let count = bands.len() as u8;
+        voids.iter().enumerate().filter(|(_, v)| **v == count).for_each(|(at, _)| window.mask(at));
+        if let Some((band, least)) = self.values.alpha {
+            samples(band)?.into_iter().enumerate().filter(|(_, a)| *a < least).for_each(|(at, _)| window.mask(at));
+        } else if self.raster.bands[0].has_mask {
+            let band = self.dataset.rasterband(1).and_then(|band| {
+                let mask = band.open_mask_band()?;
+                mask.read_as::<u8>((origin[0] as isize, origin[1] as isize), (size[0], size[1]), (size[0], size[1]), None)
+            });
+            let mask = band.map_err(|e| {
+                IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
+            })?;
+            mask.data().iter().enumerate().filter(|(_, m)| **m == 0).for_each(|(at, _)| window.mask(at));
+        }
+        Ok(window)
+    }
+}

@@ -1,0 +1,229 @@
+//! One source file: everything about it that does not need an open handle.
+
+use super::crs;
+use super::georef::{Affine, affine_of};
+use crate::error::{IngestError, gdal_message};
+use gdal::raster::{ColorInterpretation, GdalDataType};
+use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
+use gdal::{Dataset, DatasetOptions, GdalOpenFlags};
+use std::path::{Path, PathBuf};
+
+/// No raster is larger along a side; absurd sizes of damaged files end here.
+const MAX_SIDE: usize = 1 << 27;
+
+/// A source raster.
+#[derive(Debug, Clone)]
+pub struct Raster {
+    /// As the user named it.
+    pub path: PathBuf,
+    /// As GDAL opens it (`/vsizip/…` for what lies in a zip).
+    pub open_name: String,
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// From pixels to its CRS.
+    pub affine: Affine,
+    /// Its CRS.
+    pub wkt: String,
+    /// The CRS's name.
+    pub crs_name: String,
+    /// The CRS's EPSG code, when it has one.
+    pub epsg: Option<u32>,
+    /// Whether the CRS is in degrees.
+    pub is_geographic: bool,
+    /// What is known of its bands.
+    pub bands: Vec<BandInfo>,
+    /// GDAL's name of the sample type.
+    pub data_type: String,
+}
+
+/// What is known of a band.
+#[derive(Debug, Clone)]
+pub struct BandInfo {
+    /// Sample type.
+    pub data_type: GdalDataType,
+    /// The value that the file declares as no data.
+    pub nodata: Option<f64>,
+    /// What the band shows, if the file says.
+    pub shows: Shows,
+    /// `value·scale + offset` is what the sample means.
+    pub scale_offset: [f64; 2],
+    /// Unit of the samples, as the file writes it.
+    pub unit: String,
+    /// Whether a mask band (not a nodata value, not an alpha band) says which samples are data.
+    pub has_mask: bool,
+    /// Colours of a palette, RGBA.
+    pub palette: Option<Vec<[u8; 4]>>,
+}
+
+/// Opens a dataset for reading.
+pub(crate) fn open_dataset(name: &str) -> Result<Dataset, gdal::errors::GdalError> {
+    let flags = GdalOpenFlags::GDAL_OF_RASTER | GdalOpenFlags::GDAL_OF_VERBOSE_ERROR;
+    Dataset::open_ex(name, DatasetOptions { open_flags: flags, ..DatasetOptions::default() })
+}
+
+fn open_any(path: &Path) -> Result<(Dataset, String), IngestError> {
+    let name = path.to_string_lossy().into_owned();
+    let is_virtual = name.starts_with("/vsi");
+    if !is_virtual && !path.exists() {
+        return Err(IngestError::source(path, "does not exist"));
+    }
+    if !is_virtual && path.metadata().is_ok_and(|m| m.is_file() && m.len() == 0) {
+        return Err(IngestError::source(path, "is empty (0 bytes)"));
+    }
+    let first = match open_dataset(&name) {
+        Ok(dataset) => return Ok((dataset, name)),
+        Err(error) => error,
+    };
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip")) && !is_virtual {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let zipped = format!("/vsizip/{}", absolute.display());
+        if let Ok(dataset) = open_dataset(&zipped) {
+            return Ok((dataset, zipped));
+        }
+    }
+    Err(IngestError::source(path, format!("is no raster that GDAL can read: {}", gdal_message(&first))))
+}
+
+impl Raster {
+    /// Looks at a file. `source_crs` is for files that lack a CRS.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`]: not there, not a raster, no CRS, no position.
+    pub fn describe(path: &Path, source_crs: Option<&str>) -> Result<Self, IngestError> {
+        let (dataset, open_name) = open_any(path)?;
+        let fail = |reason: String| IngestError::source(path, reason);
+        let (columns, rows) = dataset.raster_size();
+        if dataset.raster_count() == 0 || columns == 0 || rows == 0 {
+            return Err(fail("has no raster bands".to_owned()));
+        }
+        if columns > MAX_SIDE || rows > MAX_SIDE {
+            return Err(fail(format!("claims {columns} x {rows} pixels, expected at most {MAX_SIDE} along a side")));
+        }
+        let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref());
+        let own = own.filter(|srs| !srs.is_local());
+        let affine = affine_of(&dataset);
+        let srs = match (own, source_crs) {
+            (Some(srs), _) => srs,
+            (None, Some(text)) => crs::parse("--source-crs", text)?,
+            (None, None) if affine.is_none() => {
+                return Err(fail(
+                    "lies nowhere on the ground: it has neither a coordinate reference system nor a geotransform; \
+                     georeference it first (for example gdal_translate -a_srs EPSG:N -a_ullr …)"
+                        .to_owned(),
+                ));
+            }
+            (None, None) => {
+                return Err(fail(
+                    "has no coordinate reference system: give it with --source-crs EPSG:N".to_owned(),
+                ));
+            }
+        };
+        let srs = traditional(srs);
+        let affine = affine.ok_or_else(|| {
+            fail(
+                "has no position on the ground (no geotransform, no ground control points that fit one): \
+                 georeference it first (for example gdal_translate -a_ullr …)"
+                    .to_owned(),
+            )
+        })?;
+        let bands = (1..=dataset.raster_count())
+            .map(|index| BandInfo::of(&dataset, index))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| fail(format!("cannot be read: {}", gdal_message(&e))))?;
+        Ok(Self {
+            path: path.to_owned(),
+            open_name,
+            size: [columns, rows],
+            affine,
+            wkt: crs::definition(&srs).ok_or_else(|| {
+                fail("has a coordinate reference system that PROJ cannot write down: give one with --source-crs".into())
+            })?,
+            crs_name: srs.name().unwrap_or_else(|| "unnamed".to_owned()),
+            epsg: crs::epsg_of(&srs),
+            is_geographic: srs.is_geographic(),
+            data_type: bands[0].data_type.name(),
+            bands,
+        })
+    }
+
+    /// File name without folders.
+    #[must_use]
+    pub fn file_name(&self) -> String {
+        self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+    }
+
+    /// Its CRS.
+    ///
+    /// # Errors
+    /// Never for a described raster, unless PROJ's database is gone.
+    pub fn srs(&self) -> Result<SpatialRef, IngestError> {
+        crs::parse("the CRS of a source", &self.wkt)
+    }
+
+    /// Pixel positions (corner convention) on a grid over the raster, `side`² of them, along the outermost pixel
+    /// centres when `at_centers`, else along the edge.
+    pub(crate) fn grid(&self, side: usize, at_centers: bool) -> (Vec<f64>, Vec<f64>) {
+        let inset = if at_centers { 0.5 } else { 0.0 };
+        let along = |k: usize, count: usize| {
+            let length = count as f64 - 2.0 * inset;
+            inset + length * k as f64 / (side - 1) as f64
+        };
+        let positions = (0..side * side).map(|i| {
+            self.affine.apply(along(i % side, self.size[0]), along(i / side, self.size[1]))
+        });
+        positions.map(|[x, y]| (x, y)).unzip()
+    }
+}
+
+/// What a band shows, as far as it matters here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shows {
+    /// Red.
+    Red,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+    /// How opaque a pixel is.
+    Alpha,
+    /// Anything else, or nobody knows.
+    Other,
+}
+
+impl Shows {
+    fn of(declared: &ColorInterpretation) -> Self {
+        match declared {
+            ColorInterpretation::RedBand => Self::Red,
+            ColorInterpretation::GreenBand => Self::Green,
+            ColorInterpretation::BlueBand => Self::Blue,
+            ColorInterpretation::AlphaBand => Self::Alpha,
+            _ => Self::Other,
+        }
+    }
+}
+
+impl BandInfo {
+    fn of(dataset: &Dataset, index: usize) -> gdal::errors::Result<Self> {
+        let band = dataset.rasterband(index)?;
+        let flags = band.mask_flags()?;
+        let palette = band.color_table().map(|table| {
+            let entry = |i| table.entry_as_rgb(i).map_or([0, 0, 0, 0], |e| [e.r, e.g, e.b, e.a].map(|v| v.clamp(0, 255) as u8));
+            (0..table.entry_count()).map(entry).collect()
+        });
+        Ok(Self {
+            data_type: band.band_type(),
+            nodata: band.no_data_value(),
+            shows: Shows::of(&band.color_interpretation()),
+            scale_offset: [band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0)],
+            unit: band.unit(),
+            has_mask: !flags.is_all_valid() && !flags.is_nodata() && !flags.is_alpha(),
+            palette,
+        })
+    }
+}
+
+/// An owned CRS in easting, northing order.
+pub(crate) fn traditional(mut srs: SpatialRef) -> SpatialRef {
+    srs.set_axis_mapping_strategy(AxisMappingStrategy::TraditionalGisOrder);
+    srs
+}

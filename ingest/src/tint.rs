@@ -1,0 +1,151 @@
+//! Colour from elevation where there is no picture: a hypsometric tint that fits the terrain's own range, hill-shaded
+//! from the north west, as relief maps are.
+
+use crate::store::{Level, Rect, Rgb};
+use std::io;
+
+/// Slope (rise over run, root mean square) that shading makes of any terrain: flat land gets relief, too.
+const SHADED_SLOPE: f64 = 0.3;
+
+/// Land on Earth: meadow, field, heath, rock, snow.
+const EARTH: [(f32, [f32; 3]); 7] = [
+    (0.0, [88.0, 128.0, 82.0]),
+    (0.18, [126.0, 156.0, 94.0]),
+    (0.38, [184.0, 182.0, 124.0]),
+    (0.58, [176.0, 150.0, 108.0]),
+    (0.78, [148.0, 126.0, 110.0]),
+    (0.9, [186.0, 180.0, 176.0]),
+    (1.0, [244.0, 246.0, 248.0]),
+];
+/// Below the sea, by share of the greatest depth.
+const SEA: [(f32, [f32; 3]); 3] = [(0.0, [18.0, 44.0, 84.0]), (0.7, [50.0, 104.0, 150.0]), (1.0, [136.0, 184.0, 204.0])];
+/// Mars: dust.
+const MARS: [(f32, [f32; 3]); 5] = [
+    (0.0, [96.0, 62.0, 48.0]),
+    (0.3, [152.0, 96.0, 64.0]),
+    (0.6, [194.0, 134.0, 92.0]),
+    (0.85, [220.0, 178.0, 138.0]),
+    (1.0, [242.0, 226.0, 208.0]),
+];
+/// Bodies without air: regolith.
+const GREY: [(f32, [f32; 3]); 3] = [(0.0, [74.0, 72.0, 72.0]), (0.6, [150.0, 146.0, 142.0]), (1.0, [226.0, 224.0, 220.0])];
+
+/// Makes colour from the finest elevation level.
+#[derive(Debug)]
+pub struct Tint<'a> {
+    posts: &'a Level<f32>,
+    spacing_m: f64,
+    /// Posts per texel.
+    ratio: f64,
+    low: f32,
+    high: f32,
+    has_sea: bool,
+    land: &'static [(f32, [f32; 3])],
+    /// Factor on heights for shading.
+    relief: f32,
+}
+
+fn ramp(stops: &[(f32, [f32; 3])], t: f32) -> [f32; 3] {
+    let t = t.clamp(0.0, 1.0);
+    let after = stops.iter().position(|(at, _)| *at >= t).unwrap_or(stops.len() - 1).max(1);
+    let ((from, a), (to, b)) = (stops[after - 1], stops[after]);
+    let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
+    [0, 1, 2].map(|c| a[c] + s * (b[c] - a[c]))
+}
+
+impl<'a> Tint<'a> {
+    /// A tint for the terrain in `posts` (without voids, `spacing_m` apart), in texels of `texel_m`, for a body.
+    /// `overview` is a coarser level of it, small enough to be looked at as a whole.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn new(
+        posts: &'a Level<f32>,
+        spacing_m: f64,
+        texel_m: f64,
+        overview: (&Level<f32>, f64),
+        body: &str,
+    ) -> io::Result<Self> {
+        let (level, overview_m) = overview;
+        let [w, h] = level.size().map(|v| v as usize);
+        let heights = level.read(Rect::new([0, 0], [w, h]))?;
+        let slopes = heights.chunks_exact(w).flat_map(|row| row.windows(2).map(|p| f64::from(p[1] - p[0]) / overview_m));
+        let (count, sum) = slopes.fold((0.0, 0.0), |(n, sum), slope| (n + 1.0, sum + slope * slope));
+        let slope = (sum / f64::max(count, 1.0)).sqrt();
+        let mut sorted = heights;
+        sorted.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share).round() as usize];
+        // Earth's seas end at 0; elsewhere 0 is only a height.
+        let has_sea = body == "Earth" && at(0.02) < -5.0 && at(1.0) > 0.0;
+        let low = if has_sea { 0.0 } else { at(0.005) };
+        Ok(Self {
+            posts,
+            spacing_m,
+            ratio: texel_m / spacing_m,
+            low,
+            high: at(0.998).max(low + 1.0),
+            has_sea,
+            land: match body {
+                "Earth" | "Titan" | "unknown" => &EARTH,
+                "Mars" | "Venus" => &MARS,
+                _ => &GREY,
+            },
+            relief: (SHADED_SLOPE / slope.max(1e-9)).clamp(0.4, 40.0) as f32,
+        })
+    }
+
+    fn color(&self, height: f32) -> [f32; 3] {
+        if self.has_sea && height < 0.0 {
+            return ramp(&SEA, 1.0 + height / 6000.0);
+        }
+        ramp(self.land, (height - self.low) / (self.high - self.low))
+    }
+
+    /// How bright a post is: light from the north west, 45 degrees high; flat ground is 1.
+    fn shade(&self, heights: &[f32], width: usize, at: usize) -> f32 {
+        let scale = self.relief / (2.0 * self.spacing_m as f32);
+        let dx = (heights[at + 1] - heights[at - 1]) * scale;
+        let dy = (heights[at + width] - heights[at - width]) * scale;
+        // Unit vector to the light: (-1/2, 1/2, 1/sqrt 2); normal: (-dx, -dy, 1).
+        let cosine = (0.5 * dx - 0.5 * dy + std::f32::consts::FRAC_1_SQRT_2) / (1.0 + dx * dx + dy * dy).sqrt();
+        (0.42 + 0.58 * cosine * std::f32::consts::SQRT_2).clamp(0.3, 1.3)
+    }
+
+    /// Colours of a block of texels.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn block(&self, block: Rect) -> io::Result<Vec<Rgb>> {
+        // Texel centres lie (i + 1/2)·ratio posts from the origin.
+        let place = |i: i64| (i as f64 + 0.5) * self.ratio;
+        let first = block.origin.map(|v| place(v).floor() as i64 - 1);
+        let last = [0, 1].map(|a| place(block.origin[a] + block.size[a] as i64 - 1).floor() as i64 + 3);
+        let rect = Rect::new(first, [0, 1].map(|a| (last[a] - first[a]) as usize));
+        let heights = self.posts.read(rect)?;
+        let width = rect.size[0];
+        let mut shades = vec![1.0f32; heights.len()];
+        for row in 1..rect.size[1] - 1 {
+            for at in row * width + 1..(row + 1) * width - 1 {
+                shades[at] = self.shade(&heights, width, at);
+            }
+        }
+        let mut out = Vec::with_capacity(block.area());
+        for j in 0..block.size[1] {
+            let y = place(block.origin[1] + j as i64) - first[1] as f64;
+            for i in 0..block.size[0] {
+                let x = place(block.origin[0] + i as i64) - first[0] as f64;
+                let (column, row) = (x as usize, y as usize);
+                let (s, t) = ((x - column as f64) as f32, (y - row as f64) as f32);
+                let at = row * width + column;
+                let mix = |v: &[f32]| {
+                    let south = v[at] + s * (v[at + 1] - v[at]);
+                    let north = v[at + width] + s * (v[at + width + 1] - v[at + width]);
+                    south + t * (north - south)
+                };
+                let shade = mix(&shades);
+                out.push(self.color(mix(&heights)).map(|v| (v * shade).round().clamp(0.0, 255.0) as u8));
+            }
+        }
+        Ok(out)
+    }
+}
