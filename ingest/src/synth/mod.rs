@@ -27,6 +27,8 @@ use terrain::Terrain;
 const EPSG: u32 = 32632;
 /// Where the world's middle is, metres.
 const MIDDLE: [f64; 2] = [500_000.0, 5_200_000.0];
+/// Where in the endless terrain its south west corner is: small worlds have a lake and mountains, too.
+const CORNER: [f64; 2] = [17_500.0, 16_500.0];
 /// Posts along a block's side; the photo has twice as many pixels. Also the tile size of both files.
 const BLOCK: usize = 256;
 
@@ -68,7 +70,7 @@ impl Maker {
     /// Metres east and north of the world's south west corner. Positions do not depend on the size: a smaller world is
     /// the south west of a larger one.
     fn place(&self, column: f64, row: f64) -> [f64; 2] {
-        [column * self.spacing_m, (self.size as f64 - row) * self.spacing_m]
+        [CORNER[0] + column * self.spacing_m, CORNER[1] + (self.size as f64 - row) * self.spacing_m]
     }
 
     fn block(&self, first: [usize; 2]) -> Block {

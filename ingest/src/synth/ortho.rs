@@ -8,8 +8,8 @@ type Color = [f32; 3];
 const WATER_DEEP: Color = [22.0, 58.0, 92.0];
 const WATER_SHALLOW: Color = [62.0, 118.0, 130.0];
 const SAND: Color = [186.0, 174.0, 138.0];
-const MEADOW: Color = [112.0, 136.0, 66.0];
-const ALPINE: Color = [128.0, 128.0, 78.0];
+const MEADOW: Color = [98.0, 117.0, 64.0];
+const ALPINE: Color = [122.0, 118.0, 82.0];
 const FOREST: Color = [40.0, 66.0, 38.0];
 const ROCK: Color = [126.0, 118.0, 110.0];
 const ROCK_DARK: Color = [86.0, 80.0, 76.0];
@@ -18,14 +18,14 @@ const SNOW: Color = [240.0, 244.0, 250.0];
 const ROAD: Color = [168.0, 164.0, 156.0];
 /// What grows on fields.
 const CROPS: [Color; 8] = [
-    [138.0, 152.0, 70.0],
-    [112.0, 140.0, 58.0],
-    [190.0, 176.0, 102.0],
-    [164.0, 146.0, 96.0],
-    [96.0, 122.0, 56.0],
-    [206.0, 194.0, 112.0],
-    [132.0, 112.0, 82.0],
-    [146.0, 166.0, 84.0],
+    [122.0, 134.0, 72.0],
+    [98.0, 120.0, 60.0],
+    [172.0, 160.0, 104.0],
+    [148.0, 132.0, 94.0],
+    [88.0, 108.0, 58.0],
+    [184.0, 174.0, 116.0],
+    [124.0, 106.0, 82.0],
+    [128.0, 144.0, 82.0],
 ];
 const ROOFS: [Color; 4] = [[156.0, 82.0, 62.0], [132.0, 70.0, 56.0], [120.0, 116.0, 114.0], [178.0, 164.0, 150.0]];
 
@@ -94,7 +94,7 @@ impl Painter {
         color = scaled(color, 1.0 + 0.10 * blotch + 0.05 * grain);
         let gentle = 1.0 - smoothstep(0.10, 0.17, steep);
         let settled = gentle * (1.0 - smoothstep(850.0, 1000.0, ground.height + 80.0 * wide));
-        let wooded = smoothstep(-0.02, 0.10, wide + 0.55 * blotch + 0.9 * steep - 0.28 - 0.55 * settled);
+        let wooded = smoothstep(-0.02, 0.10, wide + 0.55 * blotch + 0.9 * steep - 0.16 - 0.60 * settled);
         if settled > 0.5 && wooded < 0.5 && above_lake > 2.5 {
             color = self.settlement(x, y, steep, blotch, grain);
         }

@@ -34,14 +34,15 @@ impl Terrain {
     pub fn height(&self, x: f64, y: f64) -> f32 {
         let km = 1e-3;
         // Bend everything: straight noise looks like noise.
-        let bend = |kind, size: f64| f64::from(octaves(x / size, y / size, self.seed(kind), 3));
-        let (wx, wy) = (x + 1500.0 * bend(1, 8000.0), y + 1500.0 * bend(2, 8000.0));
-        // Ranges and basins, some 30 km apart.
-        let range = octaves(wx / 26_000.0, wy / 26_000.0, self.seed(3), 2);
-        let massif = smoothstep(-0.42, 0.5, range);
-        let ridges = self.ridges(wx * km / 10.5, wy * km / 10.5);
-        let hills = octaves(wx / 3400.0, wy / 3400.0, self.seed(5), 6);
-        let mountains = 170.0 + 2900.0 * massif * massif * ridges + (60.0 + 260.0 * massif) * ridges + 90.0 * hills;
+        let bend = |kind, size: f64, count| f64::from(octaves(x / size, y / size, self.seed(kind), count));
+        let (wx, wy) = (x + 1700.0 * bend(1, 7000.0, 4), y + 1700.0 * bend(2, 7000.0, 4));
+        // Ranges and basins, some 25 km apart.
+        let range = octaves(wx / 21_000.0, wy / 21_000.0, self.seed(3), 2);
+        let massif = smoothstep(-0.52, 0.42, range + 0.06);
+        let ridges = self.ridges(wx * km / 8.0, wy * km / 8.0);
+        let spurs = self.spurs(wx * km / 5.2, wy * km / 5.2);
+        let relief = 0.62 * ridges + 0.62 * spurs;
+        let mountains = 120.0 + massif * (massif * 2700.0 + 700.0) * relief + 150.0 * relief;
         // Valley floors: what the mountains have lost.
         let floor = LAKE_M + 16.0
             + 90.0 * octaves(x / 14_000.0, y / 14_000.0, self.seed(6), 3)
@@ -50,29 +51,51 @@ impl Terrain {
         if land < LAKE_M { LAKE_M } else { land }
     }
 
-    /// Ridged multifractal, about 0 to 1.
+    /// Ridged multifractal, about 0 to 1: crests.
     fn ridges(&self, x: f64, y: f64) -> f32 {
-        const OCTAVES: u32 = 10;
-        let (mut sum, mut amplitude, mut weight) = (0.0f32, 0.5f32, 1.0f32);
+        const OCTAVES: u32 = 9;
+        let (mut sum, mut amplitude, mut weight) = (0.0f32, 0.42f32, 1.0f32);
         let mut steep = [0.0f32; 2];
         let (mut x, mut y) = (x, y);
         for octave in 0..OCTAVES {
             let (value, slope) = noise_and_slope(x, y, self.seed(100 + octave));
             // A crest where the noise changes sign, rounded so that it is no knife.
-            let crest = 1.0 - (value * value + 0.0009).sqrt() * 1.55;
+            let rounded = (value * value + 0.0025).sqrt();
+            let crest = 1.0 - rounded * 1.5;
             let signal = crest * crest;
-            let side = -2.0 * crest * 1.55 * value.signum();
+            let side = -2.0 * crest * 1.5 * value / rounded;
+            let damping = 1.0 / (1.0 + 0.4 * (steep[0] * steep[0] + steep[1] * steep[1]));
+            sum += amplitude * weight * signal * damping;
             steep[0] += amplitude * weight * slope[0] * side;
             steep[1] += amplitude * weight * slope[1] * side;
-            let damping = 1.0 / (1.0 + 0.55 * (steep[0] * steep[0] + steep[1] * steep[1]));
-            sum += amplitude * weight * signal * if octave == 0 { 1.0 } else { damping };
-            weight = (signal * 1.7).clamp(0.08, 1.0);
-            amplitude *= 0.47;
-            // Turned by about 37 degrees and doubled, so that crests of octaves cross.
-            (x, y) = (1.6 * x - 1.2 * y + 17.3, 1.2 * x + 1.6 * y - 5.9);
+            weight = (signal * 1.6).clamp(0.1, 1.0);
+            amplitude *= 0.5;
+            (x, y) = turned(x, y);
         }
         sum
     }
+
+    /// Noise whose finer octaves fade where the coarser ones are steep, about 0 to 1: spurs and gullies between.
+    fn spurs(&self, x: f64, y: f64) -> f32 {
+        const OCTAVES: u32 = 10;
+        let (mut sum, mut amplitude) = (0.0f32, 1.0f32);
+        let mut steep = [0.0f32; 2];
+        let (mut x, mut y) = (x, y);
+        for octave in 0..OCTAVES {
+            let (value, slope) = noise_and_slope(x, y, self.seed(200 + octave));
+            steep[0] += slope[0] * 0.9;
+            steep[1] += slope[1] * 0.9;
+            sum += amplitude * value / (1.0 + steep[0] * steep[0] + steep[1] * steep[1]);
+            amplitude *= 0.5;
+            (x, y) = turned(x, y);
+        }
+        (0.42 + 0.75 * sum).max(0.0)
+    }
+}
+
+/// Turned by about 37 degrees and doubled, so that features of octaves cross.
+fn turned(x: f64, y: f64) -> (f64, f64) {
+    (1.6 * x - 1.2 * y + 17.3, 1.2 * x + 1.6 * y - 5.9)
 }
 
 /// The larger of two, rounded within about `width` of where they meet (polynomial smooth maximum).
