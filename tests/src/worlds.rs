@@ -17,8 +17,10 @@ pub struct TestWorld {
 }
 
 impl TestWorld {
-    fn at(folder: PathBuf) -> Self {
-        Self { folder, rasters: OnceLock::new() }
+    /// The world of a folder with `dem.tif`, `ortho.tif` and `world.tv`.
+    #[must_use]
+    pub fn at(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), rasters: OnceLock::new() }
     }
 
     /// The database's folder.
