@@ -27,7 +27,10 @@ pub struct ArchiveInfo {
 }
 
 /// A tile: where it is, its bytes, and what makes it equal to others, if it is one of many.
-type Tile = (TileCoord, Vec<u8>, Option<u64>);
+pub(crate) type Tile = (TileCoord, Vec<u8>, Option<u64>);
+
+/// A tile that is to be made: its id, where it is in the archive, and its column and row from the south west.
+pub(crate) type Place = (u64, TileCoord, [u32; 2]);
 
 type Writer = PmTilesStreamWriter<File, CallerKey<u64>>;
 
@@ -62,7 +65,7 @@ fn tile_id(world: &World, m: u32, n: u32, q: u8) -> Option<(TileCoord, u64)> {
 }
 
 /// Tiles of a run that exist: column and row within the level, in order along the curve.
-fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2]) -> Vec<(u64, TileCoord, [u32; 2])> {
+fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2]) -> Vec<Place> {
     let [columns, rows] = world.nodes_at(q);
     let mut tiles = Vec::new();
     for n in n0..(n0 + RUN).min(rows) {
@@ -76,7 +79,7 @@ fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2]) -> Vec<(u64, TileCoord
 
 /// Writes one archive: all levels from the root down to `finest`, each run of tiles made by `make`.
 #[expect(clippy::too_many_arguments, reason = "the two pyramids share the loop, and nothing groups these")]
-fn write(
+pub(crate) fn write(
     path: &Path,
     what: &'static str,
     tile_type: TileType,
@@ -84,7 +87,7 @@ fn write(
     finest: u8,
     info: &ArchiveInfo,
     work: &Work,
-    make: impl Fn(u8, [u32; 2], Vec<(u64, TileCoord, [u32; 2])>) -> io::Result<Vec<Tile>> + Sync,
+    make: impl Fn(u8, [u32; 2], Vec<Place>) -> io::Result<Vec<Tile>> + Sync,
 ) -> Result<ArchiveRecord, IngestError> {
     let fail = pmtiles_error(path);
     let file = File::create(path).map_err(output(path))?;
@@ -160,7 +163,7 @@ pub fn write_elevation(
 }
 
 /// Columns and rows of tiles that a run needs.
-fn tiles_size(tiles: &[(u64, TileCoord, [u32; 2])], run: [u32; 2]) -> [usize; 2] {
+fn tiles_size(tiles: &[Place], run: [u32; 2]) -> [usize; 2] {
     [0, 1].map(|a| tiles.iter().map(|(_, _, at)| (at[a] - run[a]) as usize + 1).max().unwrap_or(0))
 }
 

@@ -36,6 +36,23 @@ pub enum Verb {
     /// files on every machine; any size that fits on disk is made in tiles, in little memory.
     #[command(after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv")]
     Synth(SynthArgs),
+    /// Make a sparse world for tests: a detailed square in a plain of any size.
+    #[command(hide = true)]
+    Sparse(SparseArgs),
+}
+
+/// Arguments of `sparse`.
+#[derive(Debug, Args)]
+pub struct SparseArgs {
+    /// Folder of the database
+    #[arg(short, long, value_name = "WORLD")]
+    pub output: PathBuf,
+    /// Level 0 nodes along a side of the detailed square, a power of two
+    #[arg(long, default_value_t = 32, value_name = "N")]
+    pub detailed_nodes: u32,
+    /// How often the side is doubled: 2 is 16 times the area, 4 is 256 times
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=10))]
+    pub doublings: u8,
 }
 
 /// Arguments of `ingest`, as typed.

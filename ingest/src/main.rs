@@ -12,6 +12,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
 use terravision_ingest::source::Note;
+use terravision_ingest::sparse::{self, SparseOptions};
+use terravision_ingest::work::Work;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
@@ -35,6 +37,12 @@ fn main() -> ExitCode {
             terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
             Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
         }),
+        Verb::Sparse(args) => {
+            let options = SparseOptions { detailed_nodes: args.detailed_nodes, doublings: args.doublings };
+            let threads = std::thread::available_parallelism().map_or(1, usize::from);
+            let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());
+            sparse::write(&args.output, options, &work).map(|_| args.output.display().to_string())
+        }
     };
     match result {
         Ok(line) => {

@@ -1,1 +1,247 @@
-//! Worlds for tests.
+//! Sparse worlds for tests: a detailed square in the south west of a plain that can be made as large as one likes, at
+//! next to no cost on disk, since all tiles of the plain are one tile.
+//!
+//! The detailed square is the same in worlds of every size, level by level: only what is around it grows.
+
+use crate::archive::{self, ArchiveInfo, Place, Tile};
+use crate::error::IngestError;
+use crate::job::{finish_database, record_of};
+use crate::plan::Plan;
+use crate::sample::elevation::quantised;
+use crate::sample::mapper::Lattice;
+use crate::source::TargetCrs;
+use crate::source::crs;
+use crate::store::Rgb;
+use crate::synth::noise::{octaves, smoothstep};
+use crate::work::Work;
+use pmtiles::TileType;
+use std::io;
+use std::path::Path;
+use terravision_common::database::{Manifest, NodeRanges, encode_elevation_tile};
+use terravision_common::world::{COLOR_BORDER, World, WorldFields};
+
+/// A sparse world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SparseOptions {
+    /// Level 0 nodes along a side of the detailed square.
+    pub detailed_nodes: u32,
+    /// How often the side is doubled: 0 is the square alone, 2 is 16 times its area, 4 is 256 times.
+    pub doublings: u8,
+}
+
+/// Colour of the plain.
+const PLAIN: Rgb = [112, 124, 84];
+/// Heights of the plain and of the detailed square's relief, metres.
+const PLAIN_M: f32 = 200.0;
+const RELIEF_M: f32 = 900.0;
+/// Distance of posts, metres.
+const SPACING_M: f64 = 10.0;
+
+/// The content: functions of position in lattice units.
+#[derive(Debug, Clone, Copy)]
+struct Content {
+    /// Side of the detailed square, lattice units.
+    side: f64,
+}
+
+impl Content {
+    /// 1 well inside the detailed square, 0 outside.
+    fn detail(&self, x: f64, y: f64) -> f32 {
+        let rim = |v: f64| {
+            let v = (v / self.side) as f32;
+            smoothstep(0.0, 0.2, v) * (1.0 - smoothstep(0.8, 1.0, v))
+        };
+        rim(x) * rim(y)
+    }
+
+    fn height(&self, x: f64, y: f64) -> f32 {
+        match self.detail(x, y) {
+            detail if detail > 0.0 => quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, 4))),
+            _ => PLAIN_M,
+        }
+    }
+
+    fn color(&self, x: f64, y: f64) -> Rgb {
+        let detail = self.detail(x, y);
+        if detail == 0.0 {
+            return PLAIN;
+        }
+        let tone = octaves(x / 40.0, y / 40.0, 8, 4);
+        [0, 1, 2].map(|c| (f32::from(PLAIN[c]) + detail * (60.0 * tone + 12.0 * c as f32)).clamp(0.0, 255.0) as u8)
+    }
+
+    /// Whether anything of the rectangle is in the detailed square.
+    fn touches(&self, low: [f64; 2]) -> bool {
+        low.iter().all(|v| *v < self.side)
+    }
+}
+
+/// Writes a sparse world.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manifest, IngestError> {
+    let nodes = u64::from(options.detailed_nodes) << options.doublings;
+    if !options.detailed_nodes.is_power_of_two() || nodes > 1 << 14 {
+        return Err(IngestError::usage(format!(
+            "a sparse world of {nodes} nodes along a side cannot be made, expected a power of two up to {}",
+            1 << 14
+        )));
+    }
+    let fields = WorldFields {
+        origin: [500_000.0, 5_000_000.0],
+        lattice_unit_m: SPACING_M,
+        extent: [nodes as u32 * 32; 2],
+        elevation_tile: 32,
+        color_tile: 256,
+        levels: nodes.ilog2() as u8 + 1,
+        finest_elevation_level: 0,
+        finest_color_level: 2.min(nodes.ilog2() as u8),
+    };
+    let world = World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))?;
+    let lattice = Lattice { first: fields.origin, step: SPACING_M };
+    let plan = Plan { world, elevation: lattice, color: lattice };
+    let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
+    let content = Content { side: f64::from(options.detailed_nodes) * 32.0 };
+    let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
+    finish_database(folder, true, work, |paths| {
+        let elevation = archive::write(
+            &paths[0],
+            "elevation tiles",
+            TileType::Unknown,
+            &world,
+            0,
+            &info,
+            work,
+            |q, _, tiles| Ok(elevation_tiles(&world, &content, q, &tiles)),
+        )?;
+        let finest_color = world.finest_color_level();
+        let color = archive::write(
+            &paths[1],
+            "colour tiles",
+            TileType::Jpeg,
+            &world,
+            finest_color,
+            &info,
+            work,
+            |q, _, tiles| color_tiles(&world, &content, q, &tiles),
+        )?;
+        let fail = |source| IngestError::Output { source, path: paths[2].clone() };
+        let ranges = ranges(&world, &content);
+        let ranges = NodeRanges::from_parts(&world, ranges).map_err(|e| fail(io::Error::other(e)))?;
+        let nodes = ranges.write(&paths[2]).map_err(fail)?;
+        let range = ranges.range(world.root()).unwrap_or([PLAIN_M; 2]);
+        Ok(record_of("sparse", &plan, &target, range, [elevation, color], nodes))
+    })
+}
+
+fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> Vec<Tile> {
+    let (posts, spacing) = (world.elevation_posts(), f64::from(1u32 << q));
+    let plain = encode_elevation_tile(&vec![PLAIN_M; (posts * posts) as usize], posts);
+    let side = world.node_side(q) as f64;
+    tiles
+        .iter()
+        .map(|(_, coord, at)| {
+            let low = at.map(|v| f64::from(v) * side);
+            if !content.touches(low) {
+                return (*coord, plain.clone(), Some(1));
+            }
+            let heights: Vec<f32> = (0..posts * posts)
+                .map(|k| content.height(low[0] + f64::from(k % posts) * spacing, low[1] + f64::from(k / posts) * spacing))
+                .collect();
+            (*coord, encode_elevation_tile(&heights, posts), None)
+        })
+        .collect()
+}
+
+fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+    let stored = world.color_stored();
+    let texel = world.node_side(q) as f64 / f64::from(world.color_tile());
+    let side = world.node_side(q) as f64;
+    let border = f64::from(COLOR_BORDER);
+    let plain = archive::encode_color_tile(&vec![PLAIN; (stored * stored) as usize], stored as u16, 90)?;
+    tiles
+        .iter()
+        .map(|(_, coord, at)| {
+            let low = at.map(|v| f64::from(v) * side - border * texel);
+            if !content.touches(low) {
+                return Ok((*coord, plain.clone(), Some(1)));
+            }
+            let place = |origin: f64, index: u32| origin + (f64::from(index) + 0.5) * texel;
+            let picture: Vec<Rgb> = (0..stored * stored)
+                .map(|k| content.color(place(low[0], k % stored), place(low[1], stored - 1 - k / stored)))
+                .collect();
+            Ok((*coord, archive::encode_color_tile(&picture, stored as u16, 90)?, None))
+        })
+        .collect()
+}
+
+/// Ranges of all nodes: own posts, and those of coarser levels over the node's area; descendants' from below.
+fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
+    let mut all: Vec<Vec<[f32; 2]>> = Vec::new();
+    for q in 0..world.levels() {
+        let [columns, rows] = world.nodes_at(q).map(u64::from);
+        let side = world.node_side(q);
+        let range_of = |m: u64, n: u64| {
+            let mut range = [PLAIN_M; 2];
+            for level in q..world.levels() {
+                let spacing = 1u64 << level;
+                let [x, y] = [m, n].map(|v| (v * side / spacing, ((v + 1) * side).div_ceil(spacing)));
+                if !content.touches([x.0, y.0].map(|v| (v * spacing) as f64)) {
+                    continue;
+                }
+                for j in y.0..=y.1 {
+                    for i in x.0..=x.1 {
+                        let height = content.height((i * spacing) as f64, (j * spacing) as f64);
+                        range = [range[0].min(height), range[1].max(height)];
+                    }
+                }
+            }
+            range
+        };
+        let mut ranges: Vec<[f32; 2]> =
+            (0..rows).flat_map(|n| (0..columns).map(move |m| (m, n))).map(|(m, n)| range_of(m, n)).collect();
+        if let Some(below) = all.last() {
+            let child_columns = world.nodes_at(q - 1)[0] as usize;
+            for (k, child) in below.iter().enumerate() {
+                let parent = &mut ranges[k / child_columns / 2 * columns as usize + k % child_columns / 2];
+                *parent = [parent[0].min(child[0]), parent[1].max(child[1])];
+            }
+        }
+        all.push(ranges);
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::database::{Database, TileScratch, TileSource};
+    use terravision_common::node::NodeId;
+
+    #[test]
+    fn worlds_of_all_sizes_share_the_detailed_square() {
+        let folder = std::env::temp_dir().join(format!("tv-sparse-{}", std::process::id()));
+        let worlds = [0, 2].map(|doublings| {
+            let path = folder.join(format!("{doublings}.tv"));
+            write(&path, SparseOptions { detailed_nodes: 4, doublings }, &Work::quiet(2)).unwrap();
+            Database::open(&path).unwrap()
+        });
+        let mut scratch = TileScratch::default();
+        let node = NodeId::new(1, 2, 0).unwrap();
+        let tiles = worlds.each_ref().map(|db| {
+            let mut heights = vec![0.0; 33 * 33];
+            db.read_elevation(node, &mut heights, &mut scratch).unwrap();
+            heights
+        });
+        assert_eq!(tiles[0], tiles[1]);
+        assert!(tiles[0].iter().any(|h| *h != PLAIN_M));
+        let far = NodeId::new(15, 15, 0).unwrap();
+        let mut heights = vec![0.0; 33 * 33];
+        worlds[1].read_elevation(far, &mut heights, &mut scratch).unwrap();
+        assert!(heights.iter().all(|h| *h == PLAIN_M));
+        let sizes = worlds.each_ref().map(|db| db.manifest().elevation.archive.bytes);
+        assert!(sizes[1] < 2 * sizes[0], "{sizes:?}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

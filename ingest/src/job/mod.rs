@@ -17,7 +17,7 @@ use output::Output;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, Manifest, NODES_FILE};
+use terravision_common::database::{ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord};
 
 /// What is asked for, checked.
 #[derive(Debug, Clone)]
@@ -274,8 +274,38 @@ pub(crate) fn quieten_gdal(memory_bytes: u64) {
     }
 }
 
-/// Name of the manifest, for callers that look for finished databases.
-#[must_use]
-pub fn is_finished(folder: &Path) -> bool {
-    folder.join(MANIFEST_FILE).exists()
+/// Makes a database whose three files (elevation, colour, ranges) `make` writes under the names that it is given.
+pub(crate) fn finish_database(
+    folder: &Path,
+    may_overwrite: bool,
+    work: &Work,
+    make: impl FnOnce([PathBuf; 3]) -> Result<Manifest, IngestError>,
+) -> Result<Manifest, IngestError> {
+    let output = Output::begin(folder, may_overwrite)?;
+    let manifest = make([ELEVATION_FILE, COLOR_FILE, NODES_FILE].map(|name| output.part(name)))?;
+    output.finish(&manifest, work)?;
+    Ok(manifest)
+}
+
+/// The manifest of a database that was made from nothing.
+pub(crate) fn record_of(
+    name: &str,
+    plan: &Plan,
+    target: &TargetCrs,
+    range: [f32; 2],
+    archives: [ArchiveRecord; 2],
+    nodes: NodesRecord,
+) -> Manifest {
+    record::manifest(record::Parts {
+        name: name.to_owned(),
+        plan,
+        target,
+        elevation: &[],
+        color: &[],
+        range,
+        void_areas_m2: [0.0; 2],
+        quality: 90,
+        archives,
+        nodes,
+    })
 }

@@ -73,7 +73,11 @@ pub struct TargetCrs {
 }
 
 impl TargetCrs {
-    fn new(srs: &SpatialRef) -> Result<Self, IngestError> {
+    /// A database's CRS.
+    ///
+    /// # Errors
+    /// When PROJ cannot write it down.
+    pub fn new(srs: &SpatialRef) -> Result<Self, IngestError> {
         let wkt = definition(srs)
             .ok_or_else(|| IngestError::usage("the coordinate reference system cannot be written down as WKT"))?;
         let name = srs.name().unwrap_or_else(|| "unnamed".to_owned());

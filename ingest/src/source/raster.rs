@@ -107,8 +107,8 @@ impl Raster {
             (None, Some(text)) => crs::parse("--source-crs", text)?,
             (None, None) if affine.is_none() => {
                 return Err(fail(
-                    "lies nowhere on the ground: it has neither a coordinate reference system nor a geotransform; \
-                     georeference it first (for example gdal_translate -a_srs EPSG:N -a_ullr …)"
+                    "lies nowhere on the ground: it has neither a coordinate reference system (--source-crs EPSG:N gives \
+                     one) nor a geotransform (gdal_translate -a_ullr … writes one)"
                         .to_owned(),
                 ));
             }
@@ -121,8 +121,8 @@ impl Raster {
         let srs = traditional(srs);
         let affine = affine.ok_or_else(|| {
             fail(
-                "has no position on the ground (no geotransform, no ground control points that fit one): \
-                 georeference it first (for example gdal_translate -a_ullr …)"
+                "has no position on the ground: no geotransform, and no ground control points that fit one \
+                 (gdal_translate -a_ullr … writes a geotransform)"
                     .to_owned(),
             )
         })?;
