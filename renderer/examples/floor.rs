@@ -7,7 +7,7 @@
 mod support;
 
 use std::sync::Arc;
-use support::{Scene, camera, node};
+use support::{Scene, camera};
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::world::{World, WorldFields};
@@ -69,7 +69,6 @@ fn flight(frames: u32, factor: f64) -> Arc<Recording> {
         let tiles = found.iter().map(|(_, node)| scene.leaf(*node, &camera, [0; 4])).collect();
         scene.frame(&camera, tiles);
     }
-    let _ = node;
     scene.finish()
 }
 
@@ -91,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for (columns, rows) in [(1, 1), (85, 48), (171, 96)] {
         show(&floor(&options, columns, rows, frames)?);
     }
-    for factor in [1.2, 2.2, 3.0] {
+    for factor in [0.5, 0.7, 1.2] {
         let recording = flight(4, factor);
         let tiles = recording.frames()[0].tiles.len();
         for (name, change) in [
@@ -101,6 +100,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ] {
             let measured = replay(&change, &recording, (frames / 4) as u64)?;
             show(&Measured { name: format!("{name}, {tiles} tiles"), ..measured });
+        }
+        if let Some(folder) = std::env::var_os("TERRAVISION_TEST_PICTURES").filter(|_| tiles > 0) {
+            let drawn = support::draw(&EngineOptions { has_tree_overlay: true, ..options.clone() }, &recording)?;
+            drop(folder);
+            support::keep(&drawn[0], &format!("bench-{tiles}"));
         }
     }
     Ok(())

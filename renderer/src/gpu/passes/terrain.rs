@@ -80,6 +80,28 @@ pub struct Block {
     pub size: [u32; 2],
 }
 
+/// Which sides of the ground are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// The upper side alone.
+    Upper,
+    /// Both.
+    Both,
+}
+
+/// What is drawn by one call of [`TerrainPass::draw`].
+#[derive(Debug, Clone, Copy)]
+pub struct TerrainView<'a> {
+    /// The view.
+    pub parameters: &'a ViewParameters,
+    /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`].
+    pub blocks: &'a [Block],
+    /// Which sides.
+    pub sides: Sides,
+    /// The pass of [`Target::begin_depth`].
+    pub is_depth_only: bool,
+}
+
 /// Tiles that a slot has room for at first; it grows.
 const FIRST_TILES: usize = 1024;
 
@@ -190,24 +212,21 @@ impl TerrainPass {
         Ok(())
     }
 
-    /// Draws blocks in this order, the n-th with the n-th tile of [`TerrainPass::prepare`]; within rendering.
-    /// `is_depth_only`: the pass of [`Target::begin_depth`].
-    pub fn draw(
-        &self,
-        recording: &mut Recording<'_>,
-        colors: &ColorPool,
-        view: &ViewParameters,
-        blocks: &[Block],
-        is_depth_only: bool,
-    ) {
+    /// Draws blocks in this order; within rendering.
+    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, view: &TerrainView<'_>) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let pipeline = if is_depth_only { self.depth_only.as_ref().unwrap_or(&self.picture) } else { &self.picture };
+        let pipeline = if view.is_depth_only { self.depth_only.as_ref().unwrap_or(&self.picture) } else { &self.picture };
         let Some(slot) = self.slots.get(recording.slot_index()) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
+        let culled = match view.sides {
+            Sides::Upper => vk::CullModeFlags::BACK,
+            Sides::Both => vk::CullModeFlags::NONE,
+        };
         // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
         unsafe {
+            device.raw().cmd_set_cull_mode(commands, culled);
             device.raw().cmd_bind_pipeline(commands, graphics, pipeline.get());
             device.raw().cmd_bind_descriptor_sets(commands, graphics, self.layout.get(), 0, &sets, &[]);
             device.raw().cmd_bind_index_buffer(commands, self.indices.raw(), 0, vk::IndexType::UINT32);
@@ -216,11 +235,11 @@ impl TerrainPass {
                 self.layout.get(),
                 vk::ShaderStageFlags::VERTEX,
                 0,
-                bytemuck::bytes_of(view),
+                bytemuck::bytes_of(view.parameters),
             );
         }
         let room = slot.tiles.len() / size_of::<TileParameters>() as u64;
-        for (instance, block) in blocks.iter().enumerate().take(room as usize) {
+        for (instance, block) in view.blocks.iter().enumerate().take(room as usize) {
             let draw = |indices: u32, first: u32, row: u32| {
                 let vertex = (block.start[1] + row) * self.posts + block.start[0];
                 // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the

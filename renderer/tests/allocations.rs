@@ -1,0 +1,45 @@
+//! The frame loop allocates nothing in the steady state.
+
+mod support;
+
+use std::sync::Arc;
+use support::{Scene, camera, node, options, world};
+use terravision_renderer::engine::EngineOptions;
+use terravision_renderer::run::run;
+use terravision_renderer::sink::NullSink;
+use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::source::{RecordedSource, Recording};
+
+const SIZE: [u32; 2] = [64, 48];
+
+fn flight() -> Arc<Recording> {
+    let flat = |_: f64, _: f64| 0.0;
+    let green = |_: f64, _: f64| [0, 200, 0];
+    let mut scene = Scene::new(world([16, 16]), &flat, &green);
+    let camera = camera([80.0, 80.0, 150.0], 0.0, -80.0, SIZE);
+    let tiles = (0..4).map(|i| scene.leaf(node(i % 2, i / 2, 0), &camera, [0; 4])).collect();
+    scene.frame(&camera, tiles);
+    scene.finish()
+}
+
+#[test]
+fn more_frames_take_no_more_allocations() {
+    let recording = flight();
+    for change in support::paths(&EngineOptions { has_validation: false, ..options(SIZE) }) {
+        let allocations = |laps: u64| {
+            let mut source = RecordedSource::new(Arc::clone(&recording), laps);
+            let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+            let options = change.clone();
+            // Of this thread: the frame loop's.
+            let info = allocation_counter::measure(|| {
+                run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+            });
+            info.count_total
+        };
+        // The first run also pays for what the process needs once.
+        allocations(10);
+        let (short, long) = (allocations(20), allocations(220));
+        // A queue allocates the first time that somebody waits at it, which depends on timing: a few per run, none a frame.
+        assert!(long <= short + 4, "200 more frames allocated {} times", long as i64 - short as i64);
+    }
+}

@@ -1,0 +1,161 @@
+//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never a panic.
+
+mod support;
+
+use bytemuck::Zeroable;
+use proptest::prelude::*;
+use support::{Scene, camera, draw, node, options, world};
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
+use terravision_renderer::source::SourceShape;
+
+const SIZE: [u32; 2] = [32, 24];
+
+fn good_tile() -> TileSlot {
+    TileSlot { end: [8, 8], elevation_level: 1, color_level: 1, color_slot: 3, ..TileSlot::zeroed() }
+}
+
+#[test]
+fn a_good_tile_passes_and_each_fault_is_named() {
+    let world = world([64, 64]);
+    let check = |change: &dyn Fn(&mut TileSlot)| {
+        let mut tile = good_tile();
+        change(&mut tile);
+        check_tile(&tile, &world, 4)
+    };
+    assert_eq!(check(&|_| {}), Ok(()));
+    assert_eq!(check(&|t| t.end = [9, 8]), Err(TileFault::Block));
+    assert_eq!(check(&|t| t.start = [8, 0]), Err(TileFault::Block));
+    assert_eq!(check(&|t| t.elevation_level = 4), Err(TileFault::Level));
+    assert_eq!(check(&|t| t.color_level = 255), Err(TileFault::Level));
+    assert_eq!(check(&|t| t.elevation_origin = [8, 0]), Err(TileFault::Origin));
+    assert_eq!(check(&|t| t.elevation_origin = [64, 0]), Err(TileFault::Origin));
+    assert_eq!(check(&|t| t.color_origin = [u32::MAX, 0]), Err(TileFault::Origin));
+    assert_eq!(check(&|t| t.color_origin = [16, 0]), Err(TileFault::Cover));
+    assert_eq!(check(&|t| t.color_level = 0), Err(TileFault::Cover));
+    assert_eq!(check(&|t| t.edge_snap[2] = 4), Err(TileFault::Snap));
+    assert_eq!(check(&|t| t.color_slot = 4), Err(TileFault::ColorSlot));
+}
+
+fn shape() -> SourceShape {
+    SourceShape { world: world([64, 64]), elevation_arrays: 16, elevation_start: 100, color_slots: 4, frames: [7, 9] }
+}
+
+fn marker() -> FrameMarker {
+    FrameMarker { frame: 7, camera: camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE), ..FrameMarker::zeroed() }
+}
+
+fn end() -> FrameEnd {
+    FrameEnd { frame: 7, tile_count: 1, elevation_end: 101, ..FrameEnd::zeroed() }
+}
+
+/// Feeds slots; what the reader says to the last of them.
+fn feed(slots: &[SlotContent]) -> Result<bool, String> {
+    let mut reader = FrameReader::new(shape(), SIZE).unwrap();
+    let mut last = Ok(false);
+    for content in slots {
+        last = reader.add(&Slot::new(content)).map_err(|error| error.to_string());
+        if last.is_err() {
+            break;
+        }
+    }
+    last
+}
+
+#[test]
+fn a_frame_is_complete_with_its_end() {
+    let tile = SlotContent::Tile(TileSlot { elevation_position: 100, ..good_tile() });
+    assert_eq!(feed(&[SlotContent::Marker(marker()), tile, SlotContent::End(end())]), Ok(true));
+}
+
+#[test]
+fn frames_that_cannot_be_are_refused_with_a_sentence() {
+    let tile = |change: &dyn Fn(&mut TileSlot)| {
+        let mut tile = TileSlot { elevation_position: 100, ..good_tile() };
+        change(&mut tile);
+        SlotContent::Tile(tile)
+    };
+    let opened = SlotContent::Marker(marker());
+    let closed = SlotContent::End(end());
+    let plain = tile(&|_| {});
+    let cases: Vec<(Vec<SlotContent>, &str)> = vec![
+        (vec![plain], "found a tile, expected a frame marker"),
+        (vec![closed], "found the end of a frame"),
+        (vec![opened, opened], "found a frame marker"),
+        (vec![SlotContent::Marker(FrameMarker { frame: 8, ..marker() })], "its number is 8, expected 7"),
+        (
+            vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
+            "no valid camera",
+        ),
+        (
+            vec![SlotContent::Marker(FrameMarker { camera: camera([0.0; 3], 0.0, 0.0, [9, 9]), ..marker() })],
+            "no valid camera",
+        ),
+        (
+            vec![SlotContent::Marker(FrameMarker { camera: camera([1e11, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
+            "no valid camera",
+        ),
+        (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
+        (vec![opened, plain, tile(&|t| t.color_generation = 2)], "another generation"),
+        (vec![opened, closed], "the number of its tiles is 1, expected 0"),
+        (vec![opened, plain, SlotContent::End(FrameEnd { frame: 8, ..end() })], "number at its end is 8"),
+        (vec![opened, plain, SlotContent::End(FrameEnd { elevation_end: 117, ..end() })], "17, expected 16"),
+        (vec![opened, plain, SlotContent::End(FrameEnd { elevation_end: 99, ..end() })], "elevation arrays is"),
+        (vec![opened, tile(&|t| t.elevation_position = 101), closed], "none of the frame's"),
+        (vec![opened, tile(&|t| t.elevation_position = u64::MAX), closed], "none of the frame's"),
+    ];
+    for (slots, sentence) in cases {
+        let error = feed(&slots).unwrap_err();
+        assert!(error.contains(sentence), "{error:?} does not say {sentence:?}");
+    }
+}
+
+#[test]
+fn a_tile_of_another_generation_than_the_pool_has_ends_the_run() {
+    let flat = |_: f64, _: f64| 0.0;
+    let green = |_: f64, _: f64| [0, 200, 0];
+    let mut scene = Scene::new(world([16, 16]), &flat, &green);
+    let camera = camera([80.0, 80.0, 100.0], 0.0, -90.0, SIZE);
+    let tile = scene.leaf(node(0, 0, 1), &camera, [0; 4]);
+    scene.frame(&camera, vec![TileSlot { color_generation: 9, ..tile }]);
+    let recording = scene.finish();
+    for options in support::paths(&options(SIZE)) {
+        let error = draw(&options, &recording).unwrap_err().to_string();
+        assert!(error.contains("holds another generation"), "{error}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_refused_or_drawn_within_bounds(words: [u64; 7], flips in prop::collection::vec((0usize..56, any::<u8>()), 0..4)) {
+        let world = world([64, 40]);
+        let mut tiles = [bytemuck::cast::<[u64; 7], TileSlot>(words), good_tile()];
+        for (at, value) in flips {
+            bytemuck::bytes_of_mut(&mut tiles[1])[at] = value;
+        }
+        for tile in tiles {
+            if check_tile(&tile, &world, 4).is_ok() {
+                prop_assert!(tile.end.iter().all(|&end| u32::from(end) <= world.elevation_tile()));
+                prop_assert!(tile.start[0] < tile.end[0] && tile.start[1] < tile.end[1]);
+                prop_assert!(tile.color_slot < 4 && tile.elevation_level < world.levels());
+                prop_assert!(tile.elevation_origin[0] < 64 && tile.elevation_origin[1] < 40);
+                prop_assert!(tile.edge_snap.iter().all(|&snap| 1 << snap <= world.elevation_tile()));
+            }
+        }
+    }
+
+    #[test]
+    fn any_sequence_of_slots_is_read_without_a_panic(
+        slots in prop::collection::vec((0u64..5, prop::array::uniform16(prop_oneof![0u64..200, any::<u64>()])), 1..12)
+    ) {
+        let mut reader = FrameReader::new(shape(), SIZE).unwrap();
+        for (kind, payload) in slots {
+            let mut words = [0u64; 17];
+            words[0] = kind;
+            words[1..].copy_from_slice(&payload);
+            if reader.add(&bytemuck::cast::<[u64; 17], Slot>(words)).is_err() {
+                break;
+            }
+        }
+    }
+}
