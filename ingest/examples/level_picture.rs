@@ -7,7 +7,9 @@ use terravision_common::world::COLOR_BORDER;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [world, level, out] = arguments.as_slice() else { return Err("usage: level_picture WORLD LEVEL out.ppm".into()) };
+    let [world, level, out] = arguments.as_slice() else {
+        return Err("usage: level_picture WORLD LEVEL out.ppm".into());
+    };
     let database = Database::open(world.as_ref())?;
     let (world, q) = (*database.world(), level.parse::<u8>()?);
     let [columns, rows] = world.nodes_at(q);

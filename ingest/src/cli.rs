@@ -34,7 +34,9 @@ pub enum Verb {
     ///
     /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and seed give the same
     /// files on every machine; any size that fits on disk is made in tiles, in little memory.
-    #[command(after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv")]
+    #[command(
+        after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv"
+    )]
     Synth(SynthArgs),
     /// Make a sparse world for tests: a detailed square in a plain of any size.
     #[command(hide = true)]
@@ -121,7 +123,9 @@ impl IngestArgs {
         for (flag, size, range) in sizes {
             if !size.is_power_of_two() || !range.contains(&size) {
                 let (first, last) = (range.start(), range.end());
-                return Err(IngestError::usage(format!("{flag} is {size}, expected a power of two from {first} to {last}")));
+                return Err(IngestError::usage(format!(
+                    "{flag} is {size}, expected a power of two from {first} to {last}"
+                )));
             }
         }
         let job = Job::new(self.elevation, self.color, self.output);
@@ -219,7 +223,8 @@ fn parse_nodata(text: &str) -> Result<NodataChoice, String> {
 }
 
 fn parse_unit(text: &str) -> Result<f64, String> {
-    metres_in(text).ok_or_else(|| format!("{text} is no unit of length that is known, expected m, ft, us-ft, km, cm, mm"))
+    metres_in(text)
+        .ok_or_else(|| format!("{text} is no unit of length that is known, expected m, ft, us-ft, km, cm, mm"))
 }
 
 fn parse_bands(text: &str) -> Result<Bands, String> {
@@ -265,7 +270,8 @@ mod tests {
 
     #[test]
     fn negative_nodata_is_no_flag() {
-        let cli = Cli::try_parse_from(["x", "ingest", "--elevation", "a.tif", "-o", "w.tv", "--nodata", "-9999"]).unwrap();
+        let cli =
+            Cli::try_parse_from(["x", "ingest", "--elevation", "a.tif", "-o", "w.tv", "--nodata", "-9999"]).unwrap();
         let Verb::Ingest(args) = cli.verb else { panic!("ingest was asked for") };
         assert_eq!(args.validate().unwrap().nodata, NodataChoice::Value(-9999.0));
     }

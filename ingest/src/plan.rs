@@ -138,7 +138,8 @@ impl Plan {
         let (mut spacing, origin, mut intervals) = post_lattice(&prints, options.spacing_m)?;
         let color_prints = color.iter().map(|r| footprint(r, target)).collect::<Result<Vec<_>, _>>()?;
         let high = [0, 1].map(|a| origin[a] + intervals[a] as f64 * spacing);
-        let overlaps = |p: &Footprint| (0..2).all(|a| p.low[a] - p.spacing < high[a] && p.high[a] + p.spacing > origin[a]);
+        let overlaps =
+            |p: &Footprint| (0..2).all(|a| p.low[a] - p.spacing < high[a] && p.high[a] + p.spacing > origin[a]);
         for (raster, _) in color.iter().zip(&color_prints).filter(|(_, p)| !overlaps(p)) {
             return Err(IngestError::source(&raster.path, "(colour) does not overlap the elevation"));
         }
@@ -148,7 +149,11 @@ impl Plan {
         // How many levels the finest colour is above the one that shares a node with the finest elevation. Texels may
         // be up to 7 % coarser than the photo's pixels, rather than almost twice as fine.
         let offset = |spacing: f64| {
-            if color_spacing.is_finite() { ((color_spacing / spacing).log2() + 0.1).floor() as i32 + depth } else { depth }
+            if color_spacing.is_finite() {
+                ((color_spacing / spacing).log2() + 0.1).floor() as i32 + depth
+            } else {
+                depth
+            }
         };
         let mut above = offset(spacing);
         let most = nz.ilog2().cast_signed();

@@ -85,10 +85,8 @@ fn block_ranges(
         let before = |node: u64| node * side / spacing;
         let after = |node: u64| (node * side).div_ceil(spacing);
         let origin = first.map(before);
-        let rect = Rect::new(
-            origin.map(|v| v as i64),
-            [0, 1].map(|a| (after(first[a] + count[a]) - origin[a] + 1) as usize),
-        );
+        let rect =
+            Rect::new(origin.map(|v| v as i64), [0, 1].map(|a| (after(first[a] + count[a]) - origin[a] + 1) as usize));
         let heights = posts.read(rect)?;
         for (k, range) in ranges.iter_mut().enumerate() {
             let node = [first[0] + k as u64 % count[0], first[1] + k as u64 / count[0]];

@@ -56,7 +56,9 @@ impl Content {
 
     fn height(&self, x: f64, y: f64) -> f32 {
         match self.detail(x, y) {
-            detail if detail > 0.0 => quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, 4))),
+            detail if detail > 0.0 => {
+                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, 4)))
+            }
             _ => PLAIN_M,
         }
     }
@@ -105,16 +107,10 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     let content = Content { side: f64::from(options.detailed_nodes) * 32.0 };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
-        let elevation = archive::write(
-            &paths[0],
-            "elevation tiles",
-            TileType::Unknown,
-            &world,
-            0,
-            &info,
-            work,
-            |q, _, tiles| Ok(elevation_tiles(&world, &content, q, &tiles)),
-        )?;
+        let elevation =
+            archive::write(&paths[0], "elevation tiles", TileType::Unknown, &world, 0, &info, work, |q, _, tiles| {
+                Ok(elevation_tiles(&world, &content, q, &tiles))
+            })?;
         let finest_color = world.finest_color_level();
         let color = archive::write(
             &paths[1],
@@ -147,7 +143,9 @@ fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> 
                 return (*coord, plain.clone(), Some(1));
             }
             let heights: Vec<f32> = (0..posts * posts)
-                .map(|k| content.height(low[0] + f64::from(k % posts) * spacing, low[1] + f64::from(k / posts) * spacing))
+                .map(|k| {
+                    content.height(low[0] + f64::from(k % posts) * spacing, low[1] + f64::from(k / posts) * spacing)
+                })
                 .collect();
             (*coord, encode_elevation_tile(&heights, posts), None)
         })

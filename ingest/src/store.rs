@@ -158,7 +158,6 @@ impl Blocks {
 /// One colour sample, 8 bit.
 pub type Rgb = [u8; 3];
 
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -18,7 +18,8 @@ const EARTH: [(f32, [f32; 3]); 7] = [
     (1.0, [244.0, 246.0, 248.0]),
 ];
 /// Below the sea, by share of the greatest depth.
-const SEA: [(f32, [f32; 3]); 3] = [(0.0, [18.0, 44.0, 84.0]), (0.7, [50.0, 104.0, 150.0]), (1.0, [136.0, 184.0, 204.0])];
+const SEA: [(f32, [f32; 3]); 3] =
+    [(0.0, [18.0, 44.0, 84.0]), (0.7, [50.0, 104.0, 150.0]), (1.0, [136.0, 184.0, 204.0])];
 /// Mars: dust.
 const MARS: [(f32, [f32; 3]); 5] = [
     (0.0, [96.0, 62.0, 48.0]),
@@ -28,7 +29,8 @@ const MARS: [(f32, [f32; 3]); 5] = [
     (1.0, [242.0, 226.0, 208.0]),
 ];
 /// Bodies without air: regolith.
-const GREY: [(f32, [f32; 3]); 3] = [(0.0, [74.0, 72.0, 72.0]), (0.6, [150.0, 146.0, 142.0]), (1.0, [226.0, 224.0, 220.0])];
+const GREY: [(f32, [f32; 3]); 3] =
+    [(0.0, [74.0, 72.0, 72.0]), (0.6, [150.0, 146.0, 142.0]), (1.0, [226.0, 224.0, 220.0])];
 
 /// Makes colour from the finest elevation level.
 #[derive(Debug)]
@@ -69,7 +71,8 @@ impl<'a> Tint<'a> {
         let (level, overview_m) = overview;
         let [w, h] = level.size().map(|v| v as usize);
         let heights = level.read(Rect::new([0, 0], [w, h]))?;
-        let slopes = heights.chunks_exact(w).flat_map(|row| row.windows(2).map(|p| f64::from(p[1] - p[0]) / overview_m));
+        let slopes =
+            heights.chunks_exact(w).flat_map(|row| row.windows(2).map(|p| f64::from(p[1] - p[0]) / overview_m));
         let (count, sum) = slopes.fold((0.0, 0.0), |(n, sum), slope| (n + 1.0, sum + slope * slope));
         let slope = (sum / f64::max(count, 1.0)).sqrt();
         let mut sorted = heights;

@@ -196,10 +196,16 @@ mod tests {
                 }
                 Ok(i)
             };
-            work.in_order("", 100, || Ok(()), slow_first, |i| {
-                seen.push(i);
-                Ok(())
-            })
+            work.in_order(
+                "",
+                100,
+                || Ok(()),
+                slow_first,
+                |i| {
+                    seen.push(i);
+                    Ok(())
+                },
+            )
             .unwrap();
             assert_eq!(seen, (0..100).collect::<Vec<_>>());
         }

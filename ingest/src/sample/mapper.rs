@@ -55,7 +55,8 @@ impl Mapper {
             })?;
             Some(transform)
         };
-        let inverse = raster.affine.inverse().ok_or_else(|| IngestError::source(&raster.path, "has pixels without area"))?;
+        let inverse =
+            raster.affine.inverse().ok_or_else(|| IngestError::source(&raster.path, "has pixels without area"))?;
         let size = raster.size.map(|v| v as f64);
         let turn = 360.0 / raster.affine.0[1].abs();
         let period = (raster.is_geographic && raster.affine.is_axis_parallel()).then_some(turn);
@@ -128,9 +129,9 @@ impl Mapper {
         let mut points: Vec<[f64; 2]> =
             (0..nodes).map(|k| place((k % (columns + 1)) as f64 * dx, (k / (columns + 1)) as f64 * dy)).collect();
         // The middles of cells tell how good interpolation is.
-        points.extend((0..columns * rows).map(|k| {
-            place(((k % columns) as f64 + 0.5) * dx, ((k / columns) as f64 + 0.5) * dy)
-        }));
+        points.extend(
+            (0..columns * rows).map(|k| place(((k % columns) as f64 + 0.5) * dx, ((k / columns) as f64 + 0.5) * dy)),
+        );
         let (x, y) = points.into_iter().map(|[x, y]| (x, y)).unzip();
         let (mut u, v) = self.positions(x, y);
         if u.iter().chain(&v).any(|p| !p.is_finite()) {

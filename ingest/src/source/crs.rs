@@ -1,7 +1,7 @@
 //! Coordinate reference systems: the one that a database gets, and the body that it is on.
 
-use super::raster::{Raster, traditional};
 use super::Note;
+use super::raster::{Raster, traditional};
 use crate::error::{IngestError, gdal_message};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use terravision_common::database::{Body, Crs};
@@ -12,7 +12,10 @@ use terravision_common::database::{Body, Crs};
 /// [`IngestError::Usage`] when PROJ does not know it.
 pub fn parse(whose: &str, text: &str) -> Result<SpatialRef, IngestError> {
     SpatialRef::from_definition(text).map(traditional).map_err(|e| {
-        IngestError::usage(format!("{whose} {text} is no coordinate reference system that PROJ knows: {}", gdal_message(&e)))
+        IngestError::usage(format!(
+            "{whose} {text} is no coordinate reference system that PROJ knows: {}",
+            gdal_message(&e)
+        ))
     })
 }
 
@@ -107,7 +110,11 @@ impl TargetCrs {
         if let Some(text) = given {
             let srs = parse("--crs", text)?;
             if !is_metric_plane(&srs) {
-                let unit = if srs.is_geographic() { "degrees".to_owned() } else { srs.linear_units_name().unwrap_or_default() };
+                let unit = if srs.is_geographic() {
+                    "degrees".to_owned()
+                } else {
+                    srs.linear_units_name().unwrap_or_default()
+                };
                 return Err(IngestError::usage(format!(
                     "--crs {text} is in {unit}, expected a projected system in metres (for example a UTM zone)"
                 )));
@@ -166,7 +173,10 @@ fn spread(sources: &[Raster]) -> Result<Spread, IngestError> {
     for raster in sources {
         let srs = raster.srs()?;
         let nowhere = |why: String| {
-            IngestError::source(&raster.path, format!("cannot be located on its body ({why}): give a plane with --crs EPSG:N"))
+            IngestError::source(
+                &raster.path,
+                format!("cannot be located on its body ({why}): give a plane with --crs EPSG:N"),
+            )
         };
         let geographic = traditional(srs.geog_cs().map_err(|e| nowhere(gdal_message(&e)))?);
         let (mut xs, mut ys) = raster.grid(21, true);
@@ -222,13 +232,17 @@ fn plane_for(sources: &[Raster]) -> Result<(SpatialRef, &'static str), IngestErr
     }
     let (a, b) = (own.semi_major().unwrap_or(body.radius_m), own.semi_minor().unwrap_or(body.radius_m));
     let (lon, lat) = ((at.lon * 10.0).round() / 10.0, (at.lat * 10.0).round() / 10.0);
-    let (projection, why) = if at.half_width * at.lat.to_radians().cos() <= 10.0 && at.half_width <= 45.0 && at.max_abs_lat < 88.0 {
-        (format!("+proj=tmerc +lat_0={lat} +lon_0={lon} +k=1"), "a transverse Mercator plane around the data")
-    } else if at.radius <= 75.0 {
-        (format!("+proj=laea +lat_0={lat} +lon_0={lon}"), "an equal-area plane around the data, they are too wide for a UTM zone")
-    } else {
-        (format!("+proj=cea +lon_0={lon} +lat_ts=0"), "an equal-area cylinder: the data cover most of the body")
-    };
+    let (projection, why) =
+        if at.half_width * at.lat.to_radians().cos() <= 10.0 && at.half_width <= 45.0 && at.max_abs_lat < 88.0 {
+            (format!("+proj=tmerc +lat_0={lat} +lon_0={lon} +k=1"), "a transverse Mercator plane around the data")
+        } else if at.radius <= 75.0 {
+            (
+                format!("+proj=laea +lat_0={lat} +lon_0={lon}"),
+                "an equal-area plane around the data, they are too wide for a UTM zone",
+            )
+        } else {
+            (format!("+proj=cea +lon_0={lon} +lat_ts=0"), "an equal-area cylinder: the data cover most of the body")
+        };
     let text = format!("{projection} +x_0=0 +y_0=0 +a={a} +b={b} +units=m +no_defs");
     let srs = SpatialRef::from_proj4(&text)
         .map_err(|e| IngestError::usage(format!("no plane could be made for the data: {}", gdal_message(&e))))?;

@@ -32,7 +32,10 @@ fn read_band<T: Copy + gdal::raster::GdalType>(
     [w, h]: [usize; 2],
 ) -> Result<Vec<T>, IngestError> {
     let fail = |e: &gdal::errors::GdalError| {
-        IngestError::source(&raster.path, format!("cannot be read (it may be damaged or cut short): {}", gdal_message(e)))
+        IngestError::source(
+            &raster.path,
+            format!("cannot be read (it may be damaged or cut short): {}", gdal_message(e)),
+        )
     };
     let band = band.as_ref().map_err(fail)?;
     let buffer = band.read_as::<T>((x as isize, y as isize), (w, h), (w, h), None).map_err(|e| fail(&e))?;
@@ -75,7 +78,12 @@ impl Reader<1> for ElevationReader<'_> {
         if self.raster.bands[0].has_mask {
             let mask = band.and_then(|band| {
                 let mask = band.open_mask_band()?;
-                mask.read_as::<u8>((origin[0] as isize, origin[1] as isize), (size[0], size[1]), (size[0], size[1]), None)
+                mask.read_as::<u8>(
+                    (origin[0] as isize, origin[1] as isize),
+                    (size[0], size[1]),
+                    (size[0], size[1]),
+                    None,
+                )
             });
             let mask = mask.map_err(|e| {
                 IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
@@ -141,7 +149,12 @@ impl Reader<3> for ColorReader<'_> {
         } else if self.raster.bands[0].has_mask {
             let band = self.dataset.rasterband(1).and_then(|band| {
                 let mask = band.open_mask_band()?;
-                mask.read_as::<u8>((origin[0] as isize, origin[1] as isize), (size[0], size[1]), (size[0], size[1]), None)
+                mask.read_as::<u8>(
+                    (origin[0] as isize, origin[1] as isize),
+                    (size[0], size[1]),
+                    (size[0], size[1]),
+                    None,
+                )
             });
             let mask = band.map_err(|e| {
                 IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))

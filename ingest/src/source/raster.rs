@@ -113,9 +113,7 @@ impl Raster {
                 ));
             }
             (None, None) => {
-                return Err(fail(
-                    "has no coordinate reference system: give it with --source-crs EPSG:N".to_owned(),
-                ));
+                return Err(fail("has no coordinate reference system: give it with --source-crs EPSG:N".to_owned()));
             }
         };
         let srs = traditional(srs);
@@ -168,9 +166,8 @@ impl Raster {
             let length = count as f64 - 2.0 * inset;
             inset + length * k as f64 / (side - 1) as f64
         };
-        let positions = (0..side * side).map(|i| {
-            self.affine.apply(along(i % side, self.size[0]), along(i / side, self.size[1]))
-        });
+        let positions =
+            (0..side * side).map(|i| self.affine.apply(along(i % side, self.size[0]), along(i / side, self.size[1])));
         positions.map(|[x, y]| (x, y)).unzip()
     }
 }
@@ -207,7 +204,8 @@ impl BandInfo {
         let band = dataset.rasterband(index)?;
         let flags = band.mask_flags()?;
         let palette = band.color_table().map(|table| {
-            let entry = |i| table.entry_as_rgb(i).map_or([0, 0, 0, 0], |e| [e.r, e.g, e.b, e.a].map(|v| v.clamp(0, 255) as u8));
+            let entry =
+                |i| table.entry_as_rgb(i).map_or([0, 0, 0, 0], |e| [e.r, e.g, e.b, e.a].map(|v| v.clamp(0, 255) as u8));
             (0..table.entry_count()).map(entry).collect()
         });
         Ok(Self {

@@ -2,10 +2,10 @@
 
 use super::Note;
 use super::open::open_raster;
+use super::raster::Shows;
 use super::raster::{BandInfo, Raster};
 use crate::error::{IngestError, gdal_message};
 use crate::work::Work;
-use super::raster::Shows;
 use gdal::raster::GdalDataType;
 
 /// No height on any solid body is beyond it, metres; larger values are fill.
@@ -138,7 +138,8 @@ fn find_sentinels(raster: &Raster, work: &Work) -> Result<Vec<(f32, u64)>, Inges
         return Ok(Vec::new());
     }
     let dataset = open_raster(raster)?;
-    let fail = |e: gdal::errors::GdalError| IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(&e)));
+    let fail =
+        |e: gdal::errors::GdalError| IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(&e)));
     let band = dataset.rasterband(1).map_err(fail)?;
     let [columns, rows] = raster.size;
     let (_, block_rows) = band.block_size();
@@ -154,9 +155,7 @@ fn find_sentinels(raster: &Raster, work: &Work) -> Result<Vec<(f32, u64)>, Inges
         let width = (16usize << 20).div_ceil(height).min(columns);
         for column in (0..columns).step_by(width) {
             let size = (width.min(columns - column), height);
-            let samples = band
-                .read_as::<f32>((column as isize, start as isize), size, size, None)
-                .map_err(fail)?;
+            let samples = band.read_as::<f32>((column as isize, start as isize), size, size, None).map_err(fail)?;
             for &value in samples.data() {
                 if !value.is_finite() {
                     continue;
@@ -183,7 +182,8 @@ fn find_sentinels(raster: &Raster, work: &Work) -> Result<Vec<(f32, u64)>, Inges
             .sum();
         counts[i][0] > 0 && counts[i][1] == others
     };
-    let mut found: Vec<(f32, u64)> = (0..SENTINELS.len()).filter(|&i| is_alone(i)).map(|i| (SENTINELS[i], counts[i][0])).collect();
+    let mut found: Vec<(f32, u64)> =
+        (0..SENTINELS.len()).filter(|&i| is_alone(i)).map(|i| (SENTINELS[i], counts[i][0])).collect();
     if huge.1 > 0 {
         found.push(huge);
     }
@@ -253,7 +253,11 @@ impl ColorValues {
         bands
     }
 
-    fn choose_bands(raster: &Raster, chosen: Option<[usize; 3]>, note: &mut dyn FnMut(Note)) -> Result<Self, IngestError> {
+    fn choose_bands(
+        raster: &Raster,
+        chosen: Option<[usize; 3]>,
+        note: &mut dyn FnMut(Note),
+    ) -> Result<Self, IngestError> {
         let shows = |what| raster.bands.iter().position(|b| b.shows == what).map(|i| i + 1);
         let count = raster.bands.len();
         let alpha = shows(Shows::Alpha).map(|band| (band, f32::MIN_POSITIVE));
@@ -262,7 +266,10 @@ impl ColorValues {
         let bands = match (chosen, declared) {
             (Some(bands), _) => {
                 if let Some(band) = bands.iter().find(|b| **b == 0 || **b > count) {
-                    return Err(IngestError::source(&raster.path, format!("has {count} bands, but --bands asks for band {band}")));
+                    return Err(IngestError::source(
+                        &raster.path,
+                        format!("has {count} bands, but --bands asks for band {band}"),
+                    ));
                 }
                 bands
             }
@@ -296,8 +303,8 @@ fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
     let size = (raster.size[0], raster.size[1]);
     let shape = (size.0.min(1024), size.1.min(1024));
     let samples = dataset.rasterband(band).and_then(|band| band.read_as::<f32>((0, 0), size, shape, None));
-    let samples = samples
-        .map_err(|e| IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(&e))))?;
+    let samples =
+        samples.map_err(|e| IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(&e))))?;
     Ok(samples.data().to_vec())
 }
 
@@ -325,7 +332,11 @@ fn stretch(samples: &mut [f32]) -> Stretch {
     if white > black {
         Stretch { black, white, why: "all but 2 % at either end, the same for all bands" }
     } else {
-        Stretch { black: least, white: if most > least { most } else { least + 1.0 }, why: "from the least to the most" }
+        Stretch {
+            black: least,
+            white: if most > least { most } else { least + 1.0 },
+            why: "from the least to the most",
+        }
     }
 }
 

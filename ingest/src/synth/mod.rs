@@ -86,7 +86,8 @@ impl Maker {
                 heights.push(quantised(self.terrain.height(x, y)));
             }
         }
-        let own = (0..posts[1]).flat_map(|j| &heights[(j + MARGIN) * wide[0] + MARGIN..][..posts[0]]).copied().collect();
+        let own =
+            (0..posts[1]).flat_map(|j| &heights[(j + MARGIN) * wide[0] + MARGIN..][..posts[0]]).copied().collect();
         let pixels = [0, 1].map(|a| posts[a].min(self.size - first[a]) * 2);
         let mut colors = [0, 1, 2].map(|_| Vec::with_capacity(pixels[0] * pixels[1]));
         let slope = |at: usize, step: usize| (heights[at + step] - heights[at - step]) * (0.5 / self.spacing_m) as f32;
@@ -182,7 +183,12 @@ fn gdal_error(path: &Path, error: &gdal::errors::GdalError) -> IngestError {
     IngestError::Output { source: io::Error::other(gdal_message(error)), path: path.to_owned() }
 }
 
-fn create<T: GdalType>(path: &Path, size: [usize; 2], bands: usize, transform: [f64; 6]) -> Result<Dataset, IngestError> {
+fn create<T: GdalType>(
+    path: &Path,
+    size: [usize; 2],
+    bands: usize,
+    transform: [f64; 6],
+) -> Result<Dataset, IngestError> {
     let predictor = if bands == 1 { "PREDICTOR=3" } else { "PREDICTOR=2" };
     let block = format!("BLOCKXSIZE={BLOCK}");
     let rows = format!("BLOCKYSIZE={BLOCK}");

@@ -99,7 +99,8 @@ impl Painter {
             color = self.settlement(x, y, steep, blotch, grain);
         }
         let tree_line = 1720.0 + 260.0 * blotch + 180.0 * wide + 420.0 * warm;
-        let trees = wooded * (1.0 - smoothstep(tree_line - 90.0, tree_line + 60.0, ground.height))
+        let trees = wooded
+            * (1.0 - smoothstep(tree_line - 90.0, tree_line + 60.0, ground.height))
             * (1.0 - smoothstep(0.85, 1.15, steep + 0.25 * blotch));
         color = mix(color, self.forest(x, y, grain, blotch), smoothstep(0.35, 0.65, trees + 0.16 * grain));
 
@@ -123,7 +124,8 @@ impl Painter {
         // To the sun: north west, 50 degrees high (as relief maps have it; real photographs north of the tropics have
         // it in the south, which the eye inverts).
         let [east, north, up] = [-0.4545f32, 0.4545, 0.766];
-        let cosine = (up - east * slope[0] - north * slope[1]) / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
+        let cosine =
+            (up - east * slope[0] - north * slope[1]) / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
         let light = cosine.max(0.0) / up;
         let shade = (0.36 + 0.64 * light).min(1.22);
         // Shadows are lit by the sky: bluer, on snow most of all.
@@ -139,7 +141,8 @@ impl Painter {
 
     /// Crowns, lit on one side.
     fn forest(&self, x: f64, y: f64, grain: f32, blotch: f32) -> Color {
-        let crowns = noise(x / 7.0, y / 7.0, self.terrain.seed(26)) - noise((x + 4.0) / 7.0, (y - 4.0) / 7.0, self.terrain.seed(26));
+        let crowns = noise(x / 7.0, y / 7.0, self.terrain.seed(26))
+            - noise((x + 4.0) / 7.0, (y - 4.0) / 7.0, self.terrain.seed(26));
         let kind = smoothstep(-0.25, 0.45, blotch + 0.4 * grain);
         scaled(mix(FOREST, [66.0, 88.0, 44.0], 0.55 * kind), 1.0 + 0.32 * crowns)
     }
@@ -148,7 +151,8 @@ impl Painter {
     fn settlement(&self, x: f64, y: f64, steep: f32, blotch: f32, grain: f32) -> Color {
         let parish = self.parish(x, y);
         let road_half_m = f32::max(4.5, 0.8 * self.pixel_m);
-        let on_road = 1.0 - smoothstep(road_half_m - 0.5 * self.pixel_m, road_half_m + 0.5 * self.pixel_m, parish.to_border);
+        let on_road =
+            1.0 - smoothstep(road_half_m - 0.5 * self.pixel_m, road_half_m + 0.5 * self.pixel_m, parish.to_border);
         // Parcels lie along an axis of their parish, in strips of different width.
         let [ax, ay] = direction(parish.hash);
         let [px, py] = parish.from_site;
@@ -213,7 +217,8 @@ impl Painter {
             for i in cx - 1..=cx + 1 {
                 let id = hash(i, j, seed);
                 let place = |cell: i64, part: u32| (cell as f64 + 0.15 + 0.7 * f64::from(unit(part))) * PARISH_M;
-                let from = [(x - place(i, id)) as f32, (y - place(j, id.rotate_left(15).wrapping_mul(0x9e37_79b1))) as f32];
+                let from =
+                    [(x - place(i, id)) as f32, (y - place(j, id.rotate_left(15).wrapping_mul(0x9e37_79b1))) as f32];
                 let distance = from[0] * from[0] + from[1] * from[1];
                 if distance < nearest[0].0 {
                     nearest = [(distance, id, from), nearest[0]];

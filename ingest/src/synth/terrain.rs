@@ -44,7 +44,8 @@ impl Terrain {
         let relief = 0.62 * ridges + 0.62 * spurs;
         let mountains = 120.0 + massif * (massif * 2700.0 + 700.0) * relief + 150.0 * relief;
         // Valley floors: what the mountains have lost.
-        let floor = LAKE_M + 16.0
+        let floor = LAKE_M
+            + 16.0
             + 90.0 * octaves(x / 14_000.0, y / 14_000.0, self.seed(6), 3)
             + 3.0 * octaves(x / 600.0, y / 600.0, self.seed(7), 3);
         let land = smooth_max(mountains, floor, 150.0);
