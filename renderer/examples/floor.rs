@@ -35,7 +35,8 @@ fn leaves(world: &World, camera: &Camera, node: NodeId, factor: f64, out: &mut V
     }
     let side = world.node_side_m(node.q());
     let origin = world.node_origin(node).map(|v| v as f64 * world.lattice_unit_m());
-    let centre = [origin[0] + side / 2.0, origin[1] + side / 2.0, height(origin[0] + side / 2.0, origin[1] + side / 2.0)];
+    let centre =
+        [origin[0] + side / 2.0, origin[1] + side / 2.0, height(origin[0] + side / 2.0, origin[1] + side / 2.0)];
     let from_eye = glam::DVec3::from_array(centre) - camera.eye();
     if camera.frustum_normals_in_world().iter().any(|normal| normal.dot(from_eye) < -side) {
         return;
@@ -59,7 +60,7 @@ fn flight(frames: u32, factor: f64) -> Arc<Recording> {
         finest_elevation_level: 0,
         finest_color_level: 0,
     })
-    .unwrap();
+    .expect("the numbers are those of a world");
     let mut scene = Scene::new(world, &height, &color);
     for frame in 0..frames {
         let camera = camera([12_000.0 + 30.0 * f64::from(frame), 6_000.0, 2_400.0], 20.0, -22.0, SIZE);
@@ -96,7 +97,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for (name, change) in [
             ("one in flight", EngineOptions { frames_in_flight: 1, ..options.clone() }),
             ("two in flight", options.clone()),
-            ("staged", EngineOptions { elevation_path: ElevationPath::Staged, can_import_colors: false, ..options.clone() }),
+            (
+                "staged",
+                EngineOptions { elevation_path: ElevationPath::Staged, can_import_colors: false, ..options.clone() },
+            ),
         ] {
             let measured = replay(&change, &recording, (frames / 4) as u64)?;
             show(&Measured { name: format!("{name}, {tiles} tiles"), ..measured });

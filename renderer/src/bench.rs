@@ -2,9 +2,7 @@
 
 use crate::engine::{Engine, EngineError, EngineOptions};
 use crate::frame::FrameReader;
-use crate::gpu::{
-    ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Readback, Target,
-};
+use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Readback, Target};
 use crate::source::{FrameSource, RecordedSource, Recording};
 use crate::technique::{LOD_BIAS, MAX_ANISOTROPY};
 use rustix::time::{ClockId, clock_gettime};

@@ -1,4 +1,5 @@
 //! `terravision-renderer --run JSON`: draws the frames of a run. `--doctor-json`: what Vulkan devices there are.
+//! `--floor-json`: what the device can do at best.
 
 use anyhow::{Context, bail};
 use std::io::Write;
@@ -7,7 +8,9 @@ use std::sync::Arc;
 use terravision_common::database::Database;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::{RunConfig, SinkConfig};
-use terravision_common::shm::{Control, RunId, RunState};
+use terravision_common::shm::{Control, RunState};
+use terravision_common::stage::{BAD_USAGE, StageRun, UsageError};
+use terravision_renderer::bench::floor;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
@@ -20,8 +23,10 @@ use terravision_renderer::source::LiveSource;
 const HELP: &str = "\
 terravision-renderer: the stage of TerraVision that draws. The launcher (terravision) starts it.
 
-  --run JSON      draw the frames of this run
-  --doctor-json   print the Vulkan devices, and what they lack, as JSON
+  --run JSON             draw the frames of this run
+  --doctor-json          print the Vulkan devices, and what they lack, as JSON
+  --floor-json WxH N     draw N frames of full-screen grids of this size, textured and depth-tested, and print the
+                         times as JSON: the floor that no renderer on this device gets below
 
 The environment variable TERRAVISION_DEVICE chooses a device: its number, or a part of its name.
 ";
@@ -36,17 +41,20 @@ fn main() -> ExitCode {
     let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["--run", json] => render(json),
         ["--doctor-json"] => doctor(),
+        ["--floor-json", size, frames] => floors(size, frames),
         ["--help" | "-h"] => print(HELP),
         _ => {
             complain("terravision-renderer is started by terravision; see terravision-renderer --help");
-            return ExitCode::from(2);
+            return ExitCode::from(BAD_USAGE);
         }
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             complain(&format!("{error:#}"));
-            ExitCode::from(error.downcast_ref::<RunError>().map_or(1, RunError::exit_code))
+            let of_usage = error.is::<UsageError>().then_some(BAD_USAGE);
+            let of_run = error.downcast_ref::<RunError>().map(RunError::exit_code);
+            ExitCode::from(of_usage.or(of_run).unwrap_or(1))
         }
     }
 }
@@ -69,12 +77,26 @@ fn doctor() -> anyhow::Result<()> {
     print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
 }
 
+/// Grids of the floor: columns and rows of a picture of 16:9. The last has cells of 7.5 pixels at 1280x720, so 33
+/// thousand triangles: about what a frame of facets of 10 pixels has.
+const GRIDS: [[u32; 2]; 3] = [[1, 1], [85, 48], [171, 96]];
+
+fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
+    let size = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let size = size.context("the size is not of the form 1280x720")?;
+    let frames = frames.parse().context("the number of frames is none")?;
+    let options = EngineOptions { size, ..EngineOptions::default() };
+    let passes = GRIDS.map(|[columns, rows]| floor(&options, columns, rows, frames));
+    let passes = passes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    print(&format!("{}\n", serde_json::to_string_pretty(&serde_json::json!({ "passes": passes }))?))
+}
+
 fn render(json: &str) -> anyhow::Result<()> {
     // A launcher that dies takes its stages along.
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
         .context("the signal of the launcher's death cannot be set")?;
-    let config: RunConfig = serde_json::from_str(json).context("the argument of --run is not a run")?;
-    let run_id = RunId::parse(&config.run_id)?;
+    let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
+    let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Database::open(&config.world)?.world();
     let mut source = LiveSource::open(&run_id, world, config.frames)?;
     stop_on_signals(Arc::clone(source.control()))?;
@@ -94,7 +116,7 @@ fn render(json: &str) -> anyhow::Result<()> {
         frames_in_flight: render.frames_in_flight.clamp(1, MAX_FRAMES_IN_FLIGHT) as usize,
         ..EngineOptions::default()
     };
-    let lanes = Lanes::start(sinks(&config, world.fields().origin).map_err(RunError::from)?).map_err(RunError::from)?;
+    let lanes = Lanes::start(sinks(config, world.fields().origin).map_err(RunError::from)?).map_err(RunError::from)?;
     run(
         options,
         &mut source,
@@ -118,7 +140,10 @@ fn stop_on_signals(control: Arc<Control>) -> anyhow::Result<()> {
 }
 
 /// The sinks of a run, one for each lane.
-fn sinks(config: &RunConfig, origin: [f64; 2]) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
+fn sinks(
+    config: &RunConfig,
+    origin: [f64; 2],
+) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
     let render = &config.render;
     let first: Vec<Box<dyn FrameSink>> = match &render.sink {
         SinkConfig::PngFolder(folder) => {

@@ -51,7 +51,7 @@ fn end() -> FrameEnd {
 
 /// Feeds slots; what the reader says to the last of them.
 fn feed(slots: &[SlotContent]) -> Result<bool, String> {
-    let mut reader = FrameReader::new(shape(), SIZE).unwrap();
+    let mut reader = FrameReader::new(shape(), SIZE).expect("the world is small");
     let mut last = Ok(false);
     for content in slots {
         last = reader.add(&Slot::new(content)).map_err(|error| error.to_string());

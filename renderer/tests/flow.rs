@@ -16,7 +16,8 @@ use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, Picture, PngFileSink, PngFolderSink, SinkError, Y4mSink,
+    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, Picture, PngFileSink, PngFolderSink, SinkError,
+    Y4mSink,
 };
 use terravision_renderer::source::{FrameSource, LiveSource, RecordedSource, Recorder, Recording};
 
@@ -42,7 +43,8 @@ fn flight(frames: u32) -> Arc<Recording> {
     for camera in views(frames) {
         let mut own = tiles.clone();
         for tile in &mut own {
-            tile.elevation_position = scene.add_array(terravision_common::node::NodeId::unpack(tile.node).unwrap(), &camera);
+            tile.elevation_position =
+                scene.add_array(terravision_common::node::NodeId::unpack(tile.node).unwrap(), &camera);
         }
         scene.frame(&camera, own);
     }
@@ -74,9 +76,8 @@ fn a_folder_of_pictures_is_the_same_with_one_lane_and_with_three() {
     let recording = flight(9);
     let base = folder("lanes");
     for (name, lanes) in [("a", 1), ("b", 3)] {
-        let sinks = (0..lanes)
-            .map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>)
-            .collect();
+        let sinks =
+            (0..lanes).map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>).collect();
         let summary = play(&recording, 1, sinks).unwrap();
         assert_eq!(summary, RunSummary { frames: 9, unsettled: 0, uploads: 4 });
     }
@@ -160,7 +161,10 @@ fn frames_reach_a_sink_in_order_and_a_recording_of_a_recording_is_the_same() {
     assert_eq!(again.frames().len(), 14);
     play(&again, 1, vec![Box::new(second.clone())]).unwrap();
     let (first, second) = (first.0.lock().unwrap(), second.0.lock().unwrap());
-    assert_eq!(first.iter().map(|(frame, _)| *frame).collect::<Vec<_>>(), (0..14).chain([u64::MAX]).collect::<Vec<_>>());
+    assert_eq!(
+        first.iter().map(|(frame, _)| *frame).collect::<Vec<_>>(),
+        (0..14).chain([u64::MAX]).collect::<Vec<_>>()
+    );
     assert!(*first == *second);
     // The second lap shows what the first showed.
     assert_eq!(first[0].1, first[7].1);
@@ -184,10 +188,7 @@ impl FrameSink for Failing {
 #[test]
 fn a_sink_that_fails_ends_the_run_with_its_sentence() {
     let recording = flight(6);
-    for sinks in [
-        vec![Box::new(Failing(3)) as Box<dyn FrameSink>],
-        vec![Box::new(NullSink), Box::new(Failing(0))],
-    ] {
+    for sinks in [vec![Box::new(Failing(3)) as Box<dyn FrameSink>], vec![Box::new(NullSink), Box::new(Failing(0))]] {
         let error = play(&recording, 20, sinks).unwrap_err();
         assert!(error.to_string().starts_with("cannot write somewhere: "), "{error}");
         assert_eq!(error.exit_code(), 1);
@@ -281,7 +282,11 @@ fn a_device_that_is_not_there_is_said() {
 }
 
 /// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
-fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<usize>) -> (Result<RunSummary, RunError>, Vec<(u64, Vec<u8>)>, Vec<Event>) {
+fn live(
+    recording: &Arc<Recording>,
+    options: EngineOptions,
+    stop_after: Option<usize>,
+) -> (Result<RunSummary, RunError>, Vec<(u64, Vec<u8>)>, Vec<Event>) {
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);
     let control = Arc::new(memory::control().unwrap());
@@ -290,7 +295,8 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     let (mut pool, colors) = memory::pool(6, 16384).unwrap();
     let (events, mut drained) = memory::ring::<Event>(1024).unwrap();
     let frames = [0, recording.frames().len() as u64];
-    let mut source = LiveSource::new(Arc::clone(&control), consumer, elevation, colors, Some(events), world, frames).unwrap();
+    let mut source =
+        LiveSource::new(Arc::clone(&control), consumer, elevation, colors, Some(events), world, frames).unwrap();
     let kept = Kept::default();
     let lanes = Lanes::start(vec![Box::new(kept.clone())]).unwrap();
     let result = std::thread::scope(|scope| {

@@ -144,7 +144,8 @@ fn partial_nodes_end_at_the_extent() {
     scene.frame(&camera, tiles);
     let frames = draw(&options(SIZE), &scene.finish()).unwrap();
     // 0.5196 px a metre: x from -80 m to 50 m, y from -80 m to 20 m around the centre.
-    let is_ground = |x: f64, y: f64| pixel(&frames[0], (80.0 + x * 0.5196) as u32, (60.0 - y * 0.5196) as u32) != support::SKY;
+    let is_ground =
+        |x: f64, y: f64| pixel(&frames[0], (80.0 + x * 0.5196) as u32, (60.0 - y * 0.5196) as u32) != support::SKY;
     assert!(is_ground(46.0, 0.0) && !is_ground(54.0, 0.0));
     assert!(is_ground(0.0, 16.0) && !is_ground(0.0, 24.0));
     assert!(is_ground(-76.0, -76.0) && !is_ground(-84.0, 0.0));
@@ -235,8 +236,7 @@ fn one_pixel_and_odd_sizes_work() {
         scene.frame(&camera, tiles);
         let recording = scene.finish();
         for samples in [1, 4] {
-            let frames =
-                draw(&EngineOptions { samples, has_depth: true, ..options(size) }, &recording).unwrap();
+            let frames = draw(&EngineOptions { samples, has_depth: true, ..options(size) }, &recording).unwrap();
             assert_eq!(frames[0].readback.rgba().len(), (size[0] * size[1] * 4) as usize);
             assert_eq!(pixel(&frames[0], size[0] / 2, size[1] / 2), green(0.0, 0.0));
         }
@@ -274,21 +274,24 @@ fn the_overlay_outlines_colour_leaves_by_level() {
         frames[0].readback.rgba().chunks_exact(4).filter(|texel| near(texel)).count()
     };
     // Level 3 is light blue, level 1 yellow; between the lines the picture is as it was.
-    assert!(count([0, 220, 255]) > 50 && count([255, 200, 0]) > 500, "{} {}", count([0, 220, 255]), count([255, 200, 0]));
+    assert!(
+        count([0, 220, 255]) > 50 && count([255, 200, 0]) > 500,
+        "{} {}",
+        count([0, 220, 255]),
+        count([255, 200, 0])
+    );
     assert!(count([40, 160, 60]) > 1000);
 }
 
 #[test]
 fn precision_holds_far_from_the_origin() {
     // A world of 1,300 km: the eye stands at its far corner and sees a small thing well.
-    let fields = terravision_common::world::WorldFields {
-        extent: [1 << 17, 1 << 17],
-        levels: 15,
-        ..*world([16, 16]).fields()
-    };
+    let fields =
+        terravision_common::world::WorldFields { extent: [1 << 17, 1 << 17], levels: 15, ..*world([16, 16]).fields() };
     let world = terravision_common::world::World::new(fields).unwrap();
     let (x0, y0) = (f64::from((1 << 17) - 16) * 10.0, f64::from((1 << 17) - 16) * 10.0);
-    let stripes = move |x: f64, _: f64| if ((x - x0) / 10.0).rem_euclid(2.0) < 1.0 { [250, 250, 250] } else { [0, 0, 0] };
+    let stripes =
+        move |x: f64, _: f64| if ((x - x0) / 10.0).rem_euclid(2.0) < 1.0 { [250, 250, 250] } else { [0, 0, 0] };
     let mut scene = Scene::new(world, &flat, &stripes);
     let camera = camera([x0 + 80.3, y0 + 79.6, 50.0], 0.0, -90.0, SIZE);
     let first = (1 << 14) - 2;

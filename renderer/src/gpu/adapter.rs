@@ -79,8 +79,7 @@ pub(super) fn choose(found: &[&Capabilities], choice: &DeviceChoice, needs: &Nee
 /// All physical devices with their capabilities, in the loader's order.
 pub(super) fn enumerate(instance: &Instance) -> Result<Vec<(vk::PhysicalDevice, Capabilities)>, GpuError> {
     // SAFETY: the instance is alive.
-    let physical =
-        unsafe { instance.raw().enumerate_physical_devices() }.during("listing the Vulkan devices")?;
+    let physical = unsafe { instance.raw().enumerate_physical_devices() }.during("listing the Vulkan devices")?;
     physical.into_iter().map(|device| Ok((device, capabilities_of(instance, device)?))).collect()
 }
 
@@ -95,10 +94,10 @@ pub(super) fn graphics_family(instance: &Instance, device: vk::PhysicalDevice) -
 fn capabilities_of(instance: &Instance, device: vk::PhysicalDevice) -> Result<Capabilities, GpuError> {
     let raw = instance.raw();
     // SAFETY: `device` comes from this instance (likewise in the next calls).
-    let extensions = unsafe { raw.enumerate_device_extension_properties(device) }.during("listing device extensions")?;
-    let has_import = extensions
-        .iter()
-        .any(|found| found.extension_name_as_c_str() == Ok(ext::external_memory_host::NAME));
+    let extensions =
+        unsafe { raw.enumerate_device_extension_properties(device) }.during("listing device extensions")?;
+    let has_import =
+        extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(ext::external_memory_host::NAME));
     // SAFETY: as above; the plain query is valid for every version of Vulkan.
     let basic = unsafe { raw.get_physical_device_properties(device) };
     let api_version = [vk::api_version_major(basic.api_version), vk::api_version_minor(basic.api_version)];

@@ -35,9 +35,7 @@ impl Access {
             ),
             Self::DepthTarget => (
                 S::from_raw(S::EARLY_FRAGMENT_TESTS.as_raw() | S::LATE_FRAGMENT_TESTS.as_raw()),
-                A::from_raw(
-                    A::DEPTH_STENCIL_ATTACHMENT_WRITE.as_raw() | A::DEPTH_STENCIL_ATTACHMENT_READ.as_raw(),
-                ),
+                A::from_raw(A::DEPTH_STENCIL_ATTACHMENT_WRITE.as_raw() | A::DEPTH_STENCIL_ATTACHMENT_READ.as_raw()),
                 L::DEPTH_ATTACHMENT_OPTIMAL,
             ),
             Self::Sampled => (S::FRAGMENT_SHADER, A::SHADER_SAMPLED_READ, L::SHADER_READ_ONLY_OPTIMAL),
@@ -74,7 +72,13 @@ pub(super) unsafe fn memory(device: &Device, commands: vk::CommandBuffer, previo
 ///
 /// # Safety
 /// * `commands` is being recorded, outside of rendering, and the image outlives its execution.
-pub(super) unsafe fn image(device: &Device, commands: vk::CommandBuffer, image: &Image, previous: Access, next: Access) {
+pub(super) unsafe fn image(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    image: &Image,
+    previous: Access,
+    next: Access,
+) {
     let (from_stage, from_access, from_layout) = previous.masks();
     let (to_stage, to_access, to_layout) = next.masks();
     let barriers = [vk::ImageMemoryBarrier2::default()

@@ -106,7 +106,11 @@ impl Buffer {
         let start = pages.start();
         let len = pages.len() as u64;
         // Checked here: lavapipe does not.
-        if len == 0 || alignment == 0 || !(start.as_ptr() as u64).is_multiple_of(alignment) || !len.is_multiple_of(alignment) {
+        if len == 0
+            || alignment == 0
+            || !(start.as_ptr() as u64).is_multiple_of(alignment)
+            || !len.is_multiple_of(alignment)
+        {
             return Ok(None);
         }
         // SAFETY: `HostMemory` keeps its pages mapped.
@@ -123,16 +127,13 @@ impl Buffer {
         if needs.size > len {
             return Ok(None);
         }
-        let Ok(kind) = device.memory_type(
-            needs.memory_type_bits & types,
-            &[vk::MemoryPropertyFlags::empty()],
-            "imported memory",
-        ) else {
+        let Ok(kind) =
+            device.memory_type(needs.memory_type_bits & types, &[vk::MemoryPropertyFlags::empty()], "imported memory")
+        else {
             return Ok(None);
         };
-        let mut import = vk::ImportMemoryHostPointerInfoEXT::default()
-            .handle_type(handle_type)
-            .host_pointer(start.as_ptr().cast());
+        let mut import =
+            vk::ImportMemoryHostPointerInfoEXT::default().handle_type(handle_type).host_pointer(start.as_ptr().cast());
         let allocate =
             vk::MemoryAllocateInfo::default().allocation_size(len).memory_type_index(kind).push_next(&mut import);
         // SAFETY: start and length are aligned as the device asks; the pages outlive the memory (field `_pages`).

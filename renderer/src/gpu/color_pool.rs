@@ -131,7 +131,7 @@ impl ColorPool {
     /// The slot or the offset lies outside, or nothing is imported.
     pub fn upload_imported(&mut self, slot: u32, generation: u32, offset: u64) -> Result<(), GpuError> {
         let limit = self.imported.as_ref().map_or(0, Buffer::len);
-        let end = offset.checked_add(self.tile_bytes).unwrap_or(u64::MAX);
+        let end = offset.saturating_add(self.tile_bytes);
         if end > limit || !offset.is_multiple_of(4) {
             return Err(GpuError::TooMany { what: "bytes of the shared colour pool", found: end, limit });
         }
@@ -283,8 +283,7 @@ fn descriptor(device: &Arc<Device>, image: &Image, sampler: &Owned<vk::Sampler>)
     let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool.get()).set_layouts(&layouts);
     // SAFETY: the pool has room for this one set, which goes with it.
     let set = unsafe { device.raw().allocate_descriptor_sets(&info) }.during("allocating a descriptor set")?[0];
-    let images =
-        [vk::DescriptorImageInfo::default().image_view(image.view()).image_layout(layout_of(Access::Sampled))];
+    let images = [vk::DescriptorImageInfo::default().image_view(image.view()).image_layout(layout_of(Access::Sampled))];
     let samplers = [vk::DescriptorImageInfo::default().sampler(sampler.get())];
     let write = |index, kind, infos| {
         vk::WriteDescriptorSet::default().dst_set(set).dst_binding(index).descriptor_type(kind).image_info(infos)

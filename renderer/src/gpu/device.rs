@@ -92,8 +92,11 @@ impl Device {
         // SAFETY: `physical` comes from this instance.
         let memory = unsafe { instance.raw().get_physical_device_memory_properties(physical) };
         let names = instance.has_debug_utils().then(|| ext::debug_utils::Device::new(instance.raw(), &raw.functions));
-        let host_pointer_properties =
-            if capabilities.host_import_alignment.is_some() { host_pointer_query(instance, &raw.functions) } else { None };
+        let host_pointer_properties = if capabilities.host_import_alignment.is_some() {
+            host_pointer_query(instance, &raw.functions)
+        } else {
+            None
+        };
 
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
@@ -236,7 +239,6 @@ impl Device {
     pub fn description(&self) -> &str {
         &self.capabilities.name
     }
-
 }
 
 impl Drop for Device {
@@ -254,14 +256,12 @@ fn open(
     capabilities: &Capabilities,
 ) -> Result<RawDevice, GpuError> {
     let priorities = [1.0];
-    let queues =
-        [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
+    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
     let basic = vk::PhysicalDeviceFeatures::default()
         .robust_buffer_access(true)
         .sampler_anisotropy(capabilities.max_anisotropy > 1.0);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
-    let mut features13 =
-        vk::PhysicalDeviceVulkan13Features::default().dynamic_rendering(true).synchronization2(true);
+    let mut features13 = vk::PhysicalDeviceVulkan13Features::default().dynamic_rendering(true).synchronization2(true);
     let import = [ext::external_memory_host::NAME.as_ptr()];
     let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)

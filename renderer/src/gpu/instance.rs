@@ -52,7 +52,8 @@ impl Instance {
         let has_debug_utils =
             extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
 
-        let application = vk::ApplicationInfo::default().application_name(c"TerraVision").api_version(vk::API_VERSION_1_3);
+        let application =
+            vk::ApplicationInfo::default().application_name(c"TerraVision").api_version(vk::API_VERSION_1_3);
         let layer_names = [VALIDATION_LAYER.as_ptr()];
         let extension_names = [ext::debug_utils::NAME.as_ptr()];
         let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
@@ -86,8 +87,8 @@ impl Instance {
             .pfn_user_callback(Some(on_message))
             .user_data(Arc::as_ptr(&self.log).cast_mut().cast());
         // SAFETY: the user data outlives the messenger: `Drop` destroys the messenger before the log is released.
-        let messenger =
-            unsafe { functions.create_debug_utils_messenger(&info, None) }.during("listening to the validation layer")?;
+        let messenger = unsafe { functions.create_debug_utils_messenger(&info, None) }
+            .during("listening to the validation layer")?;
         self.messenger = Some((functions, messenger));
         Ok(())
     }

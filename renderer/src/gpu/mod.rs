@@ -40,4 +40,4 @@ pub use passes::floor::FloorPass;
 pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};
-pub use target::{Target};
+pub use target::Target;

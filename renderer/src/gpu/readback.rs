@@ -21,11 +21,8 @@ impl Readback {
     /// Out of memory.
     pub fn new(device: &Arc<Device>, size: [u32; 2], has_depth: bool) -> Result<Self, GpuError> {
         let len = u64::from(size[0]) * u64::from(size[1]) * 4;
-        let depth = if has_depth {
-            Some(Buffer::new(device, len, BufferUse::Readback, "depth read-back")?)
-        } else {
-            None
-        };
+        let depth =
+            if has_depth { Some(Buffer::new(device, len, BufferUse::Readback, "depth read-back")?) } else { None };
         Ok(Self { color: Buffer::new(device, len, BufferUse::Readback, "colour read-back")?, depth, size })
     }
 

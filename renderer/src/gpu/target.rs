@@ -49,9 +49,8 @@ impl Target {
             aspect: vk::ImageAspectFlags::DEPTH,
             ..color_shape(samples, usage)
         };
-        let depth_use = |is_copied: bool| {
-            U::DEPTH_STENCIL_ATTACHMENT | if is_copied { U::TRANSFER_SRC } else { U::empty() }
-        };
+        let depth_use =
+            |is_copied: bool| U::DEPTH_STENCIL_ATTACHMENT | if is_copied { U::TRANSFER_SRC } else { U::empty() };
         let is_multisampled = samples > 1;
         let color = Image::new(device, color_shape(1, U::COLOR_ATTACHMENT | U::TRANSFER_SRC), "picture")?;
         let depth = depth_shape(samples, depth_use(has_depth && !is_multisampled));

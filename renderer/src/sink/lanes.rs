@@ -34,6 +34,7 @@ pub struct Written {
     pub readback: Readback,
 }
 
+#[expect(clippy::large_enum_variant, reason = "a box would be an allocation a frame; the queue has room for both")]
 enum Message {
     Frame(Finished),
     /// All frames were given: complete the output. A queue that closes without it means that the run was broken off.

@@ -99,8 +99,7 @@ impl Technique for MeshTechnique {
     }
 
     fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
-        let view =
-            TerrainView { parameters: &self.view, blocks: &self.blocks, sides: self.sides, is_depth_only };
+        let view = TerrainView { parameters: &self.view, blocks: &self.blocks, sides: self.sides, is_depth_only };
         self.pass.draw(recording, colors, &view);
     }
 

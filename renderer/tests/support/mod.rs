@@ -29,7 +29,7 @@ pub fn world(extent: [u32; 2]) -> World {
         finest_elevation_level: 0,
         finest_color_level: 0,
     })
-    .unwrap()
+    .expect("the numbers are those of a world")
 }
 
 /// A camera over the world, metres and degrees.
@@ -58,11 +58,7 @@ pub struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    pub fn new(
-        world: World,
-        height: &'a dyn Fn(f64, f64) -> f64,
-        color: &'a dyn Fn(f64, f64) -> [u8; 3],
-    ) -> Self {
+    pub fn new(world: World, height: &'a dyn Fn(f64, f64) -> f64, color: &'a dyn Fn(f64, f64) -> [u8; 3]) -> Self {
         Self { world, builder: RecordingBuilder::new(world), height, color, frame: 0, next_slot: 0 }
     }
 
@@ -144,7 +140,7 @@ impl<'a> Scene<'a> {
 }
 
 pub fn node(m: u32, n: u32, q: u8) -> NodeId {
-    NodeId::new(m, n, q).unwrap()
+    NodeId::new(m, n, q).expect("test nodes are small")
 }
 
 /// Options of all tests: validation on, a size, nothing else special.
@@ -189,8 +185,7 @@ pub fn sky_pixels(finished: &Finished) -> usize {
 
 /// All ways in which elevations and colours reach the device.
 pub fn paths(options: &EngineOptions) -> [EngineOptions; 2] {
-    let staged =
-        EngineOptions { elevation_path: ElevationPath::Staged, can_import_colors: false, ..options.clone() };
+    let staged = EngineOptions { elevation_path: ElevationPath::Staged, can_import_colors: false, ..options.clone() };
     [options.clone(), staged]
 }
 
@@ -199,5 +194,6 @@ pub fn keep(finished: &Finished, name: &str) {
     let Some(folder) = std::env::var_os("TERRAVISION_TEST_PICTURES") else { return };
     let [width, height] = finished.readback.size();
     let path = std::path::Path::new(&folder).join(format!("{name}.png"));
-    image::save_buffer(path, finished.readback.rgba(), width, height, image::ExtendedColorType::Rgba8).unwrap();
+    image::save_buffer(path, finished.readback.rgba(), width, height, image::ExtendedColorType::Rgba8)
+        .expect("the folder for pictures can be written");
 }

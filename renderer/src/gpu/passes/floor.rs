@@ -40,12 +40,8 @@ impl FloorPass {
         let device = colors.device();
         let layout = pipeline::layout(device, &[colors.set_layout(), colors.set_layout()])?;
         let module = pipeline::module(device, &SPIRV.0, "floor")?;
-        let shape = PipelineShape {
-            vertex: c"vertex",
-            fragment: Some(c"fragment"),
-            samples: target.samples(),
-            name: "floor",
-        };
+        let shape =
+            PipelineShape { vertex: c"vertex", fragment: Some(c"fragment"), samples: target.samples(), name: "floor" };
         let pipeline = pipeline::pipeline(device, &module, &layout, &shape)?;
         let indices: Vec<u32> = grid_indices(columns, rows, columns + 1).collect();
         let indices = Buffer::with_indices(device, &indices, "floor indices")?;

@@ -28,9 +28,8 @@ pub(super) fn layout(
     device: &Arc<Device>,
     sets: &[vk::DescriptorSetLayout],
 ) -> Result<Owned<vk::PipelineLayout>, GpuError> {
-    let constants = [vk::PushConstantRange::default()
-        .stage_flags(vk::ShaderStageFlags::VERTEX)
-        .size(PUSH_CONSTANT_BYTES)];
+    let constants =
+        [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::VERTEX).size(PUSH_CONSTANT_BYTES)];
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(sets).push_constant_ranges(&constants);
     // SAFETY: the set layouts are alive.
     let raw = unsafe { device.raw().create_pipeline_layout(&info, None) }.during("creating a pipeline layout")?;
@@ -55,9 +54,7 @@ pub(super) fn pipeline(
     layout: &Owned<vk::PipelineLayout>,
     shape: &PipelineShape,
 ) -> Result<Owned<vk::Pipeline>, GpuError> {
-    let stage = |kind, entry| {
-        vk::PipelineShaderStageCreateInfo::default().stage(kind).module(module.get()).name(entry)
-    };
+    let stage = |kind, entry| vk::PipelineShaderStageCreateInfo::default().stage(kind).module(module.get()).name(entry);
     let mut stages = [stage(vk::ShaderStageFlags::VERTEX, shape.vertex); 2];
     let mut stage_count = 1;
     let mut color_formats: &[vk::Format] = &[];
@@ -67,8 +64,7 @@ pub(super) fn pipeline(
         color_formats = &[COLOR_FORMAT];
     }
     let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
-    let assembly =
-        vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let raster = vk::PipelineRasterizationStateCreateInfo::default()
         .polygon_mode(vk::PolygonMode::FILL)
@@ -82,8 +78,7 @@ pub(super) fn pipeline(
         .depth_compare_op(vk::CompareOp::GREATER);
     let attachments =
         [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
-    let blend =
-        vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments[..color_formats.len()]);
+    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments[..color_formats.len()]);
     let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR, vk::DynamicState::CULL_MODE];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&states);
     let mut rendering = vk::PipelineRenderingCreateInfo::default()

@@ -216,7 +216,8 @@ impl TerrainPass {
     pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, view: &TerrainView<'_>) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let pipeline = if view.is_depth_only { self.depth_only.as_ref().unwrap_or(&self.picture) } else { &self.picture };
+        let pipeline =
+            if view.is_depth_only { self.depth_only.as_ref().unwrap_or(&self.picture) } else { &self.picture };
         let Some(slot) = self.slots.get(recording.slot_index()) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
@@ -245,14 +246,7 @@ impl TerrainPass {
                 // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the
                 // array: `Block`s were checked against its size, and `robustBufferAccess` is on.
                 unsafe {
-                    device.raw().cmd_draw_indexed(
-                        commands,
-                        indices,
-                        1,
-                        first,
-                        vertex.cast_signed(),
-                        instance as u32,
-                    );
+                    device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance as u32);
                 }
             };
             let [columns, rows] = block.size.map(|n| n.min(self.posts - 1));
