@@ -17,6 +17,7 @@ readonly OUT=${TERRAVISION_OUT:-out}
 say() { printf '\n== %s\n' "$*" >&2; }
 
 scripts/setup.sh
+PATH=$HOME/.cargo/bin:$PATH
 
 say 'building (the first time takes some minutes)'
 cargo build --release --locked --bins

@@ -4,6 +4,8 @@
 set -euo pipefail
 
 readonly MSRV=1.89
+# rustup's folder is not on the path of a shell that was there before it; callers extend theirs in the same way.
+PATH=$PATH:$HOME/.cargo/bin
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 
@@ -31,6 +33,10 @@ check_packages() {
   # ldconfig is not on every user's path.
   PATH=$PATH:/usr/sbin:/sbin
   need build-essential 'compiles and links (zstd is C)' command -v cc
+  if ! is_rust_new_enough && [[ ! -x $HOME/.cargo/bin/cargo ]]; then
+    need curl 'fetches Rust, which is missing or too old' command -v curl
+    need ca-certificates 'fetches Rust, which is missing or too old' test -e /etc/ssl/certs/ca-certificates.crt
+  fi
   need pkg-config 'finds GDAL when ingest is built' command -v pkg-config
   need libgdal-dev 'reads rasters of all kinds (ingest)' pkg-config --exists gdal
   need libvulkan1 'the Vulkan loader (renderer)' has_library 'libvulkan\.so\.1'
@@ -59,21 +65,28 @@ install_packages() {
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >&2
 }
 
-check_rust() {
-  # rustup's default folder is not on the path of a shell that was there before it.
-  if ! command -v cargo >/dev/null && [[ -x $HOME/.cargo/bin/cargo ]]; then
-    say "Rust is in $HOME/.cargo/bin, which is not on PATH: run  . \"\$HOME/.cargo/env\"  first"
-    exit 1
-  fi
-  if ! command -v cargo >/dev/null; then
-    say "Rust $MSRV or newer is missing; install it with:"
-    say "  curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal && . \"\$HOME/.cargo/env\""
-    exit 1
-  fi
+is_rust_new_enough() {
+  command -v cargo >/dev/null && command -v rustc >/dev/null || return 1
   local found
   found=$(rustc --version | awk '{ print $2 }')
-  if [[ $(printf '%s\n%s\n' "$MSRV" "$found" | sort -V | head -n 1) != "$MSRV" ]]; then
-    say "Rust $found is too old, $MSRV or newer is needed:  rustup update stable"
+  [[ $(printf '%s\n%s\n' "$MSRV" "$found" | sort -V | head -n 1) == "$MSRV" ]]
+}
+
+# Debian 12 and Ubuntu 24.04 package a Rust that is too old, so it comes from rustup, into the user's home alone.
+check_rust() {
+  is_rust_new_enough && return
+  if command -v rustup >/dev/null; then
+    say "Rust is older than $MSRV: rustup fetches the stable one"
+    rustup toolchain install stable --profile minimal --no-self-update >&2
+    rustup default stable >&2
+  else
+    say "Rust $MSRV or newer is missing: rustup installs it under $HOME (cargo builds everything here)"
+    curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal >&2
+  fi
+  PATH=$HOME/.cargo/bin:$PATH
+  hash -r
+  if ! is_rust_new_enough; then
+    say "Rust is still older than $MSRV; is another one before $HOME/.cargo/bin on PATH?"
     exit 1
   fi
 }

@@ -6,6 +6,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 scripts/setup.sh --tests
+PATH=$HOME/.cargo/bin:$PATH
 
 # The dev profile is optimised: it builds twice as fast as release, and checks for overflows.
 # Test programs run one after the other, their tests side by side.
