@@ -20,7 +20,7 @@ need() {
   fi
 }
 
-has_library() { ldconfig -p | grep -q "$1"; }
+has_library() { grep -q "$1" <<<"$(ldconfig -p)"; }
 has_vulkan_driver() {
   # Any driver will do: one of a GPU, or the software device of Mesa.
   compgen -G '/usr/share/vulkan/icd.d/*.json' || compgen -G '/etc/vulkan/icd.d/*.json' || [[ -n ${VK_ICD_FILENAMES:-}${VK_DRIVER_FILES:-} ]]
