@@ -140,8 +140,16 @@ impl Plan {
         let high = [0, 1].map(|a| origin[a] + intervals[a] as f64 * spacing);
         let overlaps =
             |p: &Footprint| (0..2).all(|a| p.low[a] - p.spacing < high[a] && p.high[a] + p.spacing > origin[a]);
-        for (raster, _) in color.iter().zip(&color_prints).filter(|(_, p)| !overlaps(p)) {
-            return Err(IngestError::source(&raster.path, "(colour) does not overlap the elevation"));
+        let beside: Vec<&Raster> =
+            color.iter().zip(&color_prints).filter(|(_, p)| !overlaps(p)).map(|(raster, _)| raster).collect();
+        if let Some(first) = beside.first().filter(|_| beside.len() == color.len()) {
+            return Err(IngestError::source(&first.path, "(colour) does not overlap the elevation"));
+        }
+        for raster in beside {
+            note(Note::Warning(format!(
+                "{} (colour) does not overlap the elevation: it is left out",
+                raster.path.display()
+            )));
         }
         let (nz, nc) = (options.elevation_tile, options.color_tile);
         let depth = i32::from(nc.ilog2() as u8) - i32::from(nz.ilog2() as u8);

@@ -128,9 +128,9 @@ impl<'a> Tint<'a> {
         let width = rect.size[0];
         let mut shades = vec![1.0f32; heights.len()];
         for row in 1..rect.size[1] - 1 {
-            for at in row * width + 1..(row + 1) * width - 1 {
-                shades[at] = self.shade(&heights, width, at);
-            }
+            let inside = row * width + 1..(row + 1) * width - 1;
+            let shade = |at| self.shade(&heights, width, at);
+            inside.clone().map(shade).zip(&mut shades[inside]).for_each(|(value, shade)| *shade = value);
         }
         let mut out = Vec::with_capacity(block.area());
         for j in 0..block.size[1] {

@@ -191,7 +191,7 @@ mod tests {
             let mut seen = Vec::new();
             let work = Work::quiet(threads);
             let slow_first = |_: &mut (), i: usize| {
-                if i % 5 == 0 {
+                if i.is_multiple_of(5) {
                     std::thread::yield_now();
                 }
                 Ok(i)

@@ -102,8 +102,8 @@ impl Kernel {
     /// The window's value at a position `[column, row]` in source pixels (centres are whole numbers); `None` where it
     /// is void.
     pub fn sample<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
-        for axis in 0..2 {
-            self.taps(axis, position[axis], window.origin[axis], window.size[axis], 2.0, cubic);
+        for (axis, at) in position.into_iter().enumerate() {
+            self.taps(axis, at, window.origin[axis], window.size[axis], 2.0, cubic);
         }
         let mut sum = [0.0f64; C];
         let mut has_void = false;
@@ -122,8 +122,8 @@ impl Kernel {
     }
 
     fn sample_around_voids<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
-        for axis in 0..2 {
-            self.taps(axis, position[axis], window.origin[axis], window.size[axis], 1.0, triangle);
+        for (axis, at) in position.into_iter().enumerate() {
+            self.taps(axis, at, window.origin[axis], window.size[axis], 1.0, triangle);
         }
         let (mut sum, mut known) = ([0.0f64; C], 0.0);
         for &(row, down) in &self.weights[1] {

@@ -1,0 +1,58 @@
+//! The synthetic world.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use gdal::Dataset;
+use std::fs;
+use std::sync::Arc;
+use support::{TestFolder, heights, job, run};
+use terravision_ingest::synth::{SynthOptions, write};
+
+fn options(folder: &TestFolder, name: &str, size: u32, threads: usize) -> SynthOptions {
+    SynthOptions { output: folder.path(name), size, spacing_m: 10.0, seed: 1, threads }
+}
+
+#[test]
+fn the_same_options_give_the_same_files_for_any_number_of_threads() {
+    let folder = TestFolder::new();
+    for (name, threads) in [("a", 1), ("b", 3)] {
+        write(&options(&folder, name, 300, threads), Arc::default(), false).unwrap();
+    }
+    for file in ["dem.tif", "ortho.tif"] {
+        let [a, b] = ["a", "b"].map(|name| fs::read(folder.path(name).join(file)).unwrap());
+        assert!(a == b, "{file} differs");
+    }
+    assert_eq!(fs::read_dir(folder.path("a")).unwrap().count(), 2);
+}
+
+#[test]
+fn photo_and_dem_lie_over_each_other_and_are_ingested_without_resampling() {
+    let folder = TestFolder::new();
+    write(&options(&folder, "w", 256, 2), Arc::default(), false).unwrap();
+    let [dem, photo] = ["dem.tif", "ortho.tif"].map(|file| folder.path("w").join(file));
+    let transforms = [&dem, &photo].map(|path| Dataset::open(path).unwrap().geo_transform().unwrap());
+    assert_eq!([transforms[0][0] + 5.0, transforms[0][3] - 5.0], [transforms[1][0], transforms[1][3]]);
+    let (database, notes) = run(&job(std::slice::from_ref(&dem), &[photo], folder.path("w.tv"))).unwrap();
+    assert_eq!(notes, []);
+    let manifest = database.manifest();
+    assert!(manifest.elevation.sources[0].is_exact && manifest.color.sources[0].is_exact);
+    assert_eq!(manifest.crs.epsg, Some(32632));
+    let band = Dataset::open(&dem).unwrap().rasterband(1).unwrap().read_band_as::<f32>().unwrap();
+    let (posts, width) = heights(&database, 0);
+    for j in 0..257 {
+        for i in 0..257 {
+            assert_eq!(posts[j * width + i], band.data()[(256 - j) * 257 + i]);
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_synth_leaves_no_file() {
+    let folder = TestFolder::new();
+    let stop = Arc::new(std::sync::atomic::AtomicBool::new(true));
+    let error = write(&options(&folder, "w", 300, 1), stop, false).unwrap_err();
+    assert_eq!(error.exit_code(), 130);
+    assert_eq!(fs::read_dir(folder.path("w")).unwrap().count(), 0);
+}
