@@ -13,6 +13,9 @@ use terravision_common::shm::Counter;
 /// How long the loop waits for the device or a sink before it looks at everything else again.
 const TICK: Duration = Duration::from_millis(2);
 
+/// Read-back buffers take no more than this together, but there are two at least.
+const READBACK_BYTES: u64 = 512 << 20;
+
 /// Why a run ended before its last frame.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -118,10 +121,11 @@ impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, lanes: Lanes) -> Result<Self, RunError> {
         let reader = FrameReader::new(source.shape(), options.size)?;
         let frames_in_flight = options.frames_in_flight.max(1);
+        let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
+        let affordable = (READBACK_BYTES / (pixels * 4).max(1)).max(2) as usize;
         let engine = Engine::new(options, source)?;
-        let free = (0..frames_in_flight + lanes.wanted_buffers())
-            .map(|_| engine.new_readback())
-            .collect::<Result<Vec<_>, _>>()?;
+        let wanted = frames_in_flight + lanes.wanted_buffers();
+        let free = (0..wanted.min(affordable)).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             lanes,
             engine,

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use support::{Scene, camera, node, options, world};
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind};
+use terravision_common::node::NodeId;
 use terravision_common::shm::{RunState, memory};
 use terravision_common::slot::{Slot, SlotContent};
 use terravision_renderer::engine::EngineOptions;
@@ -44,7 +45,7 @@ fn flight(frames: u32) -> Arc<Recording> {
         let mut own = tiles.clone();
         for tile in &mut own {
             tile.elevation_position =
-                scene.add_array(terravision_common::node::NodeId::unpack(tile.node).unwrap(), &camera);
+                scene.add_array(NodeId::unpack(tile.node).expect("the recording is whole"), &camera);
         }
         scene.frame(&camera, own);
     }
@@ -60,13 +61,15 @@ fn play(recording: &Arc<Recording>, laps: u64, sinks: Vec<Box<dyn FrameSink>>) -
 fn folder(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("terravision-flow-{name}-{}", std::process::id()));
     drop(fs::remove_dir_all(&folder));
-    fs::create_dir_all(&folder).unwrap();
+    fs::create_dir_all(&folder).expect("the recording is whole");
     folder
 }
 
 fn names(folder: &PathBuf) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .expect("the recording is whole")
+        .map(|entry| entry.expect("the recording is whole").file_name().into_string().expect("the recording is whole"))
+        .collect();
     names.sort();
     names
 }
@@ -136,16 +139,22 @@ fn a_still_has_picture_depth_and_ground() {
 
 /// Keeps what it gets, in order.
 #[derive(Clone, Default)]
-struct Kept(Arc<Mutex<Vec<(u64, Vec<u8>)>>>);
+struct Kept(Arc<Mutex<Frames>>);
+
+/// Numbers and pixels of frames.
+type Frames = Vec<(u64, Vec<u8>)>;
+
+/// How a live run ended, what its sink got, and what it told of.
+type Lived = (Result<RunSummary, RunError>, Frames, Vec<Event>);
 
 impl FrameSink for Kept {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        self.0.lock().unwrap().push((picture.frame, picture.rgba.to_vec()));
+        self.0.lock().expect("no sink panics").push((picture.frame, picture.rgba.to_vec()));
         Ok(())
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
-        self.0.lock().unwrap().push((u64::MAX, Vec::new()));
+        self.0.lock().expect("no sink panics").push((u64::MAX, Vec::new()));
         Ok(())
     }
 }
@@ -223,7 +232,7 @@ struct Shared(Arc<Mutex<Vec<u8>>>);
 
 impl io::Write for Shared {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().extend_from_slice(bytes);
+        self.0.lock().expect("no sink panics").extend_from_slice(bytes);
         Ok(bytes.len())
     }
 
@@ -282,23 +291,19 @@ fn a_device_that_is_not_there_is_said() {
 }
 
 /// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
-fn live(
-    recording: &Arc<Recording>,
-    options: EngineOptions,
-    stop_after: Option<usize>,
-) -> (Result<RunSummary, RunError>, Vec<(u64, Vec<u8>)>, Vec<Event>) {
+fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<usize>) -> Lived {
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);
-    let control = Arc::new(memory::control().unwrap());
-    let (mut ring, consumer) = memory::ring::<Slot>(4).unwrap();
-    let (mut arrays, elevation) = memory::elevation_ring(8, posts).unwrap();
-    let (mut pool, colors) = memory::pool(6, 16384).unwrap();
-    let (events, mut drained) = memory::ring::<Event>(1024).unwrap();
+    let control = Arc::new(memory::control().expect("memory of this process holds the recording"));
+    let (mut ring, consumer) = memory::ring::<Slot>(4).expect("memory of this process holds the recording");
+    let (mut arrays, elevation) = memory::elevation_ring(8, posts).expect("memory of this process holds the recording");
+    let (mut pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
+    let (events, mut drained) = memory::ring::<Event>(1024).expect("memory of this process holds the recording");
     let frames = [0, recording.frames().len() as u64];
-    let mut source =
-        LiveSource::new(Arc::clone(&control), consumer, elevation, colors, Some(events), world, frames).unwrap();
+    let mut source = LiveSource::new(Arc::clone(&control), consumer, elevation, colors, Some(events), world, frames)
+        .expect("memory of this process holds the recording");
     let kept = Kept::default();
-    let lanes = Lanes::start(vec![Box::new(kept.clone())]).unwrap();
+    let lanes = Lanes::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
     let result = std::thread::scope(|scope| {
         let control = Arc::clone(&control);
         scope.spawn(move || {
@@ -316,14 +321,20 @@ fn live(
                 let mut tiles = frame.tiles.clone();
                 for tile in &mut tiles {
                     let mut values = vec![0.0; posts as usize];
-                    assert!(inner.read_elevation(tile.elevation_position, &mut values).unwrap());
+                    assert!(
+                        inner
+                            .read_elevation(tile.elevation_position, &mut values)
+                            .expect("memory of this process holds the recording")
+                    );
                     let Ok(mut guard) = arrays.begin(&control) else { return };
                     guard.values_mut().copy_from_slice(&values);
                     tile.elevation_position = guard.publish();
-                    let node = terravision_common::node::NodeId::unpack(tile.node).unwrap();
+                    let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
                     let (slot, generation) = *placed.entry(tile.color_slot).or_insert_with(|| {
                         assert!(inner.read_color(tile.color_slot, tile.color_generation, &mut tile_bytes));
-                        let mut fill = pool.allocate(node, sequence as u64 + 1, control.completed_sequence()).unwrap();
+                        let mut fill = pool
+                            .allocate(node, sequence as u64 + 1, control.completed_sequence())
+                            .expect("memory of this process holds the recording");
                         fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
                         fill.publish()
                     });
@@ -340,8 +351,9 @@ fn live(
         });
         run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {})
     });
-    let events = std::iter::from_fn(|| drained.try_pop().unwrap()).collect();
-    let kept = kept.0.lock().unwrap().clone();
+    let events =
+        std::iter::from_fn(|| drained.try_pop().expect("memory of this process holds the recording")).collect();
+    let kept = kept.0.lock().expect("memory of this process holds the recording").clone();
     if result.is_ok() {
         assert_eq!(control.completed_sequence(), frames[1]);
         assert_eq!(control.written_frames(), frames[1]);

@@ -128,7 +128,8 @@ impl Buffer {
             return Ok(None);
         }
         let Ok(kind) =
-            device.memory_type(needs.memory_type_bits & types, &[vk::MemoryPropertyFlags::empty()], "imported memory")
+            device.memory_type(needs.memory_type_bits & types, // Coherent: another process writes it, with no call to Vulkan.
+            &[vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT], "imported memory")
         else {
             return Ok(None);
         };

