@@ -7,7 +7,7 @@ use std::fs;
 use std::time::{Duration, Instant};
 
 /// Between two looks at the resident sets.
-const RSS_EVERY: Duration = Duration::from_millis(200);
+const RSS_EVERY: Duration = Duration::from_millis(50);
 /// Between two looks at the proportional sets: the kernel walks all pages for them.
 const PSS_EVERY: Duration = Duration::from_millis(500);
 const KIB: f64 = 1024.0;

@@ -77,7 +77,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         Ending::Died { stage, how, words, is_bad_input } => {
             let error = if words.is_empty() {
                 anyhow!("the {stage} {how}, without a word")
-            } else if how.starts_with("was killed") {
+            } else if how.starts_with("was ") {
                 anyhow!("the {stage} {how}; it said last: {words}")
             } else {
                 anyhow!("the {stage} gave up: {words}")

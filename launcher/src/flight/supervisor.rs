@@ -14,6 +14,9 @@ const TICK: Duration = Duration::from_millis(20);
 const TERM_AFTER: Duration = Duration::from_millis(600);
 /// ... and after this KILL. The whole end stays well below two seconds.
 const KILL_AFTER: Duration = Duration::from_millis(1200);
+/// A stage that was stopped by a signal is taken for a death only when this program hears of no signal within this time:
+/// Ctrl-C goes to all processes of a terminal, and a stage may be the quicker one.
+const SIGNAL_GRACE: Duration = Duration::from_millis(200);
 /// How long the rest may take in good order after the renderer is done.
 const REST_AFTER: Duration = Duration::from_millis(3000);
 
@@ -47,15 +50,19 @@ pub fn watch(
 ) -> Ending {
     let mut ending: Option<Ending> = None;
     let mut deadline: Option<Instant> = None;
+    let mut first_stopped: Option<Instant> = None;
     loop {
         let ended: Vec<Option<ExitStatus>> = stages.iter_mut().map(StageProcess::poll).collect();
         tick(stages);
         if ending.is_none() {
             let death = ended.iter().zip(stages.iter()).filter_map(|(status, stage)| death_of(stage, (*status)?));
+            let death = death.max_by_key(|(weight, _)| *weight).filter(|(weight, _)| {
+                *weight > STOPPED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
+            });
             if is_interrupted() {
                 control.set_state(RunState::Stopping);
                 ending = Some(Ending::Interrupted);
-            } else if let Some((_, death)) = death.max_by_key(|(weight, _)| *weight) {
+            } else if let Some((_, death)) = death {
                 control.set_state(RunState::Failed);
                 ending = Some(death);
             }
@@ -94,12 +101,16 @@ fn wait_for_an_end(stages: &[StageProcess]) {
     }
 }
 
+/// Weight of the end of a stage that was told to stop.
+const STOPPED: u32 = 0;
+
 /// The death that this end of a stage is, if it is none in good order, and how much it tells: when several stages are
 /// dead at once, one that was killed brought down those that gave up.
 fn death_of(stage: &StageProcess, status: ExitStatus) -> Option<(u32, Ending)> {
     let (weight, how) = match (status.code(), status.signal()) {
         (Some(0), _) => return None,
         (Some(2), _) => (2, "found bad input".to_owned()),
+        (Some(130 | 143), _) => (STOPPED, "was stopped by a signal".to_owned()),
         (Some(code), _) => (1, format!("ended with exit code {code}")),
         (None, Some(signal)) => (3, format!("was killed by signal {signal}{}", signal_name(signal))),
         (None, None) => (1, "ended".to_owned()),

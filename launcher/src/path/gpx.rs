@@ -331,7 +331,7 @@ mod tests {
             lon in "(-?[0-9]{1,3}(\\.[0-9]{1,3})?|NaN|[a-z]{0,3})",
             time in "([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(Z|[+-][0-9]{2}:[0-9]{2})?|\\PC{0,10})",
         ) {
-            drop(seconds_from_iso8601(&time));
+            let _read: Option<f64> = seconds_from_iso8601(&time);
             let time: String = time.chars().filter(|c| !"<&".contains(*c)).collect();
             let text = gpx(&format!("<trkpt lat=\"45\" lon=\"{lon}\"><time>{time}</time></trkpt>").repeat(2));
             drop(parse_text(&text));

@@ -276,7 +276,7 @@ mod tests {
                 format!("{{\"keyframes\":[{{\"t\":0,\"x\":1,\"y\":1,\"z\":1,\"heading\":0,\"pitch\":0,\"{key}\":{value}}}]}}")
             };
             if let Ok(path) = parse_text(&text) {
-                drop(path.course.pose(0, 30.0, 1.0));
+                prop_assert!(path.course.pose(0, 30.0, 1.0).is_some());
             }
         }
     }

@@ -44,7 +44,7 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground) -> CameraPath {
     let shorter = size.min_element();
     // The camera flies inside the world, and sees enough of it behind the target.
     let largest = 0.22 * shorter;
-    let (target, relief) = most_relief(extent, ground, 0.5 * largest);
+    let (target, relief) = most_relief(extent, ground, 0.5 * largest, 1.1 * largest);
     // Six reliefs away a mountain is some 10 degrees high: with the slopes before it, it fills the picture.
     let radius = (6.0 * relief).clamp(0.4 * largest, largest);
     let at = |turn: f64, radius: f64| target.truncate() + DVec2::from_angle(turn * TAU) * radius;
@@ -55,7 +55,7 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground) -> CameraPath {
         })
         .fold(target.z, f64::max);
     // High enough to look into the valleys behind, never lower than a third of the relief above what is flown over.
-    let eye_z = (target.z + 0.42 * radius).max(clearance + 0.33 * relief).max(clearance + 0.1 * radius);
+    let eye_z = (target.z + 0.55 * radius).max(clearance + 0.33 * relief).max(clearance + 0.1 * radius);
     let poses = (0..ROUND_FRAMES).map(|frame| {
         let place = at(frame as f64 / ROUND_FRAMES as f64 + 0.625, radius);
         let eye = place.extend(eye_z);
@@ -71,9 +71,8 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground) -> CameraPath {
     CameraPath { settings, course: Course::Round(poses.collect()) }
 }
 
-/// The middle of the place where heights differ most within `reach`, and by how much. Places near the border count
-/// less: from there the camera would look out of the world.
-fn most_relief(extent: &Extent, ground: &dyn Ground, reach: f64) -> (DVec3, f64) {
+/// The summit around which heights differ most, and by how much; at least `reach` inside of the border.
+fn most_relief(extent: &Extent, ground: &dyn Ground, window_m: f64, reach: f64) -> (DVec3, f64) {
     let size = extent.size();
     let step = size.max_element() / (GRID - 1) as f64;
     let count = |length: f64| ((length / step).floor() as usize).max(1) + 1;
@@ -86,7 +85,7 @@ fn most_relief(extent: &Extent, ground: &dyn Ground, reach: f64) -> (DVec3, f64)
             ground.height_m(place.x, place.y).unwrap_or(f64::NAN)
         })
         .collect();
-    let window = ((reach / step).round() as usize).max(1);
+    let window = ((window_m / step).round() as usize).max(1);
     let mut best: Option<(f64, DVec3, f64)> = None;
     for j in 0..rows {
         for i in 0..columns {
@@ -101,16 +100,20 @@ fn most_relief(extent: &Extent, ground: &dyn Ground, reach: f64) -> (DVec3, f64)
                 }
             }
             let here = heights[j * columns + i];
-            // The summit itself is looked at, and only once.
+            // Summits only, each once.
             if peak != (i, j) || !(high - low).is_finite() {
                 continue;
             }
             let place = place(i, j);
-            let inside = (place - extent.low).min(extent.high - place).min_element() / size.min_element();
-            let score = (high - low) * (0.15 + (inside / 0.35).min(1.0));
+            let inside = (place - extent.low).min(extent.high - place).min_element();
+            // A round that leaves the world looks at its edge; farther in there is more to see behind.
+            if inside < reach {
+                continue;
+            }
+            let score = (high - low) * (0.5 + inside / size.min_element());
             if best.is_none_or(|(other, ..)| score > other) {
                 // Half-way up the mountain is the middle of the picture.
-                best = Some((score, place.extend(here - 0.4 * (high - low)), high - low));
+                best = Some((score, place.extend(here - 0.45 * (high - low)), high - low));
             }
         }
     }

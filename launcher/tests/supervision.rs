@@ -1,0 +1,212 @@
+//! The supervision of stages, with shell scripts in their place.
+
+use rustix::process::Signal;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+use terravision_common::shm::{Control, Layout, RunId, RunSegments, RunState, Stage};
+use terravision_launcher::flight::stage::{StageProcess, StartError};
+use terravision_launcher::flight::supervisor::{Ending, watch};
+
+/// A folder of stage programs, removed at the end.
+struct Programs(PathBuf);
+
+impl Programs {
+    /// Each stage is a shell script.
+    fn new(scripts: [(Stage, &str); 3]) -> Self {
+        static SERIAL: AtomicU32 = AtomicU32::new(0);
+        let serial = SERIAL.fetch_add(1, Ordering::Relaxed);
+        let folder = std::env::temp_dir().join(format!("terravision-stages-{}-{serial}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        for (stage, script) in scripts {
+            let path = folder.join(format!("terravision-{stage}"));
+            fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        Self(folder)
+    }
+
+    fn start(&self) -> Vec<StageProcess> {
+        Stage::ALL.into_iter().map(|stage| start(stage, &self.0)).collect()
+    }
+}
+
+impl Drop for Programs {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).ok();
+    }
+}
+
+fn start(stage: Stage, folder: &Path) -> StageProcess {
+    loop {
+        match StageProcess::start(stage, folder, "{}", false) {
+            // Another test's fork holds the script open for writing for a moment.
+            Err(StartError::Spawn { source, .. }) if source.kind() == std::io::ErrorKind::ExecutableFileBusy => {}
+            started => return started.unwrap(),
+        }
+    }
+}
+
+/// A run that ends within the deadline of a test, and leaves no stage behind.
+struct Flight {
+    run: RunId,
+    segments: RunSegments,
+    control: Control,
+}
+
+impl Flight {
+    fn new() -> Self {
+        let run = RunId::unique_for_tests();
+        let segments = RunSegments::create(&run, &Layout::small()).unwrap();
+        let control = Control::open(&run).unwrap();
+        Self { run, segments, control }
+    }
+
+    fn watch(
+        &self,
+        mut stages: Vec<StageProcess>,
+        is_interrupted: impl Fn() -> bool,
+        mut tick: impl FnMut(&[StageProcess]),
+    ) -> Ending {
+        let pids: Vec<u32> = stages.iter().map(StageProcess::pid).collect();
+        let end = Instant::now() + Duration::from_secs(60);
+        let ending = watch(&mut stages, &self.control, &is_interrupted, &mut |stages| {
+            assert!(Instant::now() < end, "the stages do not end");
+            tick(stages);
+        });
+        for pid in pids {
+            assert!(!Path::new(&format!("/proc/{pid}")).exists(), "process {pid} is left");
+        }
+        ending
+    }
+
+    fn assert_no_segment_is_left(self) {
+        let Self { run, segments, control } = self;
+        drop((segments, control));
+        let left: Vec<_> = fs::read_dir("/dev/shm")
+            .unwrap()
+            .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
+            .filter(|name| name.starts_with(&format!("{run}-")))
+            .collect();
+        assert!(left.is_empty(), "{left:?} are left");
+    }
+}
+
+const WAIT: &str = "exec sleep 600";
+use Stage::{Generator, Preparer, Renderer};
+
+#[test]
+fn stages_that_end_in_good_order_are_a_finished_run() {
+    let programs = Programs::new([(Generator, "exit 0"), (Preparer, "exit 0"), (Renderer, "sleep 0.2; exit 0")]);
+    let flight = Flight::new();
+    assert_eq!(flight.watch(programs.start(), || false, |_| ()), Ending::Finished);
+    assert_eq!(flight.control.state(), RunState::Running);
+    flight.assert_no_segment_is_left();
+}
+
+#[test]
+fn a_killed_stage_is_named_and_the_others_are_ended() {
+    for victim in 0..3 {
+        let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT)]);
+        let flight = Flight::new();
+        let stages = programs.start();
+        let pid = rustix::process::Pid::from_raw(stages[victim].pid().cast_signed()).unwrap();
+        rustix::process::kill_process(pid, Signal::KILL).unwrap();
+        let Ending::Died { stage, how, is_bad_input, .. } = flight.watch(stages, || false, |_| ()) else {
+            panic!("not noticed")
+        };
+        assert_eq!(stage, Stage::ALL[victim]);
+        assert!(how.contains("signal 9") && !is_bad_input, "{how}");
+        assert_eq!(flight.control.state(), RunState::Failed);
+        flight.assert_no_segment_is_left();
+    }
+}
+
+#[test]
+fn a_stage_that_gives_up_is_quoted() {
+    let says = "echo 'loading'; echo 'warming up' >&2; echo 'there is no room for the picture' >&2; exit 1";
+    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, says)]);
+    let ending = Flight::new().watch(programs.start(), || false, |_| ());
+    let Ending::Died { stage, how, words, is_bad_input } = ending else { panic!("not noticed") };
+    assert_eq!((stage, is_bad_input), (Renderer, false));
+    assert_eq!((how.as_str(), words.as_str()), ("ended with exit code 1", "there is no room for the picture"));
+}
+
+#[test]
+fn a_stage_that_finds_bad_input_says_so_by_its_exit_code() {
+    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, "echo 'too large' >&2; exit 2")]);
+    let ending = Flight::new().watch(programs.start(), || false, |_| ());
+    assert!(matches!(ending, Ending::Died { stage: Renderer, is_bad_input: true, .. }), "{ending:?}");
+}
+
+#[test]
+fn a_stage_that_was_killed_is_blamed_before_those_that_gave_up_over_it() {
+    let programs = Programs::new([
+        (Generator, "echo 'the preparer is gone' >&2; exit 1"),
+        (Preparer, "kill -9 $$"),
+        (Renderer, "echo 'the preparer is gone' >&2; exit 1"),
+    ]);
+    let stages = programs.start();
+    // All three are dead before the first look.
+    let end = Instant::now() + Duration::from_secs(60);
+    while stages.iter().any(|stage| !is_zombie(stage.pid())) {
+        assert!(Instant::now() < end, "they do not end");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let ending = Flight::new().watch(stages, || false, |_| ());
+    assert!(matches!(ending, Ending::Died { stage: Preparer, .. }), "{ending:?}");
+}
+
+fn is_zombie(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('Z'))
+}
+
+#[test]
+fn an_interruption_ends_stages_that_will_not_listen() {
+    let deaf = "trap '' TERM INT; while :; do sleep 0.05; done";
+    let programs = Programs::new([(Generator, WAIT), (Preparer, deaf), (Renderer, WAIT)]);
+    let flight = Flight::new();
+    let ticks = std::cell::Cell::new(0);
+    let ending = flight.watch(programs.start(), || ticks.get() > 3, |_| ticks.set(ticks.get() + 1));
+    assert_eq!(ending, Ending::Interrupted);
+    assert_eq!(flight.control.state(), RunState::Stopping);
+    flight.assert_no_segment_is_left();
+}
+
+#[test]
+fn a_stage_that_hears_of_an_interruption_first_is_not_blamed() {
+    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 130"), (Renderer, WAIT)]);
+    let ticks = std::cell::Cell::new(0);
+    let ending = Flight::new().watch(programs.start(), || ticks.get() > 3, |_| ticks.set(ticks.get() + 1));
+    assert_eq!(ending, Ending::Interrupted);
+    let alone = Flight::new().watch(programs.start(), || false, |_| ());
+    assert!(matches!(&alone, Ending::Died { stage: Preparer, how, .. } if how.contains("signal")), "{alone:?}");
+}
+
+#[test]
+fn a_stage_that_lingers_after_the_renderer_is_ended_without_harm() {
+    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 0"), (Renderer, "exit 0")]);
+    assert_eq!(Flight::new().watch(programs.start(), || false, |_| ()), Ending::Finished);
+}
+
+#[test]
+fn a_panic_is_quoted_whole() {
+    let panics = "echo \"thread 'main' panicked at a.rs:1:2:\" >&2; echo 'out of tiles' >&2; \
+                  echo 'note: run with RUST_BACKTRACE=1' >&2; exit 101";
+    let programs = Programs::new([(Generator, panics), (Preparer, WAIT), (Renderer, WAIT)]);
+    let Ending::Died { words, .. } = Flight::new().watch(programs.start(), || false, |_| ()) else {
+        panic!("not noticed")
+    };
+    assert_eq!(words, "thread 'main' panicked at a.rs:1:2: out of tiles");
+}
+
+#[test]
+fn a_stage_that_is_not_there_is_named() {
+    let folder = std::env::temp_dir().join("terravision-no-such-folder");
+    let error = StageProcess::start(Generator, &folder, "{}", false).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("the program of the generator") && text.contains("is missing"), "{text}");
+}
