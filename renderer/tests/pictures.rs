@@ -6,7 +6,8 @@ use support::{Scene, camera, draw, keep, node, options, paths, pixel, sky_pixels
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
-use terravision_renderer::engine::EngineOptions;
+use terravision_renderer::engine::{Engine, EngineOptions};
+use terravision_renderer::source::RecordedSource;
 
 const SIZE: [u32; 2] = [160, 120];
 
@@ -73,6 +74,19 @@ fn both_paths_and_two_runs_give_the_same_bytes() {
     }
     assert!(all.iter().all(|frames| frames == &all[0]));
     assert!(all[0].windows(2).all(|pair| pair[0] != pair[1]));
+}
+
+#[test]
+fn shared_memory_is_read_in_place_where_the_device_can() {
+    let mut scene = Scene::new(world([16, 16]), &flat, &green);
+    let camera = camera([80.0, 80.0, 200.0], 0.0, -90.0, SIZE);
+    let tiles = level(&mut scene, 0, &camera);
+    scene.frame(&camera, tiles);
+    let source = RecordedSource::new(scene.finish(), 1);
+    let [best, staged] = paths(&options(SIZE)).map(|options| Engine::new(options, &source).unwrap());
+    let can_import = best.device().capabilities().host_import_alignment.is_some();
+    assert_eq!(best.imports(), [can_import; 2]);
+    assert_eq!(staged.imports(), [false; 2]);
 }
 
 /// A coarse leaf among fine ones, `difference` levels finer, whose edges towards it collapse.

@@ -127,10 +127,9 @@ impl Buffer {
         if needs.size > len {
             return Ok(None);
         }
-        let Ok(kind) =
-            device.memory_type(needs.memory_type_bits & types, // Coherent: another process writes it, with no call to Vulkan.
-            &[vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT], "imported memory")
-        else {
+        // Coherent: another process writes it, with no call to Vulkan.
+        let coherent = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        let Ok(kind) = device.memory_type(needs.memory_type_bits & types, &[coherent], "imported memory") else {
             return Ok(None);
         };
         let mut import =

@@ -1,9 +1,9 @@
 //! Vulkan, through `ash`: the only place of the renderer that contains `unsafe` and names `vk` handles.
 //!
-//! Layers, each holding an `Arc` of the one before it: [`instance`] → [`device`] → resources ([`buffer`], [`image`],
-//! [`color_pool`], [`elevation`], [`target`], [`readback`]) → [`passes`] → [`frame`].
+//! Layers, each holding an `Arc` of the one before it: `instance` → `device` → resources (`buffer`, `image`,
+//! `color_pool`, `elevation`, `target`, `readback`) → `passes` → `frame`.
 //!
-//! Destruction order: every object is owned by [`owned::Owned`] from the moment it exists, so a constructor that fails
+//! Destruction order: every object is owned by `owned::Owned` from the moment it exists, so a constructor that fails
 //! half-way destroys what it made. Dropping an owner waits for the submits so far, then destroys the object; memory goes
 //! after the object that is bound to it (fields drop in order), then the device, then the instance.
 //!
