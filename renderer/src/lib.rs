@@ -8,7 +8,7 @@
 //!
 //! * [`source`]: where frames come from. [`frame`]: reading and checking them.
 //! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]: both put together.
-//! * [`sink`]: where pictures go. [`run`]: the frame loop. [`bench`]: what the device and the renderer can do.
+//! * [`sink`]: where pictures go. [`run`]: the frame loop. [`mod@bench`]: what the device and the renderer can do.
 //!
 //! The frame loop allocates nothing in the steady state; encoders run on threads of their own.
 
