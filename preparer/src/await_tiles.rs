@@ -237,9 +237,12 @@ mod tests {
     fn three_full_levels_are_locked_and_more_where_nodes_are_few() {
         let (tiles, first) = top_levels(&world([256, 256], 7, 0));
         assert_eq!((tiles.len(), first), (42, 3));
-        // A strip: 1 + 1 + 1 + 1 + 2 + 4 + 8 nodes.
+        // A strip: 1 + 1 + 2 + 4 + 8 nodes, then 16.
         let (tiles, first) = top_levels(&world([128, 1], 7, 0));
-        assert_eq!((tiles.len(), first), (36, -1));
+        assert_eq!((tiles.len(), first), (32, 1));
+        // All of a small world.
+        let (tiles, first) = top_levels(&world([16, 16], 3, 0));
+        assert_eq!((tiles.len(), first), (42, -1));
         // Colour ends at level 5 of 7.
         let (tiles, first) = top_levels(&world([256, 256], 7, 5));
         assert_eq!((tiles.len(), first), (21 + 5, 3));
