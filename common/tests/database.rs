@@ -1,0 +1,288 @@
+//! A database read back, and read when it is damaged: an error or the same content, never a panic, never other content.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use pmtiles::{Compression, PmTilesWriter, TileCoord, TileId, TileType};
+use proptest::prelude::*;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+use terravision_common::database::{
+    Archive, ArchiveRecord, Body, COLOR_FILE, ColorLayer, Crs, Database, DatabaseError, ELEVATION_FILE, ElevationLayer,
+    FORMAT_VERSION, MANIFEST_FILE, Manifest, ManifestError, NODES_FILE, NodeRanges, TileError, TileScratch, TileSource,
+    color_tile_bytes, encode_elevation_tile, index_crc32, seal_color_tile, tile_coord,
+};
+use terravision_common::node::NodeId;
+use terravision_common::world::{World, WorldFields};
+
+const FILES: [&str; 4] = [MANIFEST_FILE, ELEVATION_FILE, COLOR_FILE, NODES_FILE];
+
+fn fields() -> WorldFields {
+    WorldFields {
+        origin: [500_000.5, 5_000_000.25],
+        lattice_unit_m: 10.0,
+        extent: [13, 9],
+        elevation_tile: 4,
+        color_tile: 16,
+        levels: 3,
+        finest_elevation_level: 0,
+        finest_color_level: 1,
+    }
+}
+
+fn nodes(world: &World) -> Vec<NodeId> {
+    let level = |q: u8| {
+        let [columns, rows] = world.nodes_at(q);
+        (0..rows).flat_map(move |n| (0..columns).map(move |m| NodeId::new(m, n, q).unwrap()))
+    };
+    (0..world.levels()).rev().flat_map(level).collect()
+}
+
+fn heights(node: NodeId) -> Vec<f32> {
+    let seed = node.m() * 31 + node.n() * 17 + u32::from(node.q()) * 7;
+    (0..25).map(|k: u32| 100.0 + ((k * k + seed) % 97) as f32 / 8.0).collect()
+}
+
+fn temporary(name: &str) -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let path = std::env::temp_dir().join(format!("tv-database-{name}-{}-{number}", std::process::id()));
+    fs::create_dir_all(&path).unwrap();
+    path
+}
+
+fn archive(path: &Path, world: &World, kind: TileType, tile: impl Fn(NodeId) -> Option<Vec<u8>>) -> ArchiveRecord {
+    let writer = PmTilesWriter::new(kind).tile_compression(Compression::None).metadata("{\"name\":\"test\"}");
+    let mut writer = writer.create(File::create(path).unwrap()).unwrap();
+    let mut tiles: Vec<(TileCoord, Vec<u8>)> =
+        nodes(world).into_iter().filter_map(|node| Some((tile_coord(world, node)?, tile(node)?))).collect();
+    tiles.sort_by_key(|(coord, _)| TileId::from(*coord).value());
+    let count = tiles.len() as u64;
+    tiles.into_iter().for_each(|(coord, bytes)| writer.add_tile(coord, &bytes).unwrap());
+    writer.finalize().unwrap();
+    ArchiveRecord { bytes: fs::metadata(path).unwrap().len(), index_crc32: index_crc32(path).unwrap(), tiles: count }
+}
+
+fn write_database(folder: &Path) {
+    let world = World::new(fields()).unwrap();
+    let elevation = archive(&folder.join(ELEVATION_FILE), &world, TileType::Unknown, |node| {
+        Some(encode_elevation_tile(&heights(node), 5))
+    });
+    let color = archive(&folder.join(COLOR_FILE), &world, TileType::Jpeg, |node| {
+        let pixels: Vec<u8> = (0..24 * 24 * 3).map(|k| (k * 3 + node.m() * 50) as u8).collect();
+        let mut bytes = Vec::new();
+        jpeg_encoder::Encoder::new(&mut bytes, 90).encode(&pixels, 24, 24, jpeg_encoder::ColorType::Rgb).unwrap();
+        seal_color_tile(&mut bytes);
+        world.has_color(node).then_some(bytes)
+    });
+    let ranges = (0..3).map(|q| vec![[90.0, 120.0]; world.nodes_at(q).map(|n| n as usize).iter().product()]).collect();
+    let nodes = NodeRanges::from_parts(&world, ranges).unwrap().write(&folder.join(NODES_FILE)).unwrap();
+    let manifest = Manifest {
+        format: String::new(),
+        format_version: FORMAT_VERSION,
+        written_by: "a test".to_owned(),
+        name: "test".to_owned(),
+        crs: Crs { name: "plane".to_owned(), epsg: None, wkt: "LOCAL_CS[\"plane\"]".to_owned(), proj4: None },
+        body: Body { name: "Earth".to_owned(), radius_m: 6_378_137.0 },
+        world: fields(),
+        vertical_unit: "metre".to_owned(),
+        elevation: ElevationLayer {
+            sources: Vec::new(),
+            spacing_m: 10.0,
+            range_m: [90.0, 120.0],
+            void_area_m2: 0.0,
+            encoding: "terravision-elevation-1".to_owned(),
+            archive: elevation,
+        },
+        color: ColorLayer {
+            sources: Vec::new(),
+            spacing_m: 5.0,
+            void_area_m2: 0.0,
+            encoding: "jpeg".to_owned(),
+            quality: 90,
+            archive: color,
+        },
+        nodes,
+        checksum: String::new(),
+    };
+    fs::write(folder.join(MANIFEST_FILE), manifest.to_text().unwrap()).unwrap();
+}
+
+/// Bytes of all tiles; an error where there is one.
+fn content(database: &Database) -> Vec<Result<Vec<u8>, TileError>> {
+    let (world, mut scratch) = (*database.world(), TileScratch::default());
+    let mut all = Vec::new();
+    for node in nodes(&world) {
+        let mut out = vec![0f32; 25];
+        let read = database.read_elevation(node, &mut out, &mut scratch);
+        all.push(read.map(|()| out.iter().flat_map(|h| h.to_le_bytes()).collect()));
+        let mut out = vec![0; color_tile_bytes(&world)];
+        all.push(database.read_color(node, &mut out, &mut scratch).map(|()| out));
+    }
+    all
+}
+
+/// The files of a good database, and its content.
+fn good() -> &'static (Vec<Vec<u8>>, Vec<Option<Vec<u8>>>) {
+    static GOOD: OnceLock<(Vec<Vec<u8>>, Vec<Option<Vec<u8>>>)> = OnceLock::new();
+    GOOD.get_or_init(|| {
+        let folder = temporary("good");
+        write_database(&folder);
+        let database = Database::open(&folder).unwrap();
+        let content = content(&database).into_iter().map(Result::ok).collect();
+        let files = FILES.map(|name| fs::read(folder.join(name)).unwrap()).to_vec();
+        fs::remove_dir_all(&folder).unwrap();
+        (files, content)
+    })
+}
+
+#[test]
+fn a_database_reads_back() {
+    let folder = temporary("back");
+    write_database(&folder);
+    let database = Database::open(&folder).unwrap();
+    let mut scratch = TileScratch::default();
+    for node in nodes(database.world()) {
+        let mut out = vec![0.0; 25];
+        database.read_elevation(node, &mut out, &mut scratch).unwrap();
+        assert_eq!(out, heights(node));
+        let mut out = vec![0; color_tile_bytes(database.world())];
+        let color = database.read_color(node, &mut out, &mut scratch);
+        match node.q() {
+            0 => assert_eq!(color.unwrap_err().code(), 1),
+            _ => assert!(color.is_ok() && out.chunks_exact(4).all(|texel| texel[3] == 255)),
+        }
+        assert_eq!(database.ranges().range(node), Some([90.0, 120.0]));
+    }
+    let outside = NodeId::new(4, 0, 0).unwrap();
+    assert_eq!(database.read_elevation(outside, &mut [0.0; 25], &mut scratch).unwrap_err().code(), 1);
+    assert_eq!(database.ranges().range(outside), None);
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Opens a database made of these files; whatever can be read of it has to be what was written.
+fn check(files: &[Vec<u8>]) {
+    let folder = temporary("damaged");
+    FILES.iter().zip(files).for_each(|(name, bytes)| fs::write(folder.join(name), bytes).unwrap());
+    match Database::open(&folder) {
+        Err(error) => assert!(error.to_string().len() > 20, "{error}"),
+        Ok(database) => {
+            for (found, expected) in content(&database).into_iter().zip(&good().1) {
+                match found {
+                    Ok(bytes) => assert_eq!(Some(&bytes), expected.as_ref()),
+                    Err(error) => {
+                        assert!((1..=3).contains(&error.code()) && error.to_string().contains("tile of node"))
+                    }
+                }
+            }
+        }
+    }
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn flipped_bytes_anywhere_are_noticed(file in 0usize..4, at: prop::sample::Index, change in 1u8..=255) {
+        let mut files = good().0.clone();
+        let at = at.index(files[file].len());
+        files[file][at] ^= change;
+        check(&files);
+    }
+
+    #[test]
+    fn files_cut_short_or_with_a_tail_are_noticed(file in 0usize..4, at: prop::sample::Index, tail in 0usize..9) {
+        let mut files = good().0.clone();
+        let length = at.index(files[file].len());
+        files[file].truncate(length);
+        files[file].extend(vec![0; tail]);
+        check(&files);
+    }
+
+    #[test]
+    fn any_bytes_for_a_directory_are_an_archive_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        // A directory whose checksum is right, as if written by someone who means harm.
+        let mut file = good().0[1].clone();
+        let end = (127 + bytes.len()).min(file.len());
+        file[127..end].copy_from_slice(&bytes[..end - 127]);
+        file[16..24].copy_from_slice(&(bytes.len() as u64).to_le_bytes());
+        file[97] = 1;
+        let folder = temporary("directory");
+        let path = folder.join(ELEVATION_FILE);
+        fs::write(&path, &file).unwrap();
+        let record = ArchiveRecord { bytes: file.len() as u64, index_crc32: index_crc32(&path).unwrap(), tiles: 1 };
+        if let Ok(archive) = Archive::open(&path, &record) {
+            for id in 0..30 {
+                archive.read(TileId::new(id).unwrap(), 1000, &mut Vec::new()).ok();
+            }
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn any_header_is_an_archive_or_an_error(bytes in prop::collection::vec(any::<u8>(), 119)) {
+        let mut file = good().0[1].clone();
+        file[8..127].copy_from_slice(&bytes);
+        let folder = temporary("header");
+        let path = folder.join(ELEVATION_FILE);
+        fs::write(&path, &file).unwrap();
+        let checksum = index_crc32(&path).unwrap_or(0);
+        let record = ArchiveRecord { bytes: file.len() as u64, index_crc32: checksum, tiles: 1 };
+        if let Ok(archive) = Archive::open(&path, &record) {
+            archive.read(TileId::new(0).unwrap(), 1000, &mut Vec::new()).ok();
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_without_manifest_is_an_unfinished_database() {
+    let folder = temporary("none");
+    let error = Database::open(&folder).unwrap_err();
+    assert!(matches!(error, DatabaseError::NotADatabase { .. }));
+    assert!(error.to_string().contains("run again"), "{error}");
+    assert!(matches!(Database::open(Path::new("/nowhere")).unwrap_err(), DatabaseError::NotADatabase { .. }));
+    assert!(matches!(Database::open(Path::new("/etc/passwd")).unwrap_err(), DatabaseError::NotADatabase { .. }));
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_newer_version_is_told_from_damage() {
+    let text = String::from_utf8(good().0[0].clone()).unwrap();
+    let newer = text.replace("\"format_version\": 1", "\"format_version\": 7, \"curvature\": true");
+    let error = Manifest::parse(&newer).unwrap_err();
+    assert!(matches!(error, ManifestError::Version { expected: FORMAT_VERSION, found: 7 }));
+    assert!(error.to_string().contains("version 7") && error.to_string().contains("version 1"));
+    let unknown = text.replace("\"vertical_unit\"", "\"horizontal_unit\"");
+    assert!(matches!(Manifest::parse(&unknown).unwrap_err(), ManifestError::Content { .. }));
+    assert!(matches!(Manifest::parse("{}").unwrap_err(), ManifestError::NotAManifest));
+    let edited = text.replace("\"name\": \"test\"", "\"name\": \"best\"");
+    assert!(matches!(Manifest::parse(&edited).unwrap_err(), ManifestError::Checksum { .. }));
+    assert!(Manifest::parse(&text).is_ok());
+}
+
+#[test]
+fn an_archive_with_leaf_directories_gives_every_tile() {
+    let folder = temporary("leaves");
+    let path = folder.join(ELEVATION_FILE);
+    let writer = PmTilesWriter::new(TileType::Unknown).tile_compression(Compression::None);
+    let mut writer = writer.create(File::create(&path).unwrap()).unwrap();
+    let tile = |id: u64| id.wrapping_mul(0x9e37_79b9_7f4a_7c15).to_le_bytes();
+    // Gaps, so that no two entries join.
+    let ids = || (0..40_000u64).filter(|id| id % 3 != 1);
+    ids().for_each(|id| writer.add_tile(TileId::new(id).unwrap().into(), &tile(id)).unwrap());
+    writer.finalize().unwrap();
+    let record =
+        ArchiveRecord { bytes: fs::metadata(&path).unwrap().len(), index_crc32: index_crc32(&path).unwrap(), tiles: 0 };
+    let archive = Archive::open(&path, &record).unwrap();
+    let mut out = Vec::new();
+    for id in 0..40_100 {
+        let is_there = archive.read(TileId::new(id).unwrap(), 8, &mut out).unwrap();
+        assert_eq!(is_there, id < 40_000 && id % 3 != 1, "tile {id}");
+        assert!(!is_there || out == tile(id));
+    }
+    assert!(archive.read(TileId::new(0).unwrap(), 7, &mut out).is_err(), "a tile longer than the limit is not read");
+    fs::remove_dir_all(&folder).unwrap();
+}
