@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use terravision_common::shm::RunId;
 
 /// Why a result cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -62,6 +63,7 @@ impl TemporaryFile {
         let Some(stem) = path.file_stem() else {
             return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is no file name")));
         };
+        remove_dead_siblings(path, &stem.to_string_lossy());
         let mut name = OsString::from(".");
         name.push(stem);
         name.push(format!(".{run}.part"));
@@ -72,6 +74,12 @@ impl TemporaryFile {
         let temporary = path.with_file_name(name);
         File::create(&temporary).map_err(fail)?;
         Ok(Self { temporary, path: path.to_owned(), is_finished: false })
+    }
+
+    /// The folder that both names are in.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        self.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }
 
     /// The temporary name.
@@ -121,6 +129,29 @@ impl Drop for TemporaryFile {
         if !self.is_finished {
             // Nobody is left to tell, and there may be nothing to remove.
             drop(fs::remove_file(&self.temporary));
+        }
+    }
+}
+
+/// Removes what a killed stage left of the files that it was writing in a folder: it names them `.partial-<its pid>-…`.
+pub fn remove_partials(folder: &Path, pid: u32) {
+    let prefix = format!(".partial-{pid}-");
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix)) {
+        // What cannot be removed stays; the run has other things to tell.
+        drop(fs::remove_file(entry.path()));
+    }
+}
+
+/// Removes temporary files for `path` of runs whose launcher was killed.
+fn remove_dead_siblings(path: &Path, stem: &str) {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let run = name.to_str().and_then(|name| name.strip_prefix(&format!(".{stem}."))?.split_once(".part"));
+        if run.and_then(|(run, _)| RunId::parse(run).ok()).is_some_and(|run| !run.is_alive()) {
+            drop(fs::remove_file(entry.path()));
         }
     }
 }
@@ -199,6 +230,33 @@ mod tests {
         assert!(TemporaryFile::create(&folder, "r").unwrap_err().to_string().contains("end its name with a slash"));
         fs::write(folder.join("file"), "").unwrap();
         assert!(FrameFolder::create(&folder.join("file/frames"), "r").is_err());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn what_dead_runs_and_killed_stages_left_is_removed_and_nothing_else() {
+        let folder = scratch("dead");
+        let alive = RunId::new_for_this_process().unwrap();
+        // No process of that id starts in this very tick.
+        let dead = format!("tv-{}-1", std::process::id());
+        let keep = [
+            format!(".film.{alive}.part.mp4"),
+            format!(".other.{dead}.part.mp4"),
+            ".partial-77-a.png".into(),
+            "film.mp4".into(),
+        ];
+        let go = [format!(".film.{dead}.part.mp4"), ".partial-7-a.png".into()];
+        for name in keep.iter().chain(&go) {
+            fs::write(folder.join(name), "").unwrap();
+        }
+        remove_partials(&folder, 7);
+        drop(TemporaryFile::create(&folder.join("film.mp4"), "tv-1-2").unwrap());
+        let mut left: Vec<String> =
+            fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        left.sort();
+        let mut keep = keep.to_vec();
+        keep.sort();
+        assert_eq!(left, keep);
         fs::remove_dir_all(folder).unwrap();
     }
 

@@ -18,6 +18,7 @@ pub mod stage;
 pub mod supervisor;
 
 use crate::failure::{ExitStatus, Failure};
+use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
 use crate::trace;
@@ -64,6 +65,9 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let figures = run.close(&plan, started_nanos);
     drop(segments);
     supervisor::end_orphans();
+    if ending != Ending::Finished {
+        remove_partials(&plan, &figures);
+    }
     progress.finish();
 
     match ending {
@@ -118,6 +122,14 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
             report.first_unavailable()
         ),
     })
+}
+
+/// Removes half files of stages that were killed.
+fn remove_partials(plan: &FlightPlan, figures: &RunFigures) {
+    let folders = plan.files.iter().map(TemporaryFile::folder).chain(plan.folder.as_ref().map(FrameFolder::path));
+    for folder in folders {
+        figures.pids.iter().for_each(|(_, pid)| output::remove_partials(folder, *pid));
+    }
 }
 
 fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {

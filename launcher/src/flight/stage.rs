@@ -165,7 +165,22 @@ fn last_words<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> St
     let worth = |line: &&str| !line.trim().is_empty() && !line.starts_with("note: ");
     let lines: Vec<&str> = lines.filter(worth).collect();
     let from = lines.iter().rposition(|line| line.contains("panicked at")).unwrap_or(lines.len().saturating_sub(1));
-    lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" ")
+    without_echo(&lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" "))
+}
+
+/// A chain of causes without those that the text before them ends with: "cannot write a: full: full".
+fn without_echo(text: &str) -> String {
+    let mut said = String::new();
+    for cause in text.split(": ") {
+        if said.ends_with(cause) && !said.is_empty() {
+            continue;
+        }
+        if !said.is_empty() {
+            said.push_str(": ");
+        }
+        said.push_str(cause);
+    }
+    said
 }
 
 fn listen(stage: Stage, stderr: ChildStderr, shared: &SharedWords) {
@@ -200,5 +215,6 @@ mod tests {
         let panic = ["a", "thread 'main' panicked at x.rs:1:2:", "oh no", "note: run with `RUST_BACKTRACE=1`"];
         assert_eq!(last_words(panic.into_iter()), "thread 'main' panicked at x.rs:1:2: oh no");
         assert_eq!(last_words([].into_iter()), "");
+        assert_eq!(last_words(["cannot write a: full: full"].into_iter()), "cannot write a: full");
     }
 }

@@ -11,9 +11,9 @@ use terravision_common::shm::{Control, RunState, Stage};
 /// Longest time between two looks at the stages and their events; the death of a stage wakes sooner.
 const TICK: Duration = Duration::from_millis(20);
 /// After this time a stage that was told to stop is sent TERM...
-const TERM_AFTER: Duration = Duration::from_millis(600);
+const TERM_AFTER: Duration = Duration::from_millis(400);
 /// ... and after this KILL. The whole end stays well below two seconds.
-const KILL_AFTER: Duration = Duration::from_millis(1200);
+const KILL_AFTER: Duration = Duration::from_millis(1000);
 /// A stage that was stopped by a signal is taken for a death only when this program hears of no signal within this time:
 /// Ctrl-C goes to all processes of a terminal, and a stage may be the quicker one.
 const SIGNAL_GRACE: Duration = Duration::from_millis(200);
