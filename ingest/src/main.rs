@@ -16,6 +16,12 @@ use terravision_ingest::sparse::{self, SparseOptions};
 use terravision_ingest::work::Work;
 
 fn main() -> ExitCode {
+    // Also tells which GDAL was found; `terravision doctor` asks.
+    if std::env::args_os().skip(1).eq(["--version"]) {
+        let gdal = gdal::version::version_info("RELEASE_NAME");
+        writeln!(io::stdout(), "terravision-ingest {}, GDAL {gdal}", env!("CARGO_PKG_VERSION")).ok();
+        return ExitCode::SUCCESS;
+    }
     let cli = Cli::parse();
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
