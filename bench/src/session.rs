@@ -79,7 +79,7 @@ impl Session {
                 samples: settings.samples,
                 has_tree_overlay: false,
                 has_validation: false,
-                frames_in_flight: 2,
+                frames_in_flight: 0,
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,

@@ -47,7 +47,7 @@ pub struct RenderConfig {
     pub has_tree_overlay: bool,
     /// Ask for the Vulkan validation layer; one message of it ends the renderer with an error.
     pub has_validation: bool,
-    /// Frames recorded or drawn at a time.
+    /// Frames recorded or drawn at a time; 0 leaves it to the renderer, which knows the device.
     pub frames_in_flight: u32,
     /// Where frames go.
     pub sink: SinkConfig,

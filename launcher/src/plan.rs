@@ -26,8 +26,8 @@ const DEFAULT_FPS: f64 = 30.0;
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
-/// Frames that are recorded or drawn at a time.
-const FRAMES_IN_FLIGHT: u32 = 2;
+/// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
+const FRAMES_IN_FLIGHT: u32 = 0;
 /// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
 const FAR_FROM_WORLD: f64 = 2.0;
 

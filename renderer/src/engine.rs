@@ -3,7 +3,7 @@
 
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceChoice, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance, Needs,
+    ColorPool, Device, DeviceChoice, DeviceKind, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance, Needs,
     Readback, Target,
 };
 use crate::source::{FrameSource, SourceError, SourceShape};
@@ -31,7 +31,7 @@ pub struct EngineOptions {
     pub has_validation: bool,
     /// Depth comes back with the picture.
     pub has_depth: bool,
-    /// Frames recorded or drawn at a time, at least 1.
+    /// Frames recorded or drawn at a time; 0 leaves it to the device ([`frames_in_flight`]).
     pub frames_in_flight: usize,
     /// How elevations reach the device.
     pub elevation_path: ElevationPath,
@@ -119,6 +119,17 @@ pub struct Finished {
     pub readback: Readback,
 }
 
+/// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
+/// itself gains nothing from a second frame, and then finishes both at the same time: with lavapipe every other frame
+/// took twice as long and the ones between nothing, at the same rate.
+pub(crate) fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
+    match (asked, kind) {
+        (0, DeviceKind::Cpu) => 1,
+        (0, _) => 2,
+        (asked, _) => asked,
+    }
+}
+
 struct InFlight {
     slot: usize,
     frame: u64,
@@ -168,7 +179,7 @@ impl Engine {
         };
         let instance = Instance::new(options.has_validation)?;
         let device = Device::new(&instance, &options.device, &needs)?;
-        let slot_count = options.frames_in_flight.max(1);
+        let slot_count = frames_in_flight(options.frames_in_flight, device.capabilities().kind);
         let target = Target::new(&device, options.size, options.samples, options.has_depth)?;
         let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
         let shared = source.color_memory().filter(|_| options.can_import_colors);
@@ -197,6 +208,12 @@ impl Engine {
     #[must_use]
     pub fn device(&self) -> &Arc<Device> {
         &self.device
+    }
+
+    /// Frames recorded or drawn at a time.
+    #[must_use]
+    pub fn frames_in_flight(&self) -> usize {
+        self.slots.len()
     }
 
     /// Whether elevations, and whether colours, are read from shared memory in place.

@@ -113,7 +113,7 @@ fn render(json: &str) -> anyhow::Result<()> {
         has_tree_overlay: render.has_tree_overlay,
         has_validation: render.has_validation,
         has_depth,
-        frames_in_flight: render.frames_in_flight.clamp(1, MAX_FRAMES_IN_FLIGHT) as usize,
+        frames_in_flight: render.frames_in_flight.min(MAX_FRAMES_IN_FLIGHT) as usize,
         ..EngineOptions::default()
     };
     let lanes = Lanes::start(sinks(config, world.fields().origin).map_err(RunError::from)?).map_err(RunError::from)?;

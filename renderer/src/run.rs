@@ -120,11 +120,10 @@ struct FrameLoop<'a> {
 impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, lanes: Lanes) -> Result<Self, RunError> {
         let reader = FrameReader::new(source.shape(), options.size)?;
-        let frames_in_flight = options.frames_in_flight.max(1);
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let affordable = (READBACK_BYTES / (pixels * 4).max(1)).max(2) as usize;
         let engine = Engine::new(options, source)?;
-        let wanted = frames_in_flight + lanes.wanted_buffers();
+        let wanted = engine.frames_in_flight() + lanes.wanted_buffers();
         let free = (0..wanted.min(affordable)).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             lanes,
