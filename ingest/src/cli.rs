@@ -102,10 +102,10 @@ pub struct IngestArgs {
     #[arg(long, value_name = "N", value_parser = parse_threads)]
     threads: Option<usize>,
     /// Intervals along an elevation tile's side, a power of two
-    #[arg(long, default_value_t = 32, value_name = "N", hide = true)]
+    #[arg(long, default_value_t = PlanOptions::default().elevation_tile, value_name = "N", hide = true)]
     elevation_tile: u32,
     /// Texels along a colour tile's side, a power of two
-    #[arg(long, default_value_t = 256, value_name = "N", hide = true)]
+    #[arg(long, default_value_t = PlanOptions::default().color_tile, value_name = "N", hide = true)]
     color_tile: u32,
 }
 

@@ -5,6 +5,7 @@
 //! ground size of the finest source's pixels.
 
 use crate::IngestError;
+use crate::sample::Bounds;
 use crate::sample::mapper::Lattice;
 use crate::source::raster::traditional;
 use crate::source::{Note, Raster, TargetCrs};
@@ -24,12 +25,12 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { elevation_tile: 32, color_tile: 256, spacing_m: None }
+        Self { elevation_tile: 16, color_tile: 256, spacing_m: None }
     }
 }
 
 /// Where everything will be.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Plan {
     /// The geometry.
     pub world: World,
@@ -37,6 +38,10 @@ pub struct Plan {
     pub elevation: Lattice,
     /// Texel centres of the finest colour level.
     pub color: Lattice,
+    /// Where the elevation sources lie.
+    pub elevation_bounds: Vec<Bounds>,
+    /// Where the colour sources lie.
+    pub color_bounds: Vec<Bounds>,
 }
 
 /// What a source is in the database's CRS.
@@ -48,15 +53,38 @@ struct Footprint {
     high: [f64; 2],
     /// Side of a square as large as one of its pixels, metres.
     spacing: f64,
+    /// Where that was measured.
+    focus: [f64; 2],
     /// Whether its pixel centres are a square lattice along the axes.
     is_lattice: bool,
 }
 
-fn footprint(raster: &Raster, target: &TargetCrs) -> Result<Footprint, IngestError> {
+impl Footprint {
+    fn bounds(&self) -> Bounds {
+        Bounds { low: self.low, high: self.high, pixel: self.spacing, focus: self.focus }
+    }
+}
+
+/// A pixel position of a source at a point of the database's CRS; `None` outside the source.
+fn pixel_at(raster: &Raster, target: &TargetCrs, point: [f64; 2]) -> Option<[f64; 2]> {
+    let (mut x, mut y) = ([point[0]], [point[1]]);
+    if !target.is_of(raster) {
+        CoordTransform::new(&target.srs().ok()?, &raster.srs().ok()?)
+            .ok()?
+            .transform_coords(&mut x, &mut y, &mut [])
+            .ok()?;
+    }
+    let pixel = raster.affine.inverse()?.apply(x[0], y[0]);
+    (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size[a] as f64).then_some(pixel)
+}
+
+/// What a source is in the database's CRS; its pixels are measured at `focus`, if that is in it, else in its middle.
+/// (A map of the globe has no useful middle in a UTM zone.)
+fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Result<Footprint, IngestError> {
     let (mut x, mut y) = raster.grid(65, true);
-    let [w, h] = raster.size.map(|v| 0.5 * v as f64);
-    let middle = [[w, h], [w + 1.0, h], [w, h + 1.0]].map(|[c, r]| raster.affine.apply(c, r));
-    middle.iter().for_each(|[mx, my]| {
+    let middle = raster.size.map(|v| 0.5 * v as f64);
+    let [c, r] = focus.and_then(|focus| pixel_at(raster, target, focus)).unwrap_or(middle);
+    [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine.apply(c, r)).iter().for_each(|[mx, my]| {
         x.push(*mx);
         y.push(*my);
     });
@@ -85,7 +113,8 @@ fn footprint(raster: &Raster, target: &TargetCrs) -> Result<Footprint, IngestErr
     }
     let [_, dx, _, _, _, dy] = raster.affine.0;
     let is_square = (dx.abs() / dy.abs() - 1.0).abs() < 1e-6;
-    Ok(Footprint { low, high, spacing, is_lattice: is_same && is_square && raster.affine.is_axis_parallel() })
+    let is_lattice = is_same && is_square && raster.affine.is_axis_parallel();
+    Ok(Footprint { low, high, spacing, focus: [x[count], y[count]], is_lattice })
 }
 
 /// Rounds to three digits: a spacing that people can say.
@@ -134,10 +163,11 @@ impl Plan {
         options: PlanOptions,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let prints = elevation.iter().map(|r| footprint(r, target)).collect::<Result<Vec<_>, _>>()?;
+        let prints = elevation.iter().map(|r| footprint(r, target, None)).collect::<Result<Vec<_>, _>>()?;
         let (mut spacing, origin, mut intervals) = post_lattice(&prints, options.spacing_m)?;
-        let color_prints = color.iter().map(|r| footprint(r, target)).collect::<Result<Vec<_>, _>>()?;
         let high = [0, 1].map(|a| origin[a] + intervals[a] as f64 * spacing);
+        let focus = [0, 1].map(|a| 0.5 * (origin[a] + high[a]));
+        let color_prints = color.iter().map(|r| footprint(r, target, Some(focus))).collect::<Result<Vec<_>, _>>()?;
         let overlaps =
             |p: &Footprint| (0..2).all(|a| p.low[a] - p.spacing < high[a] && p.high[a] + p.spacing > origin[a]);
         let beside: Vec<&Raster> =
@@ -203,6 +233,8 @@ impl Plan {
             world,
             elevation: Lattice { first: origin, step: spacing },
             color: Lattice { first: origin.map(|v| v + 0.5 * cell), step: cell },
+            elevation_bounds: prints.iter().map(Footprint::bounds).collect(),
+            color_bounds: color_prints.iter().map(Footprint::bounds).collect(),
         })
     }
 
@@ -259,14 +291,16 @@ mod tests {
 
     #[test]
     fn a_lattice_of_its_own_is_kept() {
-        let print = Footprint { low: [105.0, 7.5], high: [205.0, 57.5], spacing: 10.0, is_lattice: true };
+        let print =
+            Footprint { low: [105.0, 7.5], high: [205.0, 57.5], spacing: 10.0, focus: [0.0; 2], is_lattice: true };
         let (spacing, origin, intervals) = post_lattice(&[print], None).unwrap();
         assert_eq!((spacing, origin, intervals), (10.0, [105.0, 7.5], [10, 5]));
     }
 
     #[test]
     fn other_data_get_a_lattice_of_multiples_inside() {
-        let print = Footprint { low: [101.0, 7.5], high: [199.0, 57.5], spacing: 10.04, is_lattice: false };
+        let print =
+            Footprint { low: [101.0, 7.5], high: [199.0, 57.5], spacing: 10.04, focus: [0.0; 2], is_lattice: false };
         let (spacing, origin, intervals) = post_lattice(&[print], None).unwrap();
         assert_eq!(spacing, 10.0);
         assert_eq!((origin, intervals), ([110.0, 10.0], [8, 4]));

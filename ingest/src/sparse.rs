@@ -6,7 +6,7 @@
 use crate::archive::{self, ArchiveInfo, Place, Tile};
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
-use crate::plan::Plan;
+use crate::plan::{Plan, PlanOptions};
 use crate::sample::elevation::quantised;
 use crate::sample::mapper::Lattice;
 use crate::source::TargetCrs;
@@ -90,21 +90,25 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
             1 << 14
         )));
     }
+    let PlanOptions { elevation_tile, color_tile, .. } = PlanOptions::default();
+    // Texels half as large as the distance of posts.
+    let finest_color = (color_tile / elevation_tile).ilog2() as u8 - 1;
     let fields = WorldFields {
         origin: [500_000.0, 5_000_000.0],
         lattice_unit_m: SPACING_M,
-        extent: [nodes as u32 * 32; 2],
-        elevation_tile: 32,
-        color_tile: 256,
+        extent: [nodes as u32 * elevation_tile; 2],
+        elevation_tile,
+        color_tile,
         levels: nodes.ilog2() as u8 + 1,
         finest_elevation_level: 0,
-        finest_color_level: 2.min(nodes.ilog2() as u8),
+        finest_color_level: finest_color.min(nodes.ilog2() as u8),
     };
     let world = World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))?;
     let lattice = Lattice { first: fields.origin, step: SPACING_M };
-    let plan = Plan { world, elevation: lattice, color: lattice };
+    let plan =
+        Plan { world, elevation: lattice, color: lattice, elevation_bounds: Vec::new(), color_bounds: Vec::new() };
     let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
-    let content = Content { side: f64::from(options.detailed_nodes) * 32.0 };
+    let content = Content { side: f64::from(options.detailed_nodes * elevation_tile) };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
         let elevation =
@@ -228,14 +232,14 @@ mod tests {
         let mut scratch = TileScratch::default();
         let node = NodeId::new(1, 2, 0).unwrap();
         let tiles = worlds.each_ref().map(|db| {
-            let mut heights = vec![0.0; 33 * 33];
+            let mut heights = vec![0.0; (db.world().elevation_posts() as usize).pow(2)];
             db.read_elevation(node, &mut heights, &mut scratch).unwrap();
             heights
         });
         assert_eq!(tiles[0], tiles[1]);
         assert!(tiles[0].iter().any(|h| *h != PLAIN_M));
         let far = NodeId::new(15, 15, 0).unwrap();
-        let mut heights = vec![0.0; 33 * 33];
+        let mut heights = vec![0.0; (worlds[1].world().elevation_posts() as usize).pow(2)];
         worlds[1].read_elevation(far, &mut heights, &mut scratch).unwrap();
         assert!(heights.iter().all(|h| *h == PLAIN_M));
         let sizes = worlds.each_ref().map(|db| db.manifest().elevation.archive.bytes);

@@ -210,6 +210,22 @@ fn neighbouring_files_make_one_world_and_the_first_is_on_top() {
 }
 
 #[test]
+fn there_may_be_more_files_than_a_process_may_have_open() {
+    let folder = TestFolder::new();
+    let plane = |i: usize, j: usize| 1.0 + i as f32 * 0.25 + j as f32 * 0.5;
+    let file = |k: usize| {
+        let (x, y) = (k % 36 * 8, k / 36 * 8);
+        let transform = Some([500_000.0 + 10.0 * x as f64, 10.0, 0.0, 5_000_000.0 - 10.0 * y as f64, 0.0, -10.0]);
+        let tiff = Tiff { transform, ..Tiff::utm([8, 8], |i, j| plane(x + i, y + j)) };
+        tiff.write(&folder.path(&format!("{k}.tif")))
+    };
+    let files: Vec<_> = (0..36 * 36).map(file).collect();
+    let (database, _) = run(&job(&files, &[], folder.path("w.tv"))).unwrap();
+    let (posts, width) = heights(&database, 0);
+    assert!((0..288 * 288).all(|k| posts[k / 288 * width + k % 288] == plane(k % 288, 287 - k / 288)));
+}
+
+#[test]
 fn degrees_are_resampled_into_the_utm_zone() {
     let folder = TestFolder::new();
     let step = 1.0 / 3600.0;

@@ -122,7 +122,8 @@ impl Job {
     fn check_memory(&self, plan: &Plan) -> Result<(), IngestError> {
         let world = &plan.world;
         let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
-        let needed = LEAST_MEMORY_BYTES + nodes * NODE_BYTES;
+        // A quarter of the memory is GDAL's cache, at least another what the threads work in.
+        let needed = LEAST_MEMORY_BYTES.max(2 * nodes * NODE_BYTES);
         if needed > self.memory_bytes {
             return Err(IngestError::usage(format!(
                 "a world of {nodes} tiles needs --memory {}MiB or more, {} MiB are allowed",

@@ -14,6 +14,8 @@ const PART: &str = ".part";
 #[derive(Debug)]
 pub(super) struct Output {
     folder: PathBuf,
+    /// Held locked: two ingests into one folder would mix their files.
+    _lock: File,
     is_new: bool,
     is_finished: bool,
 }
@@ -45,7 +47,11 @@ impl Output {
                 }
             }
         }
-        let output = Self { folder: folder.to_owned(), is_new, is_finished: false };
+        let lock = File::open(folder).map_err(fail)?;
+        if rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).is_err() {
+            return Err(IngestError::usage(format!("another ingest is writing to {}", folder.display())));
+        }
+        let output = Self { folder: folder.to_owned(), _lock: lock, is_new, is_finished: false };
         output.remove_parts();
         Ok(output)
     }

@@ -1,7 +1,6 @@
 //! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
 
-use super::mapper::{Lattice, Mapper};
-use super::{BLOCK, Sampler};
+use super::{BLOCK, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::source::open::ColorReader;
@@ -12,19 +11,6 @@ use crate::tint::Tint;
 use crate::work::Work;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-fn samplers<'a>(
-    target: &TargetCrs,
-    lattice: &Lattice,
-    sources: &'a [(Raster, ColorValues)],
-) -> Result<Vec<Sampler<ColorReader<'a>>>, IngestError> {
-    let open = |(raster, values): &'a (Raster, ColorValues)| {
-        let mapper = Mapper::new(target, raster)?;
-        let middle = super::middle_of(raster, target)?;
-        Ok(Sampler::new(ColorReader::open(raster, values)?, mapper, middle, lattice.step))
-    };
-    sources.iter().map(open).collect()
-}
 
 /// Samples the finest level; returns it and the number of texels without a source. The first source that has data at a
 /// texel gives its colour.
@@ -46,17 +32,12 @@ pub fn sample(
     work.each(
         "colour",
         blocks.count(),
-        || samplers(target, &plan.color, sources),
-        |samplers, index| {
+        || Ok(SourceSet::new(sources, &plan.color_bounds, target, plan.color, ColorReader::open)),
+        |set, index| {
             let block = blocks.rect(index);
-            let texels = std::cell::RefCell::new(vec![None::<Rgb>; block.area()]);
-            for sampler in samplers {
-                let is_done = |at: usize| texels.borrow()[at].is_some();
-                sampler.sample::<3>(&plan.color, block, &is_done, &mut |at, color| {
-                    texels.borrow_mut()[at] = Some(color.map(|v| v.round().clamp(0.0, 255.0) as u8));
-                })?;
-            }
-            let mut texels = texels.into_inner();
+            let texels = set.sample::<3>(block)?;
+            let eight_bits = |color: [f32; 3]| color.map(|v| v.round().clamp(0.0, 255.0) as u8);
+            let mut texels: Vec<Option<Rgb>> = texels.into_iter().map(|t| t.map(eight_bits)).collect();
             let missing = texels.iter().filter(|t| t.is_none()).count();
             if missing > 0 {
                 // Relaxed: read when all threads have ended.

@@ -1,7 +1,6 @@
 //! The finest elevation level, from its sources.
 
-use super::mapper::{Lattice, Mapper};
-use super::{BLOCK, Sampler};
+use super::{BLOCK, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::source::open::ElevationReader;
@@ -28,20 +27,6 @@ pub fn quantised(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
-/// Samplers of all sources for one thread, in order of precedence.
-fn samplers<'a>(
-    target: &TargetCrs,
-    lattice: &Lattice,
-    sources: &'a [(Raster, ElevationValues)],
-) -> Result<Vec<Sampler<ElevationReader<'a>>>, IngestError> {
-    let open = |(raster, values): &'a (Raster, ElevationValues)| {
-        let mapper = Mapper::new(target, raster)?;
-        let middle = super::middle_of(raster, target)?;
-        Ok(Sampler::new(ElevationReader::open(raster, values)?, mapper, middle, lattice.step))
-    };
-    sources.iter().map(open).collect()
-}
-
 /// Samples the finest level; voids are NaN. The first source that has data at a post gives its height.
 ///
 /// # Errors
@@ -61,17 +46,11 @@ pub fn sample(
     work.each(
         "elevation",
         blocks.count(),
-        || samplers(target, &plan.elevation, sources),
-        |samplers, index| {
+        || Ok(SourceSet::new(sources, &plan.elevation_bounds, target, plan.elevation, ElevationReader::open)),
+        |set, index| {
             let block = blocks.rect(index);
-            let heights = std::cell::RefCell::new(vec![f32::NAN; block.area()]);
-            for sampler in samplers {
-                let is_done = |at: usize| !heights.borrow()[at].is_nan();
-                sampler.sample::<1>(&plan.elevation, block, &is_done, &mut |at, [height]| {
-                    heights.borrow_mut()[at] = quantised(height);
-                })?;
-            }
-            let heights = heights.into_inner();
+            let heights = set.sample::<1>(block)?;
+            let heights: Vec<f32> = heights.into_iter().map(|h| h.map_or(f32::NAN, |[h]| quantised(h))).collect();
             let part = summarise(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;

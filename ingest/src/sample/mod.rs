@@ -6,12 +6,12 @@ pub mod mapper;
 pub mod window;
 
 use crate::IngestError;
-use crate::error::gdal_message;
 use crate::source::open::Reader;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
-use gdal::spatial_ref::CoordTransform;
 use mapper::{Lattice, Mapper};
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use window::Kernel;
 
 /// The most source pixels that are in memory at a time, per thread.
@@ -28,9 +28,9 @@ pub struct Sampler<R> {
 }
 
 impl<R> Sampler<R> {
-    /// A sampler for samples `step` apart, measured at `middle` of the source in the database's CRS.
-    pub fn new(reader: R, mapper: Mapper, middle: [f64; 2], step: f64) -> Self {
-        let scale = mapper.scale_at(middle, step);
+    /// A sampler for samples `step` apart, measured at a point of the database's CRS that is in the source.
+    pub fn new(reader: R, mapper: Mapper, focus: [f64; 2], step: f64) -> Self {
+        let scale = mapper.scale_at(focus, step);
         // A kernel may not need more than a window has.
         let most = (MAX_WINDOW_PIXELS as f64).sqrt() / 8.0;
         Self { reader, mapper, kernel: Kernel::new(scale.map(|s| s.min(most))) }
@@ -104,16 +104,106 @@ impl<R> Sampler<R> {
     }
 }
 
-/// The middle of a source in the database's CRS.
-pub(crate) fn middle_of(raster: &Raster, target: &TargetCrs) -> Result<[f64; 2], IngestError> {
-    let [x, y] = raster.affine.apply(0.5 * raster.size[0] as f64, 0.5 * raster.size[1] as f64);
-    if target.is_of(raster) {
-        return Ok([x, y]);
+/// Where a source's pixel centres lie in the database's CRS: least and greatest easting and northing, and its pixels' size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Least easting and northing.
+    pub low: [f64; 2],
+    /// Greatest.
+    pub high: [f64; 2],
+    /// About the side of a pixel, metres.
+    pub pixel: f64,
+    /// Where that was measured.
+    pub focus: [f64; 2],
+}
+
+impl Bounds {
+    /// Whether a block of a lattice may meet the source. (Bounds are of sampled points: a few pixels are allowed.)
+    fn meets(&self, lattice: &Lattice, block: Rect) -> bool {
+        (0..2).all(|axis| {
+            let first = lattice.first[axis] + block.origin[axis] as f64 * lattice.step;
+            let last = first + (block.size[axis] - 1) as f64 * lattice.step;
+            let margin = 4.0 * self.pixel + 0.01 * (self.high[axis] - self.low[axis]);
+            first <= self.high[axis] + margin && last >= self.low[axis] - margin
+        })
     }
-    let transform = CoordTransform::new(&raster.srs()?, &target.srs()?)
-        .map_err(|e| IngestError::source(&raster.path, format!("cannot be transformed: {}", gdal_message(&e))))?;
-    let (mut xs, mut ys) = ([x], [y]);
-    // A middle that cannot be transformed comes back infinite: the scale is then taken as 1.
-    transform.transform_coords(&mut xs, &mut ys, &mut []).ok();
-    Ok([xs[0], ys[0]])
+}
+
+/// All sources of a layer, for one thread: opened when a block first meets them, closed when others are needed more.
+/// (A world may have more files than a process may have open.)
+pub struct SourceSet<'a, V, R> {
+    sources: &'a [(Raster, V)],
+    bounds: &'a [Bounds],
+    target: &'a TargetCrs,
+    lattice: Lattice,
+    open: fn(&'a Raster, &'a V) -> Result<R, IngestError>,
+    samplers: Vec<Option<Sampler<R>>>,
+    /// Those that are open, the one opened longest ago first.
+    is_open: VecDeque<usize>,
+}
+
+/// Files that a thread may have open.
+const MAX_OPEN: usize = 24;
+
+impl<'a, V, R> SourceSet<'a, V, R> {
+    /// The sources, with their bounds, for samples on a lattice.
+    pub fn new(
+        sources: &'a [(Raster, V)],
+        bounds: &'a [Bounds],
+        target: &'a TargetCrs,
+        lattice: Lattice,
+        open: fn(&'a Raster, &'a V) -> Result<R, IngestError>,
+    ) -> Self {
+        let samplers = sources.iter().map(|_| None).collect();
+        Self { sources, bounds, target, lattice, open, samplers, is_open: VecDeque::new() }
+    }
+
+    fn opened(&mut self, index: usize) -> Result<&mut Sampler<R>, IngestError> {
+        if self.samplers[index].is_none() {
+            if self.is_open.len() == MAX_OPEN {
+                self.is_open.pop_front().into_iter().for_each(|oldest| self.samplers[oldest] = None);
+            }
+            let (raster, values) = &self.sources[index];
+            let mapper = Mapper::new(self.target, raster)?;
+            let focus = self.bounds[index].focus;
+            let sampler = Sampler::new((self.open)(raster, values)?, mapper, focus, self.lattice.step);
+            self.samplers[index] = Some(sampler);
+            self.is_open.push_back(index);
+        }
+        // Just made, if it was not there.
+        self.samplers[index].as_mut().ok_or_else(|| IngestError::usage("a source was not opened"))
+    }
+
+    /// Samples a block: the value of the first source that has data at each place, or `None`.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`] when a source cannot be read.
+    pub fn sample<const C: usize>(&mut self, block: Rect) -> Result<Vec<Option<[f32; C]>>, IngestError>
+    where
+        R: Reader<C>,
+    {
+        let values = RefCell::new(vec![None; block.area()]);
+        let lattice = self.lattice;
+        for index in 0..self.sources.len() {
+            if !self.bounds[index].meets(&lattice, block) {
+                continue;
+            }
+            let is_done = |at: usize| values.borrow()[at].is_some();
+            if (0..block.area()).all(is_done) {
+                break;
+            }
+            let mut put = |at: usize, value| values.borrow_mut()[at] = Some(value);
+            self.opened(index)?.sample::<C>(&lattice, block, &is_done, &mut put)?;
+        }
+        Ok(values.into_inner())
+    }
+}
+
+impl<V, R> std::fmt::Debug for SourceSet<'_, V, R> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SourceSet")
+            .field("sources", &self.sources.len())
+            .field("open", &self.is_open)
+            .finish_non_exhaustive()
+    }
 }

@@ -152,7 +152,7 @@ fn stretch(raster: &Raster, srs: &SpatialRef) -> Option<f64> {
     transform.transform_coords(&mut xs, &mut ys, &mut []).ok()?;
     let radius = srs.semi_major().ok()?;
     let distance = |i: usize| {
-        let east = (xs[i] - xs[0]).to_radians() * ys[0].to_radians().cos();
+        let east = ((xs[i] - xs[0] + 540.0).rem_euclid(360.0) - 180.0).to_radians() * ys[0].to_radians().cos();
         radius * east.hypot((ys[i] - ys[0]).to_radians())
     };
     let stretch = (step / distance(1) * (step / distance(2))).sqrt();
