@@ -105,6 +105,22 @@ fn alpha_masks_and_infrared_does_not() {
 }
 
 #[test]
+fn a_mask_band_masks() {
+    let folder = TestFolder::new();
+    let path = photo(bands(|_, _| [30, 60, 200])).write(&folder.path("photo.tif"));
+    let options = gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() };
+    let mut dataset = gdal::Dataset::open_ex(&path, options).unwrap();
+    dataset.rasterband(1).unwrap().create_mask_band(true).unwrap();
+    let mask: Vec<u8> = (0..80 * 80).map(|k| if k / 80 < 20 { 0 } else { 255 }).collect();
+    let band = dataset.rasterband(1).unwrap();
+    band.open_mask_band().unwrap().write((0, 0), (80, 80), &mut gdal::raster::Buffer::new((80, 80), mask)).unwrap();
+    dataset.flush_cache().unwrap();
+    dataset.close().unwrap();
+    let (database, _) = run(&job(&[dem(&folder)], &[path], folder.path("w.tv"))).unwrap();
+    assert_eq!(database.manifest().color.void_area_m2, 80.0 * 20.0 * 25.0);
+}
+
+#[test]
 fn nodata_is_a_void_only_when_all_bands_say_so() {
     let folder = TestFolder::new();
     let f = |i: usize, _: usize| if i < 40 { [255; 3] } else { [255, 255, 60] };

@@ -10,7 +10,7 @@ mod support;
 
 use std::fs;
 use std::path::PathBuf;
-use support::{TestFolder, error_line, program};
+use support::{TestFolder, Tiff, error_line, program};
 use terravision_common::database::{Database, Manifest};
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -108,6 +108,36 @@ fn srtm_tiles_with_voids_raw_and_zipped() {
         assert_range(&manifest, low, high, 25.0);
         assert!(manifest.crs.name.contains("UTM"), "{}", manifest.crs.name);
     }
+}
+
+#[test]
+fn a_crop_of_the_globe_gets_a_plane_of_its_own() {
+    let Some(path) = data("earth-global/etopo5_global_5min_int16.tif") else { return };
+    // Italy and the Alps: 6 to 19 degrees east, 36 to 48 north; too wide for a UTM zone.
+    let (first, size) = ([2232isize, 504], [157usize, 145]);
+    let whole = gdal::Dataset::open(&path).unwrap();
+    let t = whole.geo_transform().unwrap();
+    let band = whole.rasterband(1).unwrap();
+    let samples = band.read_as::<i16>((first[0], first[1]), (size[0], size[1]), (size[0], size[1]), None).unwrap();
+    let samples = samples.data().to_vec();
+    let (lowest, highest) = (*samples.iter().min().unwrap(), *samples.iter().max().unwrap());
+    let corner = [t[0] + first[0] as f64 * t[1], t[3] + first[1] as f64 * t[5]];
+    let folder = TestFolder::new();
+    let crop = Tiff {
+        transform: Some([corner[0], t[1], 0.0, corner[1], 0.0, t[5]]),
+        crs: Some("EPSG:4326"),
+        ..Tiff::utm(size, |i, j| samples[j * size[0] + i])
+    };
+    let crop = crop.write(&folder.path("crop.tif"));
+    let world = folder.path("w.tv");
+    let output = program(&["ingest", "--elevation", crop.to_str().unwrap(), "-o", world.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("Transverse Mercator"), "{said}");
+    let manifest = Database::open(&world).unwrap().manifest().clone();
+    // A peak of one sample is lower on a lattice of another phase (gdalwarp -r cubic: 260 m lower).
+    assert_range(&manifest, f64::from(lowest), f64::from(highest), 450.0);
+    assert_eq!(manifest.body.name, "Earth");
 }
 
 #[test]
