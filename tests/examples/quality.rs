@@ -54,8 +54,7 @@ fn main() {
             let quality = compare(reference.width, &taken.rgb, &reference.rgb, &reference.is_land);
             let depth =
                 median_absolute_error(taken.depth.iter().copied().zip(reference.depth.iter().map(|d| f64::from(*d))));
-            let height =
-                median_absolute_error(taken.ground.iter().zip(&reference.ground).map(|(a, b)| (a[2], b[2])));
+            let height = median_absolute_error(taken.ground.iter().zip(&reference.ground).map(|(a, b)| (a[2], b[2])));
             let holes = count_holes(&taken.rgb, &reference, shot.sky_rgb, 10);
             println!(
                 "| {name} | {settings} | {:.2} | {:.4} | {} | {:.0} | {depth:.2} | {height:.2} | {} |",
