@@ -76,7 +76,7 @@ if ! is_fresh "$sheet" || [[ $sheet -ot $film ]]; then
 fi
 
 # The figures of the report, without a JSON tool: one key a line.
-figure() { sed -n "s/^ *\"$1\": \"\{0,1\}\([^\",]*\)\"\{0,1\},\{0,1\}\$/\1/p" "$report" | head -n 1; }
+figure() { sed -n "s/^ *\"$1\": //p" "$report" | head -n 1 | sed 's/,$//; s/^"//; s/"$//'; }
 stage() { sed -n "/^  \"stages\"/,/^  }/p" "$report" | sed -n "/\"$1\"/,/}/s/^ *\"ms_median\": \([0-9.]*\).*/\1/p"; }
 
 absolute() { printf '%s' "$(cd "$(dirname "$1")" && pwd)/$(basename "$1")"; }
