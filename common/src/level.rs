@@ -11,13 +11,18 @@
 //! across is not. Inside the picture `w` is the depth; outside of it, where depth goes to zero, it follows the distance.
 //!
 //! Levels are in **tree levels**: a node of level `q` is fine enough at `p` for elevation when `q <= elevation level`,
-//! that is `s_z(q) <= r_z / r(p)`, and for colour when `q <= color level`. In the design's words this is
+//! that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= color level`. In the design's words this is
 //! `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so the tree does not depend on it.
+
+//!
+//! A facet is a triangle, half of a lattice cell. The side of the square with its area is what `r_z` measures, so a cell is
+//! `√2·r_z` pixels wide and a picture of a million pixels takes 10,000 facets at 10 px (terravision-1995 §2.3).
 
 use crate::camera::Camera;
 use crate::world::World;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::SQRT_2;
 
 /// How the screen resolution r(x, y), pixels per metre of a horizontal step, is measured from the two steps across
 /// and along the line of sight.
@@ -26,10 +31,11 @@ use serde::{Deserialize, Serialize};
 pub enum Measure {
     /// The smaller: fewest facets, blurred where the ground is seen at a glancing angle.
     Min,
-    /// Their geometric mean: facets and texels of constant *area* on screen.
-    #[default]
+    /// Their geometric mean: facets and texels of constant *area* on level ground; slopes that face the camera get too
+    /// few of both.
     Area,
-    /// The larger: the best picture, several times the facets at glancing angles.
+    /// The larger: the best picture for its triangles, because slopes that face the camera are seen in full.
+    #[default]
     Max,
 }
 
@@ -78,9 +84,10 @@ impl LevelFunction {
         r_c_px: f64,
     ) -> LevelFunction {
         let [tx, ty] = camera.half_tangents();
-        let elevation_scale = r_z_px / (world.lattice_unit_m() * camera.focal_px());
+        let cell_px = SQRT_2 * r_z_px;
+        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
         let color_over_elevation =
-            r_c_px * f64::from(world.color_tile()) / (r_z_px * f64::from(world.elevation_tile()));
+            r_c_px * f64::from(world.color_tile()) / (cell_px * f64::from(world.elevation_tile()));
         LevelFunction {
             eye: camera.eye(),
             forward: camera.axes_in_world()[2],
@@ -303,12 +310,12 @@ mod tests {
 
     #[test]
     fn a_facet_of_the_wanted_level_has_the_wanted_size_on_screen() {
-        // Straight down from 6235.38 m (focal 623.538 px): 10 px are 100 m, which is level log2(100 / 10).
+        // Straight down from 6235.38 m (focal 623.538 px): 10 px are 100 m, and a cell of two facets is √2 as wide.
         let camera = camera([0.0, 0.0, 6235.38], [0.0, -std::f64::consts::FRAC_PI_2, 0.0], 60f64.to_radians());
         for measure in [Measure::Min, Measure::Area, Measure::Max] {
             let level = LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0);
             let at = level.elevation_level_at(DVec3::ZERO);
-            assert!((at - 10f64.log2()).abs() < 1e-4, "{measure:?} {at}");
+            assert!((at - (SQRT_2 * 10.0).log2()).abs() < 1e-4, "{measure:?} {at}");
             // A texel of 1 px is 10 m; colour of level q has texels of 10·2^q·32/256 m.
             let color = at + level.color_minus_elevation();
             assert!((color - 8f64.log2()).abs() < 1e-4, "{measure:?} {color}");

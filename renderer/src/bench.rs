@@ -126,8 +126,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
     let mut source = RecordedSource::new(Arc::clone(recording), laps + 1);
     let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut engine = Engine::new(options.clone(), &source)?;
-    let mut spare =
-        (0..engine.frames_in_flight()).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
+    let mut spare = (0..engine.frames_in_flight()).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
     let lap = recording.frames().len();
     let frames = lap * laps as usize;
     let mut gpu_ms = Vec::with_capacity(frames);

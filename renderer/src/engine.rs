@@ -3,8 +3,8 @@
 
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceChoice, DeviceKind, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance, Needs,
-    Readback, Target,
+    ColorPool, Device, DeviceChoice, DeviceKind, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance,
+    Needs, Readback, Target,
 };
 use crate::source::{FrameSource, SourceError, SourceShape};
 use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};

@@ -121,7 +121,7 @@ pub struct PictureArgs {
     pub quality: Quality,
     /// Wanted size of the terrain's facets on screen, pixels [default: 10, best: 3]
     ///
-    /// Smaller shows finer relief and costs more: time grows with the square of its inverse.
+    /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
     #[arg(long, value_name = "PIXELS")]
     pub facet_px: Option<f64>,
     /// Wanted size of the colour texels on screen, pixels [default: 1]
@@ -133,7 +133,7 @@ pub struct PictureArgs {
     #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
-    #[arg(long, value_enum, default_value_t = MeasureChoice::Area)]
+    #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
@@ -311,9 +311,9 @@ pub enum Overlay {
 pub enum MeasureChoice {
     /// The shorter side: fewest facets, blurred at glancing angles
     Min,
-    /// The area: an even load
+    /// The area, as if the ground were level: an even load, slopes that face the camera get too few facets
     Area,
-    /// The longer side: the best picture, several times the facets at glancing angles
+    /// The longer side: the best picture for its triangles
     Max,
 }
 
