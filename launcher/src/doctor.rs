@@ -3,7 +3,7 @@
 use crate::cli::DoctorArgs;
 use crate::failure::Failure;
 use crate::flight::own_folder;
-use crate::plan::{bytes_for_people, find_program};
+use crate::machine::{bytes_for_people, find_program};
 use anyhow::{Context, anyhow};
 use serde_json::Value;
 use std::io::{self, IsTerminal, Write};

@@ -2,7 +2,8 @@
 
 use crate::cli::InfoArgs;
 use crate::failure::Failure;
-use crate::plan::{bytes_for_people, open_world};
+use crate::machine::bytes_for_people;
+use crate::plan::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};

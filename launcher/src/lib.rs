@@ -4,7 +4,7 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
-//! * [`doctor`], [`info`], [`export`], [`passed_on`]: the other commands.
+//! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
 pub mod doctor;
@@ -13,6 +13,7 @@ pub mod failure;
 pub mod flight;
 pub mod ground;
 pub mod info;
+pub mod machine;
 pub mod output;
 pub mod passed_on;
 pub mod path;

@@ -147,8 +147,8 @@ fn no_segments(error: ShmError) -> Failure {
         ShmError::NotEnoughSpace { needed, available } => Failure::failed(anyhow!(
             "shared memory is too small: the run needs {} in /dev/shm, which has {} free; give it more \
              (mount -o remount,size=2g /dev/shm, or docker run --shm-size=2g), or ask for less with --memory",
-            crate::plan::bytes_for_people(needed),
-            crate::plan::bytes_for_people(available)
+            crate::machine::bytes_for_people(needed),
+            crate::machine::bytes_for_people(available)
         )),
         other => Failure::failed(other),
     }

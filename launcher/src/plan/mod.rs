@@ -1,15 +1,21 @@
 //! What is to be flown: the validated plan that is made of the command line, the path file and the world. Nothing in it
 //! is left to interpret.
 
-use crate::cli::values::{FrameRange, PictureSize, Rgb};
+mod checks;
+
+pub use checks::{frame_range, pace};
+
+use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, ResourceArgs, StillArgs};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
+use crate::machine::{bytes_for_people, find_program};
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
-use crate::path::orbit::{self, Extent};
-use crate::path::{self, CameraPath, Course, CourseOptions, Pose};
+use crate::path::orbit;
+use crate::path::{self, CameraPath, CourseOptions, Pose};
 use anyhow::anyhow;
+use checks::{DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads};
 use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -22,14 +28,11 @@ use terravision_common::shm::{Layout, RunId, ShmError};
 const ORBIT: &str = "orbit";
 /// Default height of a GPX track above ground, metres.
 const DEFAULT_AGL_M: f64 = 150.0;
-const DEFAULT_FPS: f64 = 30.0;
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
-/// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
-const FAR_FROM_WORLD: f64 = 2.0;
 
 /// A run of the pipeline, ready to start.
 #[derive(Debug)]
@@ -89,46 +92,6 @@ pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> R
     }
     let ground = WorldGround::finest(database, world, exaggeration);
     path::load(&args.path, &georeference(database)?, &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
-}
-
-/// Frames per second, and how many times as fast a path in time is flown.
-///
-/// # Errors
-/// Bad input: a number out of range.
-pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
-    let fps = args.fps.or(path.settings.fps).unwrap_or(DEFAULT_FPS);
-    let fps = in_range("--fps", fps, 0.001, 1000.0, "frames per second from 0.001 to 1000")?;
-    let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
-    if args.speed.is_some() && !path.course.is_timed() {
-        return Err(Failure::bad_input(anyhow!(
-            "--speed is for paths that are given in time (keyframes, KML, GPX); this one has a pose per frame"
-        )));
-    }
-    Ok((fps, speed))
-}
-
-/// The frames to fly: those asked for, or all.
-///
-/// # Errors
-/// Bad input: the path has fewer frames.
-pub fn frame_range(asked: Option<FrameRange>, course: &Course, fps: f64, speed: f64) -> Result<[u64; 2], Failure> {
-    let count = course.frame_count(fps, speed).map_err(Failure::bad_input)?;
-    match (asked, count) {
-        (Some(range), Some(count)) if range.end > count => Err(Failure::bad_input(anyhow!(
-            "--frames {}..{}: the path has {count} frames (0..{count}) at {fps} frames a second",
-            range.first,
-            range.end
-        ))),
-        (Some(range), _) if range.end - range.first > path::MAX_FRAMES => Err(Failure::bad_input(anyhow!(
-            "--frames {}..{}: at most {} frames are flown in one run",
-            range.first,
-            range.end,
-            path::MAX_FRAMES
-        ))),
-        (Some(range), _) => Ok([range.first, range.end]),
-        (None, Some(count)) => Ok([0, count]),
-        (None, None) => Ok([0, orbit::ROUND_FRAMES as u64]),
-    }
 }
 
 /// The plan of `terravision fly`.
@@ -360,139 +323,5 @@ impl<'a> Draft<'a> {
             is_quiet: resources.quiet,
             destination: self.destination,
         })
-    }
-}
-
-/// A path that never comes near the world is an error, one that leaves it is worth a warning.
-fn check_distance(poses: &[Pose], extent: &Extent, warnings: &mut Vec<String>) -> Result<(), Failure> {
-    let reach = FAR_FROM_WORLD * extent.size().max_element();
-    let is_far = |pose: &&Pose| extent.distance(pose.position.truncate()) > reach;
-    let far = poses.iter().filter(is_far).count();
-    if far == poses.len() {
-        let eye = poses.first().map_or(DVec3::ZERO, |pose| pose.position);
-        return Err(Failure::bad_input(anyhow!(
-            "the camera is nowhere near the world: it starts at {:.0}, {:.0}, and the world reaches from {:.0}, {:.0} \
-             to {:.0}, {:.0}; are both in the same CRS?",
-            eye.x,
-            eye.y,
-            extent.low.x,
-            extent.low.y,
-            extent.high.x,
-            extent.high.y
-        )));
-    }
-    if far > 0 {
-        warnings.push(format!("{far} of {} frames are far outside of the world", poses.len()));
-    }
-    Ok(())
-}
-
-fn in_range(name: &str, value: f64, low: f64, high: f64, expected: &str) -> Result<f64, Failure> {
-    if (low..=high).contains(&value) {
-        Ok(value)
-    } else {
-        Err(Failure::bad_input(anyhow!("{name} {value}: expected {expected}")))
-    }
-}
-
-fn exaggeration(value: f64) -> Result<f64, Failure> {
-    in_range("--exaggeration", value, 0.01, 100.0, "a factor from 0.01 to 100")
-}
-
-/// Threads that load tiles: as asked, as `RAYON_NUM_THREADS` says, or one per core.
-fn loader_threads(asked: Option<u32>) -> Result<u32, Failure> {
-    const EXPECTED: &str = "a whole number from 1 to 256";
-    let cores = || std::thread::available_parallelism().map_or(1, |n| n.get().min(256) as u32);
-    let (name, threads) = match (asked, std::env::var("RAYON_NUM_THREADS")) {
-        (Some(threads), _) => ("--threads", threads),
-        // Rayon takes 0 for "as many as there are cores".
-        (None, Ok(text)) if text.trim().is_empty() || text.trim() == "0" => return Ok(cores()),
-        (None, Ok(text)) => match text.trim().parse() {
-            Ok(threads) => ("RAYON_NUM_THREADS", threads),
-            Err(_not_a_number) => {
-                return Err(Failure::bad_input(anyhow!("RAYON_NUM_THREADS is {text:?}: expected {EXPECTED}")));
-            }
-        },
-        (None, Err(_not_set)) => return Ok(cores()),
-    };
-    match threads {
-        1..=256 => Ok(threads),
-        _ => Err(Failure::bad_input(anyhow!("{name} {threads}: expected {EXPECTED}"))),
-    }
-}
-
-fn is_folder_name(path: &Path) -> bool {
-    path.as_os_str().as_encoded_bytes().ends_with(b"/") || path.is_dir()
-}
-
-fn has_extension(path: &Path, known: &[&str]) -> bool {
-    path.extension().and_then(|e| e.to_str()).is_some_and(|e| known.contains(&e.to_ascii_lowercase().as_str()))
-}
-
-/// The program of that name in the folders of `PATH`.
-#[must_use]
-pub fn find_program(name: &str) -> Option<PathBuf> {
-    use std::os::unix::fs::PermissionsExt;
-    let is_program =
-        |path: &PathBuf| path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0);
-    std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(is_program)
-}
-
-/// Bytes as people say them, with a unit.
-#[must_use]
-pub fn bytes_for_people(bytes: u64) -> String {
-    const UNITS: [(&str, u64); 3] = [("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)];
-    for (unit, size) in UNITS {
-        if bytes >= size {
-            let value = bytes as f64 / size as f64;
-            return if value < 10.0 && !bytes.is_multiple_of(size) {
-                format!("{value:.1} {unit}")
-            } else {
-                format!("{value:.0} {unit}")
-            };
-        }
-    }
-    format!("{bytes} bytes")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::DVec2;
-
-    fn pose(x: f64) -> Pose {
-        Pose { position: DVec3::new(x, 0.0, 0.0), heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0 }
-    }
-
-    #[test]
-    fn a_path_far_from_the_world_is_an_error_and_one_that_leaves_it_a_warning() {
-        let extent = Extent { low: DVec2::ZERO, high: DVec2::new(100.0, 50.0) };
-        let mut warnings = Vec::new();
-        assert!(check_distance(&[pose(50.0), pose(299.0)], &extent, &mut warnings).is_ok() && warnings.is_empty());
-        assert!(check_distance(&[pose(50.0), pose(301.0)], &extent, &mut warnings).is_ok());
-        assert_eq!(warnings, ["1 of 2 frames are far outside of the world"]);
-        let failure = check_distance(&[pose(301.0)], &extent, &mut warnings).unwrap_err();
-        assert!(failure.to_string().contains("nowhere near the world"), "{failure}");
-    }
-
-    #[test]
-    fn frames_that_the_path_does_not_have_are_refused() {
-        let course = Course::Frames(vec![pose(0.0); 10]);
-        let range = |first, end| Some(FrameRange { first, end });
-        assert_eq!(frame_range(range(3, 10), &course, 30.0, 1.0).unwrap(), [3, 10]);
-        assert_eq!(frame_range(None, &course, 30.0, 1.0).unwrap(), [0, 10]);
-        let message = frame_range(range(3, 11), &course, 30.0, 1.0).unwrap_err().to_string();
-        assert!(message.contains("the path has 10 frames"), "{message}");
-        let round = Course::Round(vec![pose(0.0); 240]);
-        assert_eq!(frame_range(None, &round, 30.0, 1.0).unwrap(), [0, 240]);
-        assert_eq!(frame_range(range(200, 500), &round, 30.0, 1.0).unwrap(), [200, 500]);
-        assert!(frame_range(range(0, 900_000_000), &round, 30.0, 1.0).is_err());
-    }
-
-    #[test]
-    fn sizes_read_well() {
-        assert_eq!(bytes_for_people(512 << 20), "512 MiB");
-        assert_eq!(bytes_for_people(1_500_000_000), "1.4 GiB");
-        assert_eq!(bytes_for_people(12), "12 bytes");
     }
 }
