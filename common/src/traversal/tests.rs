@@ -238,7 +238,8 @@ proptest! {
     #[test]
     fn a_larger_database_adds_nothing_but_the_path_from_its_root(
         x in 0.4f64..0.6, y in 0.4f64..0.6, z in 600.0f64..4000.0, heading in -3.0f64..3.0, pitch in -1.57f64..-1.2,
-        r in prop::array::uniform2(-1.0f64..6.0),
+        // Coarser facets make leaves as large as the small world; of such, planes alone keep some beside the view.
+        r in prop::array::uniform2(-1.0f64..5.0),
     ) {
         let camera = Camera {
             eye_in_world: [x * 10240.0, y * 10240.0, z], heading_rad: heading, pitch_rad: pitch, roll_rad: 0.0,
