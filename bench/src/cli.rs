@@ -3,6 +3,7 @@
 use crate::queues::Queue;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
+use terravision_common::level::Measure;
 
 /// Measures the stages, the queues between them, the whole pipeline, and ingest.
 ///
@@ -79,12 +80,25 @@ pub struct Options {
     /// Wanted size of texels on screen, pixels
     #[arg(long, global = true, value_name = "PIXELS", default_value_t = 1.0)]
     pub texel_px: f64,
+    /// How screen resolution is measured: min, area or max [default: that of 'fly']
+    #[arg(long, global = true, value_parser = parse_measure, default_value = "default", hide_default_value = true)]
+    pub measure: Measure,
     /// Samples per pixel, 1 or 4
     #[arg(long, global = true, value_name = "N", default_value_t = 1)]
     pub samples: u32,
     /// Memory for the pools of tiles, MiB
     #[arg(long, global = true, value_name = "MIB", default_value_t = 1024)]
     pub memory_mib: u64,
+}
+
+fn parse_measure(text: &str) -> Result<Measure, String> {
+    match text {
+        "default" => Ok(Measure::default()),
+        "min" => Ok(Measure::Min),
+        "area" => Ok(Measure::Area),
+        "max" => Ok(Measure::Max),
+        _ => Err("expected min, area or max".to_owned()),
+    }
 }
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {

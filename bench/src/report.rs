@@ -47,6 +47,7 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
             memory_bytes: options.memory_mib << 20,
             r_px: [options.facet_px, options.texel_px],
             samples: options.samples,
+            measure: options.measure,
         };
         let flight = Flight::open(&settings.world, options.frames, options.size)?;
         let recorded = stages::record(&settings, &flight)?;

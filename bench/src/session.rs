@@ -24,6 +24,8 @@ pub struct Settings {
     pub r_px: [f64; 2],
     /// Samples per pixel.
     pub samples: u32,
+    /// How screen resolution is measured.
+    pub measure: Measure,
 }
 
 /// No bench waits longer for anything.
@@ -71,7 +73,7 @@ impl Session {
             frames: [0, frames],
             r_z_px: settings.r_px[0],
             r_c_px: settings.r_px[1],
-            measure: Measure::default(),
+            measure: settings.measure,
             exaggeration: 1.0,
             loader_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             render: RenderConfig {

@@ -107,7 +107,8 @@ fn fly(
         session.start(*stage)?;
     }
     let mut log = EventLog::default();
-    let mut cpu = [None; 2];
+    // Of each stage at the end of either round. A stage that has left keeps what it had when it was last seen.
+    let mut cpu = [[0.0f64; 3]; 2];
     let started = monotonic_nanos();
     std::thread::scope(|scope| {
         let driving = scope.spawn(|| drive(&run, &control));
@@ -117,10 +118,11 @@ fn fly(
                     log.drain(ring)?;
                 }
                 session.check()?;
-                let reached = usize::from(log.done_nanos.len() >= round) + usize::from(log.done_nanos.len() >= total);
-                for cpu in &mut cpu[..reached] {
-                    // Before the last stage leaves: it has nothing more to do, and its time can still be read.
-                    cpu.get_or_insert(Stage::ALL.map(|stage| session.cpu_of(stage).0));
+                let ended = usize::from(log.done_nanos.len() >= round);
+                for cpu in &mut cpu[ended..] {
+                    for (cpu, stage) in cpu.iter_mut().zip(Stage::ALL) {
+                        *cpu = cpu.max(session.cpu_of(stage).0);
+                    }
                 }
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -133,7 +135,7 @@ fn fly(
         let driven = driving.join().map_err(|_panic| anyhow::anyhow!("the driver panicked"))?;
         watched.and(driven)
     })?;
-    let [before, after] = cpu.map(Option::unwrap_or_default);
+    let [before, after] = cpu;
     let frame_ms = log.frame_ms(round);
     let first = log.done_nanos[round - 1].saturating_sub(started) as f64 / 1e9;
     Ok(Flown {
@@ -206,6 +208,8 @@ pub fn replay(recorded: &Recorded, whole: &Flown, alone: &Flown, found: &mut Fou
         Some(Target::AtMost(0.05)),
     );
     add("preparer's time of a frame against the renderer's", preparer / renderer, "ratio", Some(Target::AtMost(0.15)));
+    let triangles: Vec<f64> = whole.triangles.iter().map(|t| *t as f64).collect();
+    add("triangles of a frame, median", median(&triangles), "triangles", None);
     for (stage, cpu) in Stage::ALL.into_iter().zip(whole.cpu_ms) {
         add(&format!("{stage}: processor time of a frame"), cpu, "ms", None);
     }

@@ -9,6 +9,7 @@ use terravision_bench::report::Found;
 use terravision_bench::session::Settings;
 use terravision_bench::stages;
 use terravision_common::event::SpanName;
+use terravision_common::level::Measure;
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF};
 use terravision_tests::process::binary;
 use terravision_tests::worlds::synth_world;
