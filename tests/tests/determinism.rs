@@ -85,15 +85,17 @@ fn a_database_is_the_same_for_any_number_of_threads() {
     let world = synth_world(1024);
     let folder = TestFolder::new("ingest-threads");
     for threads in ["1", "3"] {
+        std::fs::create_dir_all(folder.join(threads)).unwrap();
         Terravision::verb("ingest")
             .arg("--elevation")
             .arg(world.dem())
             .arg("--color")
             .arg(world.ortho())
             .arg("-o")
-            .arg(folder.join(threads))
+            // A database is named after its folder.
+            .arg(folder.join(threads).join("world.tv"))
             .args(["--threads", threads])
             .succeed();
     }
-    assert_same("threads of ingest", &pictures(&folder.join("1")), &pictures(&folder.join("3")));
+    assert_same("threads of ingest", &pictures(&folder.join("1/world.tv")), &pictures(&folder.join("3/world.tv")));
 }

@@ -29,8 +29,14 @@ fn trees_slots_arrays_and_frames_pass_through_the_stages() {
     assert!(binary("terravision-bench").is_file());
     let world = synth_world(1024);
     const FRAMES: u64 = 40;
-    let settings =
-        Settings { world: world.database(), size: [960, 540], memory_bytes: 512 << 20, r_px: [10.0, 1.0], samples: 1 };
+    let settings = Settings {
+        world: world.database(),
+        size: [960, 540],
+        memory_bytes: 512 << 20,
+        r_px: [10.0, 1.0],
+        samples: 1,
+        measure: Measure::default(),
+    };
     let flight = Flight::open(&settings.world, FRAMES, settings.size).unwrap();
     let recorded = stages::record(&settings, &flight).unwrap();
     assert_eq!(recorded.trees.trees.len() as u64, FRAMES);

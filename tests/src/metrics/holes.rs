@@ -14,9 +14,10 @@ pub struct Holes {
     pub looked_at: usize,
 }
 
-/// Counts pixels of exactly `sky_rgb` in `picture` where the exact ray caster sees land. Facets move a silhouette by
-/// some pixels; so only pixels farther than `tolerance_px` (a square's radius) from all sky and all partly covered
-/// pixels of the reference count.
+/// Counts pixels of exactly `sky_rgb` in `picture` where the exact ray caster sees land. Facets move a silhouette, a
+/// needle's by its whole height; so pixels count only when they are farther than `tolerance_px` (a square's radius)
+/// from all sky and all partly covered pixels of the reference, and when no path through sky leads to such a pixel:
+/// a hole has ground all around.
 #[must_use]
 pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], tolerance_px: usize) -> Holes {
     // Beyond the picture's border nothing is known of the ground; the mask is extended by itself there.
@@ -30,6 +31,7 @@ pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], t
         }
     }
     let ground = eroded(wide, &mask, tolerance_px);
+    let open_sky = open_sky(picture, reference, sky_rgb);
     let mut holes = Holes { count: 0, first: None, looked_at: 0 };
     for y in 0..height {
         for x in 0..width {
@@ -37,13 +39,35 @@ pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], t
                 continue;
             }
             holes.looked_at += 1;
-            if picture[y * width + x] == sky_rgb {
+            if picture[y * width + x] == sky_rgb && !open_sky[y * width + x] {
                 holes.count += 1;
                 holes.first.get_or_insert([x, y]);
             }
         }
     }
     holes
+}
+
+/// Sky pixels of the picture that hang together (eight neighbours) with the reference's sky.
+fn open_sky(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3]) -> Vec<bool> {
+    let (width, height) = (reference.width, reference.height);
+    let mut is_open = vec![false; width * height];
+    let mut stack: Vec<usize> =
+        (0..width * height).filter(|k| !reference.is_land[*k] && picture[*k] == sky_rgb).collect();
+    stack.iter().for_each(|k| is_open[*k] = true);
+    while let Some(at) = stack.pop() {
+        let (x, y) = (at % width, at / width);
+        for v in y.saturating_sub(1)..height.min(y + 2) {
+            for u in x.saturating_sub(1)..width.min(x + 2) {
+                let next = v * width + u;
+                if picture[next] == sky_rgb && !is_open[next] {
+                    is_open[next] = true;
+                    stack.push(next);
+                }
+            }
+        }
+    }
+    is_open
 }
 
 #[cfg(test)]
