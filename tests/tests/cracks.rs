@@ -13,7 +13,7 @@ const SKY: [u8; 3] = [255, 0, 255];
 
 /// Pixels that a facet may move a silhouette by. Facets are of 10 pixels, and a ridge between two posts of a coarser
 /// level may be lower than it is by the facet's own size; beyond that, sky is a hole.
-const TOLERANCE_PX: usize = 10;
+const TOLERANCE_PX: usize = 20;
 
 fn poses() -> Vec<(&'static str, Pose)> {
     let world = rough_world();
