@@ -102,7 +102,8 @@ struct Pair {
 
 impl Pair {
     fn start(queue: Queue, count: u64, is_acknowledged: bool) -> anyhow::Result<Self> {
-        let run = RunId::new_for_this_process().context("cannot name the run")?;
+        // Unlike the launcher, a bench has several runs, in tests at the same time.
+        let run = RunId::unique_for_tests();
         let layout = Layout { ring_slots: 8192, tree_nodes: 65_536, ..Layout::small() };
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;

@@ -30,6 +30,8 @@ pub struct RecordedTrees {
 struct Frame {
     slots: Range<usize>,
     arrays: Range<usize>,
+    /// Position that its first array had in the elevation ring.
+    first_position: u64,
 }
 
 /// Frames as the preparer wrote them.
@@ -197,6 +199,7 @@ impl RecordedFrames {
     ) -> anyhow::Result<()> {
         let first_slot = self.slots.len();
         let first_array = self.arrays.len();
+        let first_position = elevation.released_position();
         loop {
             let slot = loop {
                 if let Some(slot) = ring.try_pop()? {
@@ -226,7 +229,7 @@ impl RecordedFrames {
         }
         if is_kept {
             let arrays = first_array / self.array_len..self.arrays.len() / self.array_len;
-            self.frames.push(Frame { slots: first_slot..self.slots.len(), arrays });
+            self.frames.push(Frame { slots: first_slot..self.slots.len(), arrays, first_position });
         }
         Ok(())
     }
@@ -245,7 +248,6 @@ impl RecordedFrames {
         for sequence in 1..=rounds * self.frames.len() as u64 {
             let frame = &self.frames[(sequence as usize - 1) % self.frames.len()];
             let first_position = elevation.next_position();
-            let mut recorded_first = None;
             block.clear();
             for slot in &self.slots[frame.slots.clone()] {
                 let content = match slot.read().context("a recorded slot is of no kind")? {
@@ -254,8 +256,7 @@ impl RecordedFrames {
                         SlotContent::Marker(marker)
                     }
                     SlotContent::Tile(mut tile) => {
-                        let recorded_first = *recorded_first.get_or_insert(tile.elevation_position);
-                        tile.elevation_position = tile.elevation_position - recorded_first + first_position;
+                        tile.elevation_position = tile.elevation_position - frame.first_position + first_position;
                         let node = color_node(flight, &tile)?;
                         (tile.color_slot, tile.color_generation) =
                             resident(&mut pool, control, flight, node, sequence, &mut scratch)?;

@@ -58,7 +58,8 @@ impl Session {
     /// # Errors
     /// When they cannot be made.
     pub fn new(settings: &Settings, flight: &Flight, frames: u64) -> anyhow::Result<Self> {
-        let run = RunId::new_for_this_process().context("cannot name the run")?;
+        // Unlike the launcher, a bench has several runs, in tests at the same time.
+        let run = RunId::unique_for_tests();
         let [width, height] = settings.size;
         let layout = Layout::for_run(flight.database.world(), settings.memory_bytes, width, height)?;
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
