@@ -125,7 +125,9 @@ fn content(database: &Database) -> Vec<Result<Vec<u8>, TileError>> {
 
 /// The files of a good database, and its content.
 fn good() -> &'static (Vec<Vec<u8>>, Vec<Option<Vec<u8>>>) {
-    static GOOD: OnceLock<(Vec<Vec<u8>>, Vec<Option<Vec<u8>>>)> = OnceLock::new();
+    /// Files, and the content of each tile that there is.
+    type Good = (Vec<Vec<u8>>, Vec<Option<Vec<u8>>>);
+    static GOOD: OnceLock<Good> = OnceLock::new();
     GOOD.get_or_init(|| {
         let folder = temporary("good");
         write_database(&folder);
