@@ -238,7 +238,7 @@ proptest! {
     #[test]
     fn a_larger_database_adds_nothing_but_the_path_from_its_root(
         x in 0.4f64..0.6, y in 0.4f64..0.6, z in 600.0f64..4000.0, heading in -3.0f64..3.0, pitch in -1.57f64..-1.2,
-        // Coarser facets make leaves as large as the small world; of such, planes alone keep some beside the view.
+        // Coarser facets make leaves as large as the small world.
         r in prop::array::uniform2(-1.0f64..5.0),
     ) {
         let camera = Camera {
@@ -264,7 +264,8 @@ proptest! {
         prop_assert!(tree.len() <= nodes as usize && ids(&tree, ELEVATION_LEAF).len() <= leaves as usize);
         prop_assert!(stats.is_cut_short || tree == full);
         prop_assert!(!(stats.is_cut_short && full.len() + 4 < nodes as usize / 4 && full.len() < leaves as usize));
-        prop_assert_eq!(tree.is_empty(), full.is_empty());
+        // The other way round: a coarse node's box may be in view where those of its children are not.
+        prop_assert!(!tree.is_empty() || full.is_empty());
     }
 }
 

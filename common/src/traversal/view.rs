@@ -46,27 +46,62 @@ pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, no
 /// Boxes this far outside of the frustum, metres, still count as inside: the planes are rounded.
 const TOLERANCE_M: f64 = 1e-5;
 
-/// The view frustum: four side planes, and the plane through the eye that everything visible is in front of.
+/// A unit vector this far on the wrong side of a plane through the eye lies in it.
+const ROUNDING: f64 = 1e-12;
+
+/// Planes at most: of the sides and the eye 5, of the box's axes 3, of the silhouettes along them 2 each.
+const MAX_NORMALS: usize = 14;
+
+/// The view frustum, a pyramid without end, as half spaces that hold it: it is seen from a box's side as well.
+///
+/// Its own planes alone would keep boxes larger than the pyramid is wide, beside it. A box and the pyramid are apart
+/// exactly when one of these planes lies between them (separating axes): the planes of the pyramid, those of the box,
+/// and those along an edge of each; all of them go through the eye.
 #[derive(Debug, Clone, Copy)]
 pub struct Frustum {
     eye: DVec3,
-    normals: [DVec3; 5],
+    normals: [DVec3; MAX_NORMALS],
+    normal_count: usize,
 }
 
 impl Frustum {
     /// The frustum of a valid camera.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
-        let [a, b, c, d] = camera.frustum_normals_in_world();
-        Self { eye: camera.eye(), normals: [a, b, c, d, camera.axes_in_world()[2]] }
+        let mut frustum = Self { eye: camera.eye(), normals: [DVec3::ZERO; MAX_NORMALS], normal_count: 0 };
+        for normal in camera.frustum_normals_in_world() {
+            frustum.push(normal);
+        }
+        frustum.push(camera.axes_in_world()[2]);
+        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let edges = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
+            .map(|(x, y)| camera.ray_in_world(x, y).normalize());
+        // Which normals have the whole pyramid on their side.
+        let holds_all = |normal: &DVec3| edges.iter().all(|edge| normal.dot(*edge) >= -ROUNDING);
+        for axis in DVec3::AXES {
+            // Axes that nearly are an edge of the pyramid have no plane along both.
+            let along_edges = edges.iter().filter_map(|edge| edge.cross(axis).try_normalize());
+            for normal in along_edges.chain([axis]).flat_map(|normal| [normal, -normal]).filter(holds_all) {
+                frustum.push(normal);
+            }
+        }
+        frustum
     }
 
-    /// Whether any of the box may be inside; `false` is certain, `true` is not.
+    /// Leaving one out only makes the test less sharp.
+    fn push(&mut self, normal: DVec3) {
+        if let Some(place) = self.normals.get_mut(self.normal_count) {
+            *place = normal;
+            self.normal_count += 1;
+        }
+    }
+
+    /// Whether any of the box is inside, or so near to it that rounding decides.
     #[must_use]
     pub fn may_see(&self, bounds: &WorldBox) -> bool {
         let (min, max) = (bounds.min - self.eye, bounds.max - self.eye);
         // The corner that lies farthest along the normal is inside of the plane.
-        self.normals.iter().all(|n| (*n * min).max(*n * max).element_sum() >= -TOLERANCE_M)
+        self.normals[..self.normal_count].iter().all(|n| (*n * min).max(*n * max).element_sum() >= -TOLERANCE_M)
     }
 }
 
@@ -119,5 +154,28 @@ mod tests {
         // Wide, far behind: no side plane has all of it outside, the plane of the eye has.
         let behind = WorldBox { min: DVec3::new(-1e4, -1e4, -1e4), max: DVec3::new(1e4, -1e3, 1e4) };
         assert!(!frustum.may_see(&behind));
+    }
+
+    #[test]
+    fn a_large_box_beside_a_narrow_view_is_culled() {
+        let camera = Camera {
+            eye_in_world: [0.0, 0.0, 500.0],
+            heading_rad: 0.3,
+            pitch_rad: -1.2,
+            roll_rad: 0.1,
+            vfov_rad: 0.1,
+            width: 100,
+            height: 100,
+            timestamp_nanos: 0,
+        };
+        let frustum = Frustum::new(&camera);
+        // The view goes below the ground some 200 m away; no plane of it has all of these boxes outside.
+        let ground = |min: [f64; 2], max: [f64; 2]| WorldBox {
+            min: DVec3::new(min[0], min[1], 0.0),
+            max: DVec3::new(max[0], max[1], 100.0),
+        };
+        assert!(frustum.may_see(&ground([0.0, 0.0], [1e4, 1e4])));
+        assert!(!frustum.may_see(&ground([0.0, 300.0], [1e4, 1e4])));
+        assert!(!frustum.may_see(&ground([-1e4, 400.0], [1e4, 1e5])));
     }
 }

@@ -5,5 +5,5 @@ mod motion;
 mod quality;
 
 pub use holes::{Holes, count_holes};
-pub use motion::{Frame, MotionChange, motion_compensated_change};
+pub use motion::{Frame, MotionChange, largest_pop, motion_compensated_change};
 pub use quality::{Quality, compare, median_absolute_error};

@@ -4,14 +4,15 @@ use glam::DVec3;
 use terravision_common::camera::Camera;
 
 /// Change of a picture after its motion was taken out.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MotionChange {
     /// Mean absolute difference of colour, 0 to 255, over the pixels that both frames see.
     pub mean: f64,
     /// The difference that one pixel in a hundred exceeds.
     pub p99: f64,
-    /// Largest mean over the blocks of 16 x 16 pixels: a single node that pops is a few blocks of the picture.
-    pub worst_block: f64,
+    /// Mean of each block of 16 x 16 pixels, in rows from the top: a node that pops is a few blocks of the picture.
+    /// `None` where less than half of the block is seen by both.
+    pub blocks: Vec<Option<f64>>,
     /// Pixels that both see.
     pub pixels: usize,
 }
@@ -60,9 +61,29 @@ pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionC
         0 => 0.0,
         n => *differences.select_nth_unstable_by((n * 99 / 100).min(n - 1), f64::total_cmp).1,
     };
-    let worst_block =
-        blocks.iter().filter(|(_, n)| *n > BLOCK * BLOCK / 2).map(|(sum, n)| sum / *n as f64).fold(0.0, f64::max);
-    MotionChange { mean, p99, worst_block, pixels }
+    let blocks = blocks.iter().map(|(sum, n)| (*n > BLOCK * BLOCK / 2).then(|| sum / *n as f64)).collect();
+    MotionChange { mean, p99, blocks, pixels }
+}
+
+/// The largest pop in a series of changes: how much more a block changes in one frame than in any of the two frames
+/// before and after. Returns the frame (index into `changes`), the block, and the excess.
+///
+/// Motion over sharp detail leaves a change too, but a similar one in every frame.
+#[must_use]
+pub fn largest_pop(changes: &[MotionChange]) -> Option<(usize, usize, f64)> {
+    let mut largest: Option<(usize, usize, f64)> = None;
+    for at in 0..changes.len() {
+        for (block, change) in changes[at].blocks.iter().enumerate() {
+            let around = (at.saturating_sub(2)..(at + 3).min(changes.len())).filter(|k| *k != at);
+            let others: Option<Vec<f64>> = around.map(|k| changes[k].blocks[block]).collect();
+            let (Some(change), Some(others)) = (change, others) else { continue };
+            let excess = change - others.into_iter().fold(0.0, f64::max);
+            if largest.is_none_or(|(_, _, most)| excess > most) {
+                largest = Some((at, block, excess));
+            }
+        }
+    }
+    largest
 }
 
 const BLOCK: usize = 16;
@@ -140,18 +161,27 @@ mod tests {
             .collect();
         let colors = Colors::new(100, 100, [0.0, 0.0], 20.0, rgb);
         let scene = Scene { heights: &heights, colors: &colors };
-        let cameras = [camera(1000.0), camera(1004.0)];
-        let pictures = cameras.map(|camera| render(scene, &camera, &RenderOptions::default()));
-        let frame = |k: usize| Frame { camera: &cameras[k], rgb: &pictures[k].rgb, depth: &pictures[k].depth };
-        let still = motion_compensated_change(frame(0), frame(1));
-        assert!(still.mean < 1.5 && still.worst_block < 6.0 && still.pixels > 8_000, "{still:?}");
-        let mut popped = pictures[1].rgb.clone();
-        for y in 48..64 {
-            for x in 64..80 {
-                popped[y * 160 + x] = popped[y * 160 + x].map(|v| v.saturating_add(30));
+        let cameras: Vec<Camera> = (0..6).map(|k| camera(1000.0 + 4.0 * f64::from(k))).collect();
+        let mut pictures: Vec<_> =
+            cameras.iter().map(|camera| render(scene, camera, &RenderOptions::default())).collect();
+        let changes = |pictures: &[crate::reference::Picture]| -> Vec<MotionChange> {
+            let frame = |k: usize| Frame { camera: &cameras[k], rgb: &pictures[k].rgb, depth: &pictures[k].depth };
+            (1..6).map(|k| motion_compensated_change(frame(k - 1), frame(k))).collect()
+        };
+        let smooth = changes(&pictures);
+        assert!(smooth.iter().all(|change| change.mean < 1.5 && change.pixels > 8_000), "{smooth:?}");
+        let (_, _, excess) = largest_pop(&smooth).unwrap();
+        assert!(excess < 1.0, "{excess}");
+        // From frame 3 on a patch is a little brighter: change 2 (of frame 2 to 3) has a pop.
+        for picture in &mut pictures[3..] {
+            for y in 48..64 {
+                for x in 64..80 {
+                    picture.rgb[y * 160 + x] = picture.rgb[y * 160 + x].map(|v| v.saturating_add(6));
+                }
             }
         }
-        let pop = motion_compensated_change(frame(0), Frame { rgb: &popped, ..frame(1) });
-        assert!(pop.worst_block > 4.0 * still.worst_block, "{pop:?} against {still:?}");
+        let (at, block, excess) = largest_pop(&changes(&pictures)).unwrap();
+        assert_eq!((at, block), (2, 3 * 10 + 4));
+        assert!(excess > 3.0, "{excess}");
     }
 }
