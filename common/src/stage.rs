@@ -120,6 +120,11 @@ impl StageRun {
 pub trait StageError: std::error::Error {
     /// Whether this is the orderly end of a stopped run.
     fn is_stopping(&self) -> bool;
+
+    /// Whether the same command would fail again: it asks for what cannot be (exit code 2 in place of 1).
+    fn is_bad_input(&self) -> bool {
+        false
+    }
 }
 
 /// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an exit code of the
@@ -136,7 +141,7 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
     match run(&stage_run) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
-        Err(error) => fail(&error, 1),
+        Err(error) => fail(&error, if error.is_bad_input() { BAD_USAGE } else { 1 }),
     }
 }
 
