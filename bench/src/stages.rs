@@ -12,6 +12,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, monotonic_nanos};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunId, RunState, SegmentKind, Stage};
+use terravision_common::stage::STAGE_ENVIRONMENT;
 
 /// What stages and replay share: the recorded round.
 #[derive(Debug)]
@@ -193,7 +194,8 @@ struct FloorPass {
 pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
     let [width, height] = settings.size;
     let arguments = ["--floor-json".to_owned(), format!("{width}x{height}"), FLOOR_FRAMES.to_string()];
-    let output = Command::new(sibling("terravision-renderer")?).args(arguments).stdin(Stdio::null()).output()?;
+    let mut command = Command::new(sibling("terravision-renderer")?);
+    let output = command.envs(STAGE_ENVIRONMENT).args(arguments).stdin(Stdio::null()).output()?;
     ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr).trim());
     serde_json::from_slice(&output.stdout).context("the renderer's floor is no JSON")
 }

@@ -18,6 +18,11 @@ pub const BAD_USAGE: u8 = 2;
 /// Exit code of a stage whose run was stopped.
 pub const INTERRUPTED: u8 = 130;
 
+/// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes in every frame; glibc
+/// would give them back to the kernel each time, and the page faults of getting them again are a tenth of the frame.
+pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
+    [("MALLOC_TRIM_THRESHOLD_", "268435456"), ("MALLOC_MMAP_THRESHOLD_", "33554432")];
+
 /// Why a command line is no run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
