@@ -47,12 +47,12 @@ fn all_processes_together_stay_within_the_memory_they_were_given() {
 /// A frame that can never fit is refused with what it would take, and the exit code of bad input.
 #[test]
 fn a_frame_that_needs_more_than_its_memory_is_refused() {
-    let world = synth_world(1024);
+    let world = synth_world(4096);
     let folder = TestFolder::new("too-little-memory");
     let finished = Terravision::verb("fly")
         .arg(world.database())
-        .args(["--path", "orbit", "--frames", "0..2", "--size", "1280x720", "--texel-px", "0.2"])
-        .args(["--facet-px", "2", "--memory", "128MiB", "-o"])
+        .args(["--path", "orbit", "--frames", "0..2", "--size", "1280x720", "--texel-px", "0.25"])
+        .args(["--memory", "128MiB", "-o"])
         .arg(folder.join("a/"))
         .run();
     finished.assert_told(2);
