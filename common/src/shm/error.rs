@@ -107,6 +107,23 @@ pub enum ShmError {
         /// The text.
         text: String,
     },
+    /// The text is no name for what other programs shall find.
+    #[error(
+        "{text:?} is no name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
+         letter or digit first and not -camera last"
+    )]
+    BadSharedName {
+        /// The text.
+        text: String,
+    },
+    /// Another run has this name.
+    #[error("the name /dev/shm/{name} is taken by another flight, process {pid}; choose another one")]
+    NameTaken {
+        /// The segment's name below `/dev/shm`.
+        name: String,
+        /// Process id of its launcher.
+        pid: u32,
+    },
     /// The segment's kind does not carry what was asked of it.
     #[error("segment {name} is a {kind}, which is not what it was opened as")]
     WrongKind {
