@@ -86,6 +86,7 @@ impl Session {
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,
+                share: None,
             },
         };
         let deadline = Instant::now() + DEADLINE;

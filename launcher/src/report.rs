@@ -342,6 +342,7 @@ pub(crate) mod tests {
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,
+                share: None,
             },
         }
     }

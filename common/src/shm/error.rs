@@ -166,6 +166,9 @@ impl ShmError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
+    /// The flight is over, after a number of frames that nobody knew before: leave, all that you made is written.
+    #[error("the flight is over")]
+    Finished,
     /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a signal.
     #[error("the run is stopping")]
     Stopping,
@@ -194,6 +197,12 @@ impl WaitError {
     /// Whether this is the orderly end of a run, which is no failure of the stage that sees it.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
-        matches!(self, Self::Stopping)
+        matches!(self, Self::Finished | Self::Stopping)
+    }
+
+    /// Whether the flight is over and all of its frames are written.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        matches!(self, Self::Finished)
     }
 }
