@@ -150,6 +150,13 @@ impl NamedSegment {
     }
 }
 
+impl NamedSegment {
+    /// Its name below `/dev/shm`.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+}
+
 impl Drop for NamedSegment {
     fn drop(&mut self) {
         // Release: SYNC named.ended, all that was written comes before.

@@ -88,6 +88,12 @@ impl PoseInbox {
         Ok(Self { segment: NamedSegment::create(&name.camera_file(), CAMERA, TOTAL_BYTES, |_| {})?, seen: 0 })
     }
 
+    /// Its name below `/dev/shm`.
+    #[must_use]
+    pub fn file(&self) -> &str {
+        self.segment.name()
+    }
+
     /// The newest record, if it was not seen yet. Does not wait.
     pub fn read(&mut self) -> Option<PoseRecord> {
         let record: &SeqLock<WORDS> = self.segment.region.words(RECORD_OFFSET);
