@@ -21,8 +21,8 @@ for step in range(count):
     print(f"step {step}: frame {frame['frame']}, ground from {seen.min():.0f} to {seen.max():.0f} m away", flush=True)
 camera.end()
 
-depth, near, far = frame["depth"], seen.min(), np.percentile(seen, 99)
+depth = frame["depth"]
 np.save(f"{folder}/depth.npy", depth)
 Image.fromarray(frame["rgba"][..., :3]).save(f"{folder}/color.png")
-grey = 255 * (1 - np.clip((depth - near) / (far - near), 0, 1))  # near is bright, the sky black
+grey = 255 - 235 * np.log(depth / seen.min()) / np.log(seen.max() / seen.min())  # near is bright, the sky black
 Image.fromarray(np.nan_to_num(grey).astype(np.uint8)).save(f"{folder}/depth.png")

@@ -23,7 +23,7 @@ impl FrameSlot<'_> {
 
     /// Publication `number` is whole, and the newest.
     pub(crate) fn publish(&self, number: u64, newest: &AtomicU64) {
-        // Release: SYNC frame.end, the words come before.
+        // Release: SYNC frame.end, the words come before. For who goes by `newest`, its Release would do.
         self.sequence.store(number.wrapping_mul(2), Ordering::Release);
         // Release: SYNC frame.newest, the sequence comes before.
         newest.store(number, Ordering::Release);

@@ -403,3 +403,18 @@ fn loom_frame_ring_goes_on_after_a_writer_that_died_in_a_frame() {
         successor.join().unwrap();
     });
 }
+
+#[test]
+fn loom_frame_slot_is_whole_also_for_who_does_not_go_by_the_newest() {
+    model(|| {
+        let ring = HeapFrames::new();
+        let writer = {
+            let ring = Arc::clone(&ring);
+            loom::thread::spawn(move || ring.write(1))
+        };
+        let copy = |words: &[AtomicU64]| words.iter().map(|word| word.load(Ordering::Relaxed)).collect();
+        let words: Option<Vec<u64>> = ring.slot(1).copy(1, copy);
+        assert!(words.is_none_or(|words| words == vec![101; FRAME_WORDS]));
+        writer.join().unwrap();
+    });
+}
