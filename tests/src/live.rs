@@ -1,11 +1,12 @@
 //! Other programs in a flight: names of their own, Python, frames out of the ring.
 
+use crate::flight::Pose;
 use crate::process::{Running, Terravision};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
-use terravision_common::shm::{FrameInfo, FrameRingReader, PoseSender, SharedFrame, SharedName};
+use terravision_common::shm::{FrameInfo, FrameRingReader, PoseRecord, PoseSender, SharedFrame, SharedName};
 
 /// A name that no other test has.
 ///
@@ -81,6 +82,51 @@ pub fn frame(
         let is_new = reader.read(into).unwrap_or_else(|error| panic!("{error}"));
         into.info.filter(|info| is_new && is_it(info))
     })
+}
+
+/// Waits until another program has mapped the ring of a flight.
+///
+/// # Panics
+/// When it does not before the flight's deadline or its end.
+pub fn wait_attached(flight: &mut Running, program: &Running, name: &SharedName) {
+    let maps = format!("/proc/{}/maps", program.pid());
+    flight.until("a reader to attach", |_| {
+        std::fs::read_to_string(&maps).ok().filter(|maps| maps.contains(&name.ring_file()))
+    });
+}
+
+/// The pose as a record of shared memory.
+#[must_use]
+pub fn record(pose: &Pose, time_s: f64) -> PoseRecord {
+    PoseRecord {
+        position: pose.eye,
+        heading_deg: pose.heading,
+        pitch_deg: pose.pitch,
+        roll_deg: pose.roll,
+        vfov_deg: 60.0,
+        time_s,
+        is_end: false,
+    }
+}
+
+/// Sends a pose and waits for its frame.
+///
+/// # Panics
+/// When the frame does not come before the flight's deadline or its end, or the ring is corrupt.
+pub fn step(
+    flight: &mut Running,
+    poses: &PoseSender,
+    reader: &mut FrameRingReader,
+    into: &mut SharedFrame,
+    record: &PoseRecord,
+) -> FrameInfo {
+    poses.send(record);
+    frame(flight, reader, into, |info| info.pose_time_s == record.time_s)
+}
+
+/// The flight is over.
+pub fn end(poses: &PoseSender) {
+    poses.send(&PoseRecord { is_end: true, ..record(&Pose::new([0.0; 3], 0.0, 0.0), 0.0) });
 }
 
 /// The colours of a shared frame, without alpha.

@@ -5,11 +5,11 @@
 use rustix::process::Signal;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use terravision_common::shm::{FrameRingReader, SharedFrame, SharedName};
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{example, frame, left_of, reader, rgb, shared_name};
+use terravision_tests::live::{end, example, left_of, reader, record, rgb, sender, shared_name, step, wait_attached};
 use terravision_tests::process::{Terravision, segments_of_launcher, signal_process};
 use terravision_tests::shot::{Shot, VFOV_DEG};
 use terravision_tests::worlds::synth_world;
@@ -48,11 +48,20 @@ fn shared_frames_are_those_of_the_png_files_and_of_still() {
     let mut ring = reader(&mut flight, &name);
     assert_eq!(ring.launcher_pid(), flight.pid());
     let (mut seen, mut shared) = (Vec::new(), SharedFrame::default());
-    while seen.last().is_none_or(|(info, _): &(terravision_common::shm::FrameInfo, _)| info.frame + 1 < FRAMES) {
-        let info = frame(&mut flight, &mut ring, &mut shared, |_| true);
-        seen.push((info, rgb(&shared)));
+    let until = Instant::now() + Duration::from_secs(170);
+    loop {
+        // In this order: what was published before the end is seen.
+        let is_ended = ring.is_ended();
+        if ring.read(&mut shared).unwrap() {
+            seen.push((shared.info.unwrap(), rgb(&shared)));
+        } else if is_ended {
+            break;
+        }
+        assert!(Instant::now() < until, "the flight does not end");
+        std::thread::sleep(Duration::from_millis(1));
     }
     flight.wait().assert_code(0);
+    assert_eq!(seen.last().unwrap().0.frame, FRAMES - 1, "the last frame stays");
     assert!(ring.is_ended() && left_of(&name).is_empty());
     println!("{} of {FRAMES} frames were seen", seen.len());
     for (info, rgb) in &seen {
@@ -62,54 +71,77 @@ fn shared_frames_are_those_of_the_png_files_and_of_still() {
         assert!(distance < 1e-6 && (info.heading_deg - pose.heading).abs() < 1e-9, "{info:?} is {pose:?}");
         assert!((info.vfov_deg - VFOV_DEG).abs() < 1e-9 && info.is_settled && info.pose_time_s.is_nan());
     }
-    // What the last frame holds besides is what `still` writes into files, to the bit.
+    // What the last frame holds besides is what `still` writes into files.
     let pose = poses(FRAMES)[FRAMES as usize - 1];
     let taken = Shot { size: SIZE, ..Shot::new(&world, pose) }.take(&[], true);
     assert!(taken.rgb == rgb(&shared), "still's picture");
     let same = |a: f64, b: f64| a == b || (a.is_nan() && b.is_nan());
+    // The path's JSON brings the eye to the last bit but one.
+    let close = |a: f64, b: f64| (a - b).abs() < 1e-6 || (a.is_nan() && b.is_nan());
     assert_eq!(taken.depth.len(), shared.depth.len());
     assert!(taken.depth.iter().zip(&shared.depth).all(|(a, b)| same(*a, f64::from(*b))), "still's depths");
     assert!(taken.depth.iter().filter(|depth| depth.is_finite()).count() > taken.depth.len() / 2);
     let ground = taken.ground.as_flattened();
     assert_eq!(ground.len(), shared.ground.len());
-    assert!(ground.iter().zip(&shared.ground).all(|(a, b)| same(*a, *b)), "still's ground positions");
+    assert!(ground.iter().zip(&shared.ground).all(|(a, b)| close(*a, *b)), "still's ground positions");
+}
+
+/// A flight into a folder of PNG that also shares its frames, of the poses that the test sends.
+fn steered_flight(folder: &TestFolder, name: &SharedName) -> Terravision {
+    Terravision::verb("fly")
+        .arg(synth_world(1024).database())
+        .arg("-o")
+        .arg(folder.join("a/"))
+        .args(["--share", &name.to_string(), "--camera", &format!("shm:{name}")])
+        .args(["--size", &format!("{}x{}", SIZE[0], SIZE[1])])
 }
 
 #[test]
 fn readers_that_are_killed_stopped_or_slow_change_nothing() {
-    const FRAMES: u64 = 60;
+    const FRAMES: u64 = 24;
     let (folder, name) = (TestFolder::new("readers"), shared_name("readers"));
-    let mut flight = sharing_flight(&folder, &name, FRAMES).spawn();
-    let mut slow = reader(&mut flight, &name);
+    let mut flight = steered_flight(&folder, &name).spawn();
+    let poses_in = sender(&mut flight, &name);
+    let (mut ring, mut slow) = (reader(&mut flight, &name), reader(&mut flight, &name));
     let start = || example("read_frames.py").arg(name.to_string()).spawn();
     let (killed, stopped, watching) = (start(), start(), start());
-    let mut shared = SharedFrame::default();
-    frame(&mut flight, &mut slow, &mut shared, |info| info.frame >= 3);
-    signal_process(killed.pid(), Signal::KILL);
-    signal_process(stopped.pid(), Signal::STOP);
-    let written = folder.join(format!("a/frame-{:06}.png", FRAMES - 1));
-    flight.until("the last frame", |_| Path::exists(&written).then_some(()));
+    for program in [&killed, &stopped, &watching] {
+        wait_attached(&mut flight, program, &name);
+    }
+    let (mut shared, mut last) = (SharedFrame::default(), SharedFrame::default());
+    for (k, pose) in poses(FRAMES).iter().enumerate() {
+        let info = step(&mut flight, &poses_in, &mut ring, &mut shared, &record(pose, k as f64));
+        assert_eq!(info.frame, k as u64);
+        match k {
+            2 => assert!(slow.read(&mut last).unwrap()),
+            3 => signal_process(killed.pid(), Signal::KILL),
+            4 => signal_process(stopped.pid(), Signal::STOP),
+            _ => {}
+        }
+    }
     // The slow one sees the newest now, and knows how many it missed.
-    assert!(slow.read(&mut shared).unwrap());
-    assert_eq!((shared.info.unwrap().frame, shared.number), (FRAMES - 1, FRAMES));
-    assert!(rgb(&shared) == png(&folder, FRAMES - 1));
+    assert_eq!(last.number, 3);
+    assert!(slow.read(&mut last).unwrap());
+    assert_eq!((last.info.unwrap().frame, last.number), (FRAMES - 1, FRAMES));
+    end(&poses_in);
     flight.wait().assert_code(0);
+    assert!(rgb(&last) == png(&folder, FRAMES - 1));
     assert_eq!(killed.wait().code(), None);
     drop(stopped);
     let watched = watching.wait();
     watched.assert_code(0);
-    assert!(watched.stderr.is_empty(), "{}", watched.stderr);
+    assert!(watched.stderr.is_empty() && watched.stdout_text().contains("frame 23 at"), "{watched:?}");
     assert!(left_of(&name).is_empty());
 }
 
 #[test]
 fn random_bytes_over_the_header_harm_nobody_and_readers_refuse_the_ring() {
-    const FRAMES: u64 = 40;
     let (folder, name) = (TestFolder::new("garbage"), shared_name("garbage"));
-    let mut flight = sharing_flight(&folder, &name, FRAMES).arg("--depth").spawn();
-    let mut attached = reader(&mut flight, &name);
+    let mut flight = steered_flight(&folder, &name).arg("--depth").spawn();
+    let poses_in = sender(&mut flight, &name);
+    let mut ring = reader(&mut flight, &name);
     let mut shared = SharedFrame::default();
-    frame(&mut flight, &mut attached, &mut shared, |_| true);
+    step(&mut flight, &poses_in, &mut ring, &mut shared, &record(&poses(6)[0], 0.0));
     let file = std::fs::OpenOptions::new().write(true).open(Path::new("/dev/shm").join(name.ring_file())).unwrap();
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
     let mut random = || {
@@ -118,41 +150,31 @@ fn random_bytes_over_the_header_harm_nobody_and_readers_refuse_the_ring() {
         state ^= state << 17;
         state
     };
-    let garbage: Vec<u8> = (0..4096).map(|_| random() as u8).collect();
-    file.write_all_at(&garbage, 0).unwrap();
+    // The header, and the first words of the slots.
+    let size = file.metadata().unwrap().len();
+    let slot_bytes = (size - 135_168) / 4;
+    for offset in [0, 135_168, 135_168 + slot_bytes, 135_168 + 2 * slot_bytes, 135_168 + 3 * slot_bytes] {
+        let garbage: Vec<u8> = (0..256).map(|_| random() as u8).collect();
+        file.write_all_at(&garbage, offset).unwrap();
+    }
     assert!(FrameRingReader::open(&name).is_err(), "a new reader refuses the ring");
     let python = example("read_frames.py").args([name.to_string(), "1".into()]).run();
     assert!(python.code() == Some(1) && python.stderr.contains("no frame ring"), "{}", python.stderr);
-    // One that was attached gets an error at worst, until the next frame mends what it looks at.
-    let last = frame_or_error(&mut attached, &mut shared, &mut flight, FRAMES - 1);
-    assert!(rgb(&shared) == png_later(&folder, last));
+    // One that was attached gets an error, until the next frame mends what it looks at.
+    assert!(ring.read(&mut shared).is_err());
+    for (k, pose) in poses(6).iter().enumerate().skip(1) {
+        poses_in.send(&record(pose, k as f64));
+        flight.until("a frame after the garbage", |_| {
+            let is_new = ring.read(&mut shared).unwrap_or(false);
+            shared.info.filter(|info| is_new && info.pose_time_s == k as f64)
+        });
+    }
+    end(&poses_in);
     let finished = flight.wait();
     finished.assert_code(0);
     finished.assert_no_warning();
-    assert!(rgb(&shared) == png(&folder, last), "the picture is what it would have been");
+    assert!(rgb(&shared) == png(&folder, 5), "the picture is what it would have been");
     assert!(left_of(&name).is_empty() && segments_of_launcher(finished.pid).is_empty());
-}
-
-fn frame_or_error(
-    ring: &mut FrameRingReader,
-    shared: &mut SharedFrame,
-    flight: &mut terravision_tests::process::Running,
-    last: u64,
-) -> u64 {
-    flight.until("a frame after the garbage", |_| match ring.read(shared) {
-        Ok(true) => shared.info.map(|info| info.frame).filter(|frame| *frame <= last),
-        Ok(false) | Err(_) => None,
-    })
-}
-
-/// The PNG is written behind the ring.
-fn png_later(folder: &TestFolder, frame: u64) -> Vec<[u8; 3]> {
-    let until = std::time::Instant::now() + Duration::from_secs(60);
-    let path = folder.join(format!("a/frame-{frame:06}.png"));
-    while !path.exists() && std::time::Instant::now() < until {
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    png(folder, frame)
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::process::Command;
 use terravision_common::shm::{PoseRecord, SharedFrame, SharedName};
 use terravision_tests::flight::{Pose, read_png};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{example, frame, left_of, reader, rgb, sender, shared_name};
+use terravision_tests::live::{end, example, left_of, reader, record, rgb, sender, shared_name, step, wait_attached};
 use terravision_tests::process::{Running, Terravision, segments_of_launcher};
 use terravision_tests::shot::{Shot, read_report};
 use terravision_tests::worlds::synth_world;
@@ -22,18 +22,6 @@ fn live_flight(camera: &str) -> Terravision {
 
 fn pose(k: u64) -> Pose {
     Pose::new(synth_world(1024).above(0.35 + 0.02 * k as f64, 0.4, 500.0), 15.0 * k as f64, -20.0)
-}
-
-fn record(pose: &Pose, time_s: f64) -> PoseRecord {
-    PoseRecord {
-        position: pose.eye,
-        heading_deg: pose.heading,
-        pitch_deg: pose.pitch,
-        roll_deg: pose.roll,
-        vfov_deg: 60.0,
-        time_s,
-        is_end: false,
-    }
 }
 
 fn assert_nothing_left(name: &SharedName, pid: u32) {
@@ -53,8 +41,7 @@ fn in_lock_step_every_good_pose_has_its_frame_and_bad_ones_are_refused() {
     let mut shared = SharedFrame::default();
     for k in 0..5u64 {
         let time = 100.0 + k as f64;
-        poses.send(&record(&pose(k), time));
-        let info = frame(&mut flight, &mut ring, &mut shared, |info| info.pose_time_s == time);
+        let info = step(&mut flight, &poses, &mut ring, &mut shared, &record(&pose(k), time));
         assert_eq!((info.frame, shared.number), (k, k + 1), "a frame for each pose, in order");
         assert!(info.camera_nanos > 0 && info.published_nanos > info.camera_nanos);
         let bad = match k {
@@ -68,7 +55,7 @@ fn in_lock_step_every_good_pose_has_its_frame_and_bad_ones_are_refused() {
         let answers = flight.until("the answer", |_| Some(poses.answers()).filter(|answers| answers.looked_at == sent));
         assert_eq!((answers.accepted, answers.refused), (k + 1, k + 1));
     }
-    poses.send(&PoseRecord { is_end: true, ..record(&pose(0), 0.0) });
+    end(&poses);
     let finished = flight.wait();
     finished.assert_code(0);
     let said = &finished.stderr;
@@ -138,7 +125,7 @@ fn json_lines_by_udp_become_the_frames_of_a_film_or_a_folder() {
 }
 
 #[test]
-fn silence_ends_a_flight_after_the_idle_time_and_never_before_its_frames_are_done() {
+fn silence_ends_a_flight_after_the_idle_time() {
     let folder = TestFolder::new("idle");
     let name = shared_name("idle");
     let camera = format!("shm:{name}");
@@ -146,8 +133,7 @@ fn silence_ends_a_flight_after_the_idle_time_and_never_before_its_frames_are_don
     nobody.assert_told(1);
     assert!(nobody.stderr.contains("no pose came"), "{}", nobody.stderr);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no half film");
-    // A timeout shorter than any frame takes: the first frame is made in full.
-    let mut flight = live_flight(&camera).args(["--idle-timeout", "10", "-o"]).arg(folder.join("a/")).spawn();
+    let mut flight = live_flight(&camera).args(["--idle-timeout", "5", "-o"]).arg(folder.join("a/")).spawn();
     sender(&mut flight, &name).send(&record(&pose(0), 1.0));
     let finished = flight.wait();
     finished.assert_code(0);
@@ -165,8 +151,7 @@ fn an_interrupt_ends_a_live_flight_in_order_and_its_film_is_whole() {
     let mut ring = reader(&mut flight, &name);
     let mut shared = SharedFrame::default();
     for k in 0..4u64 {
-        poses.send(&record(&pose(k), k as f64));
-        frame(&mut flight, &mut ring, &mut shared, |info| info.pose_time_s == k as f64);
+        step(&mut flight, &poses, &mut ring, &mut shared, &record(&pose(k), k as f64));
     }
     // As a terminal does it: to all processes of the flight.
     let pids: Vec<u32> = flight.children().into_iter().map(|(pid, _)| pid).chain([flight.pid()]).collect();
@@ -189,8 +174,7 @@ fn a_killed_stage_ends_a_live_flight_with_a_message() {
     let mut flight = live_flight(&format!("shm:{name}")).args(["-o", &format!("shared:{name}")]).spawn();
     let poses = sender(&mut flight, &name);
     let mut ring = reader(&mut flight, &name);
-    poses.send(&record(&pose(0), 0.0));
-    frame(&mut flight, &mut ring, &mut SharedFrame::default(), |_| true);
+    step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &record(&pose(0), 0.0));
     terravision_tests::process::signal_process(flight.stage("renderer"), Signal::KILL);
     let finished = flight.wait();
     finished.assert_told(1);
@@ -217,14 +201,16 @@ fn a_circle_flown_from_python_gives_the_depth_image_that_still_gives() {
         .args(["--depth", "--share", &name.to_string(), "-o"])
         .arg(folder.join("a/"))
         .spawn();
+    flight.until("the frame ring", |_| Path::exists(&Path::new("/dev/shm").join(name.ring_file())).then_some(()));
+    let statistics = example("read_frames.py").arg(name.to_string()).spawn();
+    wait_attached(&mut flight, &statistics, &name);
     let circle = example("fly_circle.py")
         .args([name.to_string(), x.to_string(), y.to_string(), radius.to_string(), z.to_string(), STEPS.to_string()])
         .arg(folder.path())
-        .spawn();
-    flight.until("the frame ring", |_| Path::exists(&Path::new("/dev/shm").join(name.ring_file())).then_some(()));
-    let statistics = example("read_frames.py").arg(name.to_string()).run();
-    let circle = circle.wait();
+        .run();
     circle.assert_code(0);
+    assert_eq!(circle.stdout_text().lines().count(), STEPS as usize);
+    let statistics = statistics.wait();
     statistics.assert_code(0);
     let finished = flight.wait();
     finished.assert_code(0);
