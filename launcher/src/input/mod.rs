@@ -7,7 +7,7 @@ pub mod message;
 mod udp;
 
 use crate::path::Ground;
-use gate::{Gate, Refusal};
+use gate::Gate;
 use message::Message;
 use std::fmt;
 use std::net::SocketAddr;
@@ -149,9 +149,9 @@ impl CameraInput {
                 if let Port::Shared(inbox) = &self.port {
                     inbox.answer(self.gate.accepted(), self.gate.refused());
                 }
-                match outcome {
-                    Ok(incoming) => return incoming,
-                    Err(Refusal { .. }) => {}
+                // A refusal is counted and told by the gate.
+                if let Ok(incoming) = outcome {
+                    return incoming;
                 }
             }
             let rest = until.saturating_duration_since(Instant::now());
