@@ -1,5 +1,5 @@
 """Prints statistics of the live pictures of a flight:  read_frames.py NAME [COUNT]   (layout: docs/frame-ring.md)"""
-import mmap, struct, sys, time
+import mmap, os, struct, sys, time
 import numpy as np
 
 name, count = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else sys.maxsize
@@ -9,10 +9,10 @@ assert ring[:8] == b"TVFRAMES" and struct.unpack_from("<I", ring, 8) == (1,), "n
 width, height, planes, slots, first, stride, color, depth, ground = struct.unpack_from("<4I5Q", ring, 64)
 seen = shown = 0
 while shown < count:
-    (newest,), (state,) = struct.unpack_from("<Q", ring, 128), struct.unpack_from("<I", ring, 24)
+    pid, _, state, _, newest = struct.unpack_from("<IQI100sQ", ring, 12)
     if newest == seen:
-        if state == 2:
-            break  # the flight has ended
+        if state == 2 or not os.path.exists(f"/proc/{pid}"):
+            break  # the flight has ended, or was killed
         time.sleep(0.001)
         continue
     slot = first + (newest - 1) % slots * stride
@@ -24,4 +24,5 @@ while shown < count:
     seen, shown, sight = newest, shown + 1, meters[np.isfinite(meters)]
     red, green, blue, _ = rgba.mean((0, 1))
     near, far = (sight.min(), sight.max()) if sight.size else (np.nan, np.nan)
-    print(f"frame {frame} at {x:.1f} {y:.1f} {z:.1f}: mean colour {red:.2f} {green:.2f} {blue:.2f}, depth {near:.1f} to {far:.1f} m", flush=True)
+    text = f"frame {frame} at {x:.1f} {y:.1f} {z:.1f}: mean colour {red:.2f} {green:.2f} {blue:.2f}, depth {near:.1f} to {far:.1f} m"
+    print(text, flush=True)

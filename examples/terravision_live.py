@@ -30,7 +30,9 @@ class Frames:
         self.width, self.height, _, self.slots, self.first, self.stride, self.color, self.depth, self.ground = header
 
     def is_ended(self):
-        return struct.unpack_from("<I", self.memory, 24)[0] == 2
+        """Whether the flight has ended, or was killed."""
+        pid, _, state = struct.unpack_from("<IQI", self.memory, 12)
+        return state == 2 or not os.path.exists(f"/proc/{pid}")
 
     def newest(self):
         """The newest frame as a dictionary; None before the first."""

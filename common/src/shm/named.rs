@@ -14,6 +14,7 @@ use rustix::fd::{AsRawFd, OwnedFd};
 use rustix::fs::{AtFlags, CWD, FileType, FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use std::fmt;
+use std::time::Duration;
 
 /// What names of such segments begin with.
 const PREFIX: &str = "terravision-";
@@ -22,6 +23,7 @@ const CAMERA_SUFFIX: &str = "-camera";
 const LONGEST_NAME: usize = 64;
 /// Tries to take a name that a dead run has; another start may be after it too.
 const TRIES: u32 = 8;
+const TRY_AGAIN_AFTER: Duration = Duration::from_millis(5);
 
 /// A run is making frames.
 const LIVE: u32 = 1;
@@ -138,11 +140,16 @@ impl NamedSegment {
         header.pid.store(std::process::id(), Ordering::Relaxed);
         header.total_bytes.store(bytes, Ordering::Relaxed);
         header.state.store(LIVE, Ordering::Relaxed);
-        for _ in 0..TRIES {
+        for attempt in 1..=TRIES {
             let unnamed = format!("/proc/self/fd/{}", file.as_raw_fd());
             match rustix::fs::linkat(CWD, &unnamed, CWD, path(name), AtFlags::SYMLINK_FOLLOW) {
                 Ok(()) => return Ok(Self { region: std::sync::Arc::new(region), name: name.to_owned(), file }),
-                Err(Errno::EXIST) => drop(remove_dead(name)?),
+                Err(Errno::EXIST) => match remove_dead(name) {
+                    Ok(_) => {}
+                    // Another start may hold the lock for a moment, to remove what is dead.
+                    Err(ShmError::NameTaken { .. }) if attempt < TRIES => std::thread::sleep(TRY_AGAIN_AFTER),
+                    Err(error) => return Err(error),
+                },
                 Err(source) => return Err(os("name")(source)),
             }
         }

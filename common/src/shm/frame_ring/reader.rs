@@ -26,6 +26,16 @@ pub struct SharedFrame {
     pub ground: Vec<f64>,
 }
 
+impl SharedFrame {
+    /// Empty, with its memory kept.
+    fn clear(&mut self) {
+        (self.number, self.info) = (0, None);
+        self.rgba.clear();
+        self.depth.clear();
+        self.ground.clear();
+    }
+}
+
 /// A reader. Any number of them, in any process.
 #[derive(Debug)]
 pub struct FrameRingReader {
@@ -72,11 +82,11 @@ impl FrameRingReader {
         newest(&self.region.words::<RingHeader>(RING_HEADER_OFFSET).newest)
     }
 
-    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no newer one, or when the
-    /// writer overtook every copy.
+    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no newer one (`into` keeps what
+    /// it has), or when the writer overtook every copy (`into` is empty).
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the slot of the newest frame does not hold it.
+    /// [`ShmError::Corrupt`] when the slot of the newest frame does not hold it; `into` is empty.
     pub fn read(&mut self, into: &mut SharedFrame) -> Result<bool, ShmError> {
         for _ in 0..TRIES {
             let number = self.newest();
@@ -97,6 +107,8 @@ impl FrameRingReader {
                 self.seen = number;
                 return Ok(true);
             }
+            // What was copied, if anything, was no frame.
+            into.clear();
             if self.newest() == number {
                 let found = sequence.load(Ordering::Relaxed);
                 let (field, expected) = ("the sequence of the newest slot", "twice the number of the newest frame");
