@@ -20,6 +20,8 @@ need() {
   fi
 }
 
+# Any Python will do; the tests look for one in the same places.
+has_python_module() { python3 -c "import $1" || /usr/bin/python3 -c "import $1"; }
 has_library() { grep -q "$1" <<<"$(ldconfig -p)"; }
 has_vulkan_driver() {
   # Any driver will do: one of a GPU, or the software device of Mesa.
@@ -44,6 +46,8 @@ check_packages() {
   need ffmpeg 'makes films (fly -o film.mp4)' command -v ffmpeg
   if [[ $1 == tests ]]; then
     need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
+    need python3-numpy 'reads and steers flights from Python (examples)' has_python_module numpy
+    need python3-pil 'saves what flights from Python see (examples)' has_python_module PIL
   fi
 }
 

@@ -87,6 +87,7 @@ impl Session {
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,
+                share: None,
             },
         };
         let deadline = Instant::now() + DEADLINE;

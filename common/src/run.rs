@@ -5,6 +5,9 @@ use crate::level::Measure;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+/// End of the frames of a flight of which nobody knows the number beforehand: another program sends the poses.
+pub const OPEN_END: u64 = u64::MAX;
+
 /// One run of the pipeline, validated by the launcher.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,7 +22,7 @@ pub struct RunConfig {
     pub height: u32,
     /// Frames per second that a film plays at.
     pub fps: f64,
-    /// First frame, and one past the last: numbers in the flight, kept in file names.
+    /// First frame, and one past the last (or [`OPEN_END`]): numbers in the flight, kept in file names.
     pub frames: [u64; 2],
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
@@ -55,6 +58,21 @@ pub struct RenderConfig {
     pub depth: Option<PathBuf>,
     /// Also write ground position (3 x float64 TIFF: easting, northing, height; NaN for sky) of the only frame.
     pub ground: Option<PathBuf>,
+    /// Also put every frame into a frame ring, for other programs.
+    #[serde(default)]
+    pub share: Option<ShareConfig>,
+}
+
+/// What other programs get.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShareConfig {
+    /// The name of the frame ring (see `shm::SharedName`).
+    pub name: String,
+    /// Depth of every pixel.
+    pub has_depth: bool,
+    /// Ground position of every pixel.
+    pub has_ground: bool,
 }
 
 /// Where finished frames go.

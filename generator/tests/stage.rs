@@ -50,6 +50,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             sink: SinkConfig::Null,
             depth: None,
             ground: None,
+            share: None,
         },
     }
 }

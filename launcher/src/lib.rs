@@ -2,6 +2,7 @@
 //!
 //! * [`cli`]: the command line as typed; [`plan`]: the validated plan that is made of it.
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
+//! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
@@ -13,6 +14,7 @@ pub mod failure;
 pub mod flight;
 pub mod ground;
 pub mod info;
+pub mod input;
 pub mod machine;
 pub mod output;
 pub mod passed_on;

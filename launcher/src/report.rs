@@ -16,6 +16,8 @@ pub struct RunFigures {
     pub started_nanos: u64,
     /// When the last stage had ended.
     pub ended_nanos: u64,
+    /// Frames that the flight should have.
+    pub asked_frames: u64,
     /// Frames that have left the sink.
     pub written_frames: u64,
     /// Tiles wanted, each frame counted for itself.
@@ -150,7 +152,7 @@ impl Report {
         let unavailable_count = figures.tiles_unavailable.max(unavailable.len() as u64);
         let first_written = frames.iter().map(|frame| frame.written_nanos).find(|nanos| *nanos > 0);
         let first_written = first_written.unwrap_or(figures.ended_nanos);
-        let is_complete = figures.written_frames == frames.len() as u64;
+        let is_complete = figures.written_frames == figures.asked_frames;
         let of_frames = |value: fn(&FrameFigures) -> f64| -> f64 {
             median(&mut frames.iter().filter(|frame| frame.done_nanos > 0).map(value).collect::<Vec<_>>())
         };
@@ -342,6 +344,7 @@ pub(crate) mod tests {
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,
+                share: None,
             },
         }
     }
@@ -365,6 +368,7 @@ pub(crate) mod tests {
         RunFigures {
             started_nanos: 15 * MS,
             ended_nanos: 215 * MS,
+            asked_frames: 3,
             written_frames: 3,
             tiles_wanted: 30,
             tiles_loaded: 12,

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use terravision_common::database::Database;
 use terravision_common::event::{Event, EventKind};
-use terravision_common::run::{RunConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, RunConfig, SinkConfig};
 use terravision_common::shm::{Control, RunState};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError};
 use terravision_renderer::bench::floor;
@@ -16,7 +16,7 @@ use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, Y4mSink,
+    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, SharedSink, Y4mSink,
 };
 use terravision_renderer::source::LiveSource;
 
@@ -99,12 +99,13 @@ fn render(json: &str) -> anyhow::Result<()> {
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Database::open(&config.world)?.world();
     let mut source = LiveSource::open(&run_id, world, config.frames)?;
-    stop_on_signals(Arc::clone(source.control()))?;
+    stop_on_signals(Arc::clone(source.control()), config.frames[1] == OPEN_END)?;
     if !matches!(config.render.samples, 1 | 4) {
         bail!("{} samples per pixel are not possible, 1 or 4 are", config.render.samples);
     }
     let render = &config.render;
-    let has_depth = render.depth.is_some() || render.ground.is_some();
+    let is_depth_shared = render.share.as_ref().is_some_and(|share| share.has_depth || share.has_ground);
+    let has_depth = render.depth.is_some() || render.ground.is_some() || is_depth_shared;
     let options = EngineOptions {
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],
@@ -134,9 +135,15 @@ fn render(json: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Ctrl-C and TERM reach all processes of a terminal; the run is then stopping, whoever heard it first.
-fn stop_on_signals(control: Arc<Control>) -> anyhow::Result<()> {
-    ctrlc::set_handler(move || control.set_state(RunState::Stopping)).context("signals cannot be handled")
+/// Ctrl-C and TERM reach all processes of a terminal; the run is then stopping, whoever heard it first. They are the usual
+/// end of a flight without a known one, which the launcher brings to its end in order.
+fn stop_on_signals(control: Arc<Control>, is_open: bool) -> anyhow::Result<()> {
+    let stop = move || {
+        if !is_open {
+            control.set_state(RunState::Stopping);
+        }
+    };
+    ctrlc::set_handler(stop).context("signals cannot be handled")
 }
 
 /// The sinks of a run, one for each lane.
@@ -159,11 +166,16 @@ fn sinks(
         SinkConfig::Y4mStdout => vec![Box::new(Y4mSink::stdout(config.fps))],
         SinkConfig::Null => vec![Box::new(NullSink)],
     };
-    if render.depth.is_none() && render.ground.is_none() {
+    if render.depth.is_none() && render.ground.is_none() && render.share.is_none() {
         return Ok(first);
     }
-    // Depth and ground are of the only frame: one lane.
-    let mut all = AllOf(first.into_iter().take(1).collect());
+    // Depth and ground are of the only frame, and shared frames have an order: one lane.
+    let mut all = AllOf(Vec::new());
+    if let Some(share) = &render.share {
+        // First: who reads it waits for it, files can wait.
+        all.0.push(Box::new(SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?));
+    }
+    all.0.extend(first.into_iter().take(1));
     if let Some(path) = &render.depth {
         all.0.push(Box::new(DepthSink::new(path)));
     }

@@ -8,7 +8,8 @@ use crate::sink::lanes::{Lanes, Written};
 use crate::source::{FrameSource, SourceError};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
-use terravision_common::shm::Counter;
+use terravision_common::run::OPEN_END;
+use terravision_common::shm::{Counter, WaitError};
 
 /// How long the loop waits for the device or a sink before it looks at everything else again.
 const TICK: Duration = Duration::from_millis(2);
@@ -40,19 +41,30 @@ impl RunError {
     /// The process's exit code: 2 when more was asked for than the device can draw, 130 when the run was stopped, else 1.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
-        let source = match self {
+        match self {
             Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } }
                 if missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })) =>
             {
-                return 2;
+                2
             }
-            Self::Engine { source: EngineError::Source { source } } => source,
-            Self::Engine { source: EngineError::Frame { source: FrameError::Source { source } } } => source,
-            _ => return 1,
-        };
-        match source {
-            SourceError::Wait { source } if source.is_stopping() => 130,
+            _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
             _ => 1,
+        }
+    }
+
+    /// Whether it only says that the flight is over and all of its frames are written.
+    fn is_finished(&self) -> bool {
+        self.wait().is_some_and(WaitError::is_finished)
+    }
+
+    fn wait(&self) -> Option<&WaitError> {
+        match self {
+            Self::Engine {
+                source:
+                    EngineError::Source { source: SourceError::Wait { source } }
+                    | EngineError::Frame { source: FrameError::Source { source: SourceError::Wait { source } } },
+            } => Some(source),
+            _ => None,
         }
     }
 }
@@ -94,7 +106,11 @@ pub fn run(
     let mut looped = FrameLoop::new(options, source, lanes)?;
     on_device(&looped.engine, looped.source);
     while looped.reader.remaining() > 0 {
-        looped.step(observe)?;
+        match looped.step(observe) {
+            // All frames are written; what is left is to complete the output.
+            Err(error) if error.is_finished() => break,
+            other => other?,
+        }
     }
     looped.drain(observe)?;
     let FrameLoop { engine, lanes, summary, .. } = looped;
@@ -176,9 +192,14 @@ impl<'a> FrameLoop<'a> {
     /// Reads slots until a frame is complete. While frames are with the device, what they hold of the rings must be given
     /// back as soon as they are finished, because the preparer may be waiting for it: so it waits for the device, not for
     /// the ring.
+    ///
+    /// In a flight without a known end the next frame may only come when somebody has seen this one, or never: sinks are
+    /// waited for, too, before the ring.
     fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        let is_open = self.source.shape().frames[1] == OPEN_END;
         loop {
-            let read = self.reader.read(self.source, !self.engine.is_busy());
+            let awaits_sinks = is_open && self.with_lanes > 0;
+            let read = self.reader.read(self.source, !self.engine.is_busy() && !awaits_sinks);
             if read.as_ref().is_err_and(|error| !matches!(error, FrameError::Source { .. })) {
                 self.source.count(Counter::SlotsRejected, 1);
             }
@@ -187,7 +208,11 @@ impl<'a> FrameLoop<'a> {
                 return Ok(());
             }
             self.source.check()?;
-            self.collect(TICK, observe)?;
+            if self.engine.is_busy() {
+                self.collect(TICK, observe)?;
+            } else if let Some(written) = self.lanes.wait_written(TICK)? {
+                self.take_back(written);
+            }
         }
     }
 

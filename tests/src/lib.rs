@@ -4,6 +4,7 @@
 pub mod flight;
 pub mod folder;
 pub mod geotiff;
+pub mod live;
 pub mod metrics;
 pub mod process;
 pub mod reference;

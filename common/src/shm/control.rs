@@ -54,7 +54,8 @@ impl Control {
         // Acquire: SYNC control.state, whatever led to it comes before.
         match self.words().state.0.load(Ordering::Acquire) {
             0 | 1 => RunState::Running,
-            2 => RunState::Stopping,
+            2 => RunState::Finished,
+            3 => RunState::Stopping,
             // Also any number that is no state: nothing good wrote it.
             _ => RunState::Failed,
         }
@@ -74,10 +75,11 @@ impl Control {
     /// Whether the run goes on.
     ///
     /// # Errors
-    /// [`WaitError::Stopping`] or [`WaitError::Failed`]. For loops that do not wait for anything.
+    /// [`WaitError::Finished`], [`WaitError::Stopping`] or [`WaitError::Failed`]. For loops that do not wait for anything.
     pub fn check_running(&self) -> Result<(), WaitError> {
         match self.state() {
             RunState::Running => Ok(()),
+            RunState::Finished => Err(WaitError::Finished),
             RunState::Stopping => Err(WaitError::Stopping),
             RunState::Failed => Err(WaitError::Failed),
         }

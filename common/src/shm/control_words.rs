@@ -16,10 +16,13 @@ pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
 pub enum RunState {
     /// Frames are being made.
     Running = 1,
+    /// A flight of which nobody knew the number of frames is over, and all of them are written: stages leave, and what
+    /// they were making is completed.
+    Finished = 2,
     /// All stages are to leave: the flight is over, or was interrupted.
-    Stopping = 2,
+    Stopping = 3,
     /// A stage died or gave up; all others are to leave.
-    Failed = 3,
+    Failed = 4,
 }
 
 /// Numbers that the stages add up for the report.

@@ -107,6 +107,23 @@ pub enum ShmError {
         /// The text.
         text: String,
     },
+    /// The text is no name for what other programs shall find.
+    #[error(
+        "{text:?} is no name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
+         letter or digit first and not -camera last"
+    )]
+    BadSharedName {
+        /// The text.
+        text: String,
+    },
+    /// Another run has this name.
+    #[error("the name /dev/shm/{name} is taken by another flight, process {pid}; choose another one")]
+    NameTaken {
+        /// The segment's name below `/dev/shm`.
+        name: String,
+        /// Process id of its launcher.
+        pid: u32,
+    },
     /// The segment's kind does not carry what was asked of it.
     #[error("segment {name} is a {kind}, which is not what it was opened as")]
     WrongKind {
@@ -149,6 +166,9 @@ impl ShmError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
+    /// The flight is over, after a number of frames that nobody knew before: leave, all that you made is written.
+    #[error("the flight is over")]
+    Finished,
     /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a signal.
     #[error("the run is stopping")]
     Stopping,
@@ -177,6 +197,12 @@ impl WaitError {
     /// Whether this is the orderly end of a run, which is no failure of the stage that sees it.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
-        matches!(self, Self::Stopping)
+        matches!(self, Self::Finished | Self::Stopping)
+    }
+
+    /// Whether the flight is over and all of its frames are written.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        matches!(self, Self::Finished)
     }
 }

@@ -10,6 +10,9 @@
 //! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | preparer | renderer, preparer | `allocate` says so |
 //! | three event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
 //!
+//! | frame ring: [`FrameRing`], [`FrameRingWriter`], [`FrameRingReader`] | renderer | other programs | the newest wins |
+//! | poses: [`PoseInbox`], [`PoseSender`] | another program | launcher | the newest wins |
+//!
 //! The launcher makes all of them ([`RunSegments`]), stages open them by the run's name ([`RunId`]), and [`memory`] makes
 //! the same handles over memory of one process, for tests and benches.
 //!
@@ -35,7 +38,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The algorithms ([`bell`], [`cursor`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
+//! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
 //! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
 #![cfg_attr(
     loom,
@@ -46,6 +49,7 @@
 mod bell;
 mod cursor;
 mod error;
+mod frame_core;
 mod geometry;
 mod kind;
 mod layout;
@@ -62,13 +66,19 @@ mod control_words;
 #[cfg(not(loom))]
 mod elevation_ring;
 #[cfg(not(loom))]
+mod frame_ring;
+#[cfg(not(loom))]
 mod header;
 #[cfg(not(loom))]
 pub mod memory;
 #[cfg(not(loom))]
+mod named;
+#[cfg(not(loom))]
 mod ping_pong;
 #[cfg(not(loom))]
 mod pool;
+#[cfg(not(loom))]
+mod poses;
 #[cfg(not(loom))]
 mod region;
 #[cfg(not(loom))]
@@ -89,13 +99,19 @@ pub use control::{Control, Counter, RunState, WAIT_BOUND};
 pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
 #[cfg(not(loom))]
+pub use frame_ring::{FrameInfo, FrameRing, FrameRingReader, FrameRingWriter, FrameShape, PoseTimes, SharedFrame};
+#[cfg(not(loom))]
 pub use header::LAYOUT_VERSION;
 pub use kind::{SegmentKind, Stage};
 pub use layout::{CameraRecord, Layout};
 #[cfg(not(loom))]
+pub use named::SharedName;
+#[cfg(not(loom))]
 pub use ping_pong::{TreeGuard, TreeHalf, TreeReader, TreeWriter};
 #[cfg(not(loom))]
 pub use pool::{FillGuard, PoolBytes, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
+#[cfg(not(loom))]
+pub use poses::{PoseAnswers, PoseInbox, PoseRecord, PoseSender};
 #[cfg(not(loom))]
 pub use ring::{Consumer, Producer};
 pub use run_id::RunId;

@@ -18,6 +18,9 @@ enum Owner {
     #[expect(dead_code, reason = "held for its Drop")]
     Mapping(shared_memory::Shmem),
     Heap(HeapLayout),
+    /// Unmaps when dropped.
+    #[expect(dead_code, reason = "held for its Drop")]
+    File(memmap2::MmapRaw),
 }
 
 impl std::fmt::Debug for Region {
@@ -57,6 +60,16 @@ impl Region {
         let len = shmem.len();
         match NonNull::new(shmem.as_ptr()) {
             Some(base) if base.as_ptr().addr() % 4096 == 0 => Ok(Self { base, len, owner: Owner::Mapping(shmem) }),
+            _ => Err(ShmError::Os { action: "map", name: name.to_owned(), source: rustix::io::Errno::FAULT }),
+        }
+    }
+
+    /// A mapping of a file. One that was made for reading alone must not be stored to.
+    pub(crate) fn file(map: memmap2::MmapRaw, name: &str) -> Result<Self, ShmError> {
+        match NonNull::new(map.as_mut_ptr()) {
+            Some(base) if base.as_ptr().addr() % 4096 == 0 => {
+                Ok(Self { base, len: map.len(), owner: Owner::File(map) })
+            }
             _ => Err(ShmError::Os { action: "map", name: name.to_owned(), source: rustix::io::Errno::FAULT }),
         }
     }

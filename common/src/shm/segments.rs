@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Where POSIX shared memory lives on Linux.
-const SHM_FOLDER: &str = "/dev/shm";
+pub(crate) const SHM_FOLDER: &str = "/dev/shm";
 /// How long an opener waits for a segment that is not ready. The launcher makes them before it starts a stage.
 const OPEN_DEADLINE: Duration = Duration::from_secs(2);
 
@@ -94,7 +94,7 @@ impl RunSegments {
 }
 
 /// `fallocate`, again when a signal came in between.
-fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
+pub(crate) fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
     loop {
         match rustix::fs::fallocate(file, FallocateFlags::empty(), 0, bytes) {
             Err(Errno::INTR) => {}
@@ -163,6 +163,7 @@ pub fn reap_dead_runs() -> Vec<String> {
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
         .filter(|name| RunId::of_segment(name).is_some_and(|(run, _)| !run.is_alive()))
         .filter(|name| remove_unlocked(name))
+        .chain(super::named::reap())
         .collect();
     removed.sort();
     removed

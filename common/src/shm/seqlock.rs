@@ -37,6 +37,18 @@ impl<const N: usize> SeqLock<N> {
 
     /// The value, whole; `None` before the first write, or when a write is always under way (its writer died in it).
     pub(crate) fn read(&self) -> Option<[u64; N]> {
+        self.read_numbered().map(|(_, value)| value)
+    }
+
+    /// The counter: whether there may be another value.
+    #[cfg_attr(loom, expect(dead_code, reason = "for poses, which the checker is built without"))]
+    pub(crate) fn counter(&self) -> u64 {
+        // Relaxed: only a hint to read.
+        self.sequence.load(Ordering::Relaxed)
+    }
+
+    /// The same with its counter, which another value would have another one of.
+    pub(crate) fn read_numbered(&self) -> Option<(u64, [u64; N])> {
         for _ in 0..LOOKS {
             // Acquire: SYNC seqlock.end.
             let before = self.sequence.load(Ordering::Acquire);
@@ -48,7 +60,7 @@ impl<const N: usize> SeqLock<N> {
                 // SYNC seqlock.begin.
                 fence(Ordering::Acquire);
                 if self.sequence.load(Ordering::Relaxed) == before {
-                    return Some(value);
+                    return Some((before, value));
                 }
             }
             relax();

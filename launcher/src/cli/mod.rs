@@ -3,6 +3,7 @@
 
 pub mod values;
 
+use crate::input::CameraSource;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -191,6 +192,30 @@ pub struct CourseArgs {
     pub speed: Option<f64>,
 }
 
+/// How other programs take part in a flight.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Other programs (docs/frame-ring.md)")]
+pub struct LiveArgs {
+    /// Also put every frame into shared memory, /dev/shm/terravision-NAME, where any number of programs read it
+    #[arg(long, value_name = "NAME")]
+    pub share: Option<String>,
+    /// Shared frames have the depth of every pixel: float32, metres along the view axis, NaN for sky
+    #[arg(long)]
+    pub depth: bool,
+    /// Shared frames have what every pixel sees: float64 easting, northing and height, NaN for sky
+    #[arg(long)]
+    pub ground: bool,
+    /// Fly the poses that another program sends, one frame for each, in place of a path
+    ///
+    /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
+    /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
+    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed"])]
+    pub camera: Option<CameraSource>,
+    /// End the flight when no pose has come for so many seconds [default: wait for ever]
+    #[arg(long, value_name = "SECONDS", requires = "camera")]
+    pub idle_timeout: Option<f64>,
+}
+
 /// `terravision fly`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
@@ -200,18 +225,23 @@ EXAMPLES
   terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
   terravision fly w.tv --path path.json --frames 100..200 -o part2/
   terravision fly w.tv -o - | ffmpeg -i - -c:v libvpx-vp9 film.webm
+  terravision fly w.tv --camera shm:uav -o shared:uav --depth --size 640x480
 
 The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
 number of lifted frames is told.")]
 pub struct FlyArgs {
     /// The terrain database, a folder that `terravision ingest` made
     pub world: PathBuf,
-    /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, or - for Y4M on standard output
+    /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
+    /// shared:NAME for other programs
     ///
     /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
-    /// that name when it is complete, never before.
-    #[arg(short, long, value_name = "FILM|DIR/|-")]
+    /// that name when it is complete, never before. shared:NAME is --share NAME and nothing else.
+    #[arg(short, long, value_name = "FILM|DIR/|-|shared:NAME")]
     pub output: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub live: LiveArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,

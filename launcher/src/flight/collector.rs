@@ -1,5 +1,6 @@
 //! Collects what the stages tell of their work, as figures per frame; and keeps all of it when a trace is wanted.
 
+use crate::path::MAX_FRAMES;
 use std::collections::BTreeMap;
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::node::NodeId;
@@ -7,6 +8,9 @@ use terravision_common::shm::Stage;
 
 /// Spans of which each frame has a sum: all names.
 pub const SPANS: usize = SpanName::ALL.len();
+
+/// More frames than this are never under way: the camera ring and the ring hold less.
+const FRAMES_UNDER_WAY: usize = 8192;
 
 /// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,6 +48,8 @@ pub struct UnavailableTile {
 #[derive(Debug)]
 pub struct Collector {
     first_frame: u64,
+    /// Frames that figures are kept of, at most.
+    most_frames: usize,
     /// By frame, from the first.
     pub frames: Vec<FrameFigures>,
     /// Cause by tile: 1 missing, 2 corrupt, 3 read error.
@@ -62,6 +68,7 @@ impl Collector {
     pub fn new(first_frame: u64, count: usize, is_traced: bool) -> Self {
         Self {
             first_frame,
+            most_frames: count,
             frames: vec![FrameFigures::default(); count],
             unavailable: BTreeMap::new(),
             device: Vec::new(),
@@ -69,6 +76,15 @@ impl Collector {
             strange_events: 0,
             trace: is_traced.then(Vec::new),
         }
+    }
+
+    /// With `is_open` the number of frames is not known: figures are kept of as many as a path may have.
+    #[must_use]
+    pub fn open_ended(mut self, is_open: bool) -> Self {
+        if is_open {
+            self.most_frames = MAX_FRAMES as usize;
+        }
+        self
     }
 
     /// Number of the first frame.
@@ -120,6 +136,11 @@ impl Collector {
             _ => {}
         }
         let index = event.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
+        if let Some(index) = index.filter(|index| (self.frames.len()..self.most_frames).contains(index))
+            && index - self.frames.len() < FRAMES_UNDER_WAY
+        {
+            self.frames.resize(index + 1, FrameFigures::default());
+        }
         let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) else {
             // Loading of the locked top levels belongs to no frame.
             self.strange_events += u64::from(kind != EventKind::Span);
@@ -183,6 +204,18 @@ mod tests {
         assert!(collector.device().ends_with("more than one piece"));
         assert_eq!(collector.strange_events, 0);
         assert_eq!(collector.trace.as_ref().map(Vec::len), Some(8));
+    }
+
+    #[test]
+    fn a_flight_without_a_known_end_has_figures_of_the_frames_that_came() {
+        let mut collector = Collector::new(0, 0, false).open_ended(true);
+        for frame in 0..3 {
+            collector.take(Stage::Renderer, event(EventKind::FrameDone, frame, 7, 0, 1));
+        }
+        // No healthy stage is so far ahead.
+        collector.take(Stage::Renderer, event(EventKind::FrameDone, 1 << 40, 7, 0, 1));
+        collector.take(Stage::Renderer, event(EventKind::FrameDone, 100_000, 7, 0, 1));
+        assert_eq!((collector.frames.len(), collector.strange_events), (3, 2));
     }
 
     #[test]

@@ -31,8 +31,10 @@ use stage::StageProcess;
 use std::path::{Path, PathBuf};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
-use terravision_common::run::SinkConfig;
-use terravision_common::shm::{Consumer, Control, Counter, RunSegments, ShmError, Stage, reap_dead_runs};
+use terravision_common::run::{RunConfig, SinkConfig};
+use terravision_common::shm::{
+    Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
+};
 
 /// Folder of the programs of the stages: that of this program.
 ///
@@ -59,8 +61,12 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
     supervisor::adopt_orphans();
 
+    let ring = frame_ring(&plan)?;
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
-    let mut run = Run::open(&plan)?;
+    let mut run = Run::open(&plan, ring)?;
+    if let Some(live) = &plan.live {
+        progress.say(&format!("waiting for poses at {}", live.input.place()));
+    }
     let ending = run.fly(&mut plan, &mut progress)?;
     let figures = run.close(&plan, started_nanos);
     drop(segments);
@@ -94,7 +100,10 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
 
 /// Gives the results their names, writes report and trace, says how it went.
 fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Result<(), Failure> {
-    let wanted = plan.cameras.len() as u64;
+    let wanted = figures.asked_frames;
+    if wanted == 0 {
+        return Err(Failure::failed(anyhow!("no pose came before the end of the flight")));
+    }
     if figures.written_frames < wanted {
         return Err(Failure::failed(anyhow!("the flight ended after {} of {wanted} frames", figures.written_frames)));
     }
@@ -139,7 +148,7 @@ fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {
         }
         _ => String::new(),
     };
-    format!("interrupted after {} of {} frames{kept}", figures.written_frames, plan.cameras.len())
+    format!("interrupted after {} of {} frames{kept}", figures.written_frames, figures.asked_frames)
 }
 
 fn no_segments(error: ShmError) -> Failure {
@@ -154,6 +163,18 @@ fn no_segments(error: ShmError) -> Failure {
     }
 }
 
+/// The frame ring that other programs shall read, if one is asked for.
+fn frame_ring(plan: &FlightPlan) -> Result<Option<FrameRing>, Failure> {
+    let RunConfig { width, height, render, .. } = &plan.config;
+    let Some(share) = &render.share else { return Ok(None) };
+    let shape = FrameShape { size: [*width, *height], has_depth: share.has_depth, has_ground: share.has_ground };
+    let ring = SharedName::parse(&share.name).and_then(|name| FrameRing::create(&name, shape));
+    ring.map(Some).map_err(|error| match error {
+        ShmError::NameTaken { .. } | ShmError::NotOurs { .. } => Failure::bad_input(error),
+        error => no_segments(error),
+    })
+}
+
 /// The launcher's ends of the run's segments, and what comes out of them.
 struct Run {
     control: Control,
@@ -161,18 +182,24 @@ struct Run {
     collector: Collector,
     memory: MemoryPeaks,
     pids: Vec<(Stage, u32)>,
+    /// Frames that were asked for: by the plan, or so far by who sends the poses.
+    asked_frames: u64,
+    ring: Option<FrameRing>,
 }
 
 impl Run {
-    fn open(plan: &FlightPlan) -> Result<Self, Failure> {
+    fn open(plan: &FlightPlan, ring: Option<FrameRing>) -> Result<Self, Failure> {
         let events: Result<Vec<_>, ShmError> =
             Stage::ALL.into_iter().map(|stage| Ok((stage, Consumer::open(&plan.run, stage.events())?))).collect();
         Ok(Self {
             control: Control::open(&plan.run).map_err(Failure::failed)?,
             events: events.map_err(Failure::failed)?,
-            collector: Collector::new(plan.config.frames[0], plan.cameras.len(), plan.trace.is_some()),
+            collector: Collector::new(plan.config.frames[0], plan.cameras.len(), plan.trace.is_some())
+                .open_ended(plan.live.is_some()),
             memory: MemoryPeaks::default(),
             pids: Vec::new(),
+            asked_frames: plan.cameras.len() as u64,
+            ring,
         })
     }
 
@@ -188,18 +215,25 @@ impl Run {
             stages.push(StageProcess::start(stage, &programs, &json, has_stdout).map_err(Failure::failed)?);
         }
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
-        let pilot = Pilot::start(plan).map_err(Failure::failed)?;
+        let is_live = plan.live.is_some();
+        let times = self.ring.as_ref().map(FrameRing::pose_times);
+        let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;
         let Self { control, events, collector, memory, .. } = self;
-        let ending = supervisor::watch(&mut stages, control, &interrupt::is_interrupted, &mut |stages| {
+        // The pilot ends a live flight in order at the first Ctrl-C.
+        let is_interrupted = || interrupt::count() > u32::from(is_live);
+        let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut |stages| {
             drain(events, collector);
             memory.sample(stages);
             progress.show(control.written_frames());
+            pilot.words().for_each(|sentence| progress.warn(&sentence));
         });
         // The pilot's wait ends with the run.
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
         }
-        pilot.join();
+        let (flown, words) = pilot.join();
+        words.iter().for_each(|sentence| progress.warn(sentence));
+        self.asked_frames = flown.unwrap_or(self.asked_frames);
         drain(&mut self.events, &mut self.collector);
         if ending == Ending::Finished {
             for stage in &stages {
@@ -216,6 +250,7 @@ impl Run {
         RunFigures {
             started_nanos,
             ended_nanos: monotonic_nanos(),
+            asked_frames: self.asked_frames,
             written_frames: self.control.written_frames(),
             tiles_wanted: counter(Counter::TilesWanted),
             tiles_loaded: counter(Counter::TilesLoaded),
@@ -225,7 +260,7 @@ impl Run {
             frames_unsettled: counter(Counter::FramesUnsettled),
             events_dropped: counter(Counter::EventsDropped),
             trees_cut_short: counter(Counter::TreesCutShort),
-            shared_memory_bytes: plan.layout.total_bytes(),
+            shared_memory_bytes: plan.layout.total_bytes() + self.ring.as_ref().map_or(0, FrameRing::total_bytes),
             collector: self.collector,
             memory: self.memory,
             pids: self.pids,

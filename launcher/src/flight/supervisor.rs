@@ -55,7 +55,10 @@ pub fn watch(
         let ended: Vec<Option<ExitStatus>> = stages.iter_mut().map(StageProcess::poll).collect();
         tick(stages);
         if ending.is_none() {
+            let is_over = control.state() == RunState::Finished;
             let death = ended.iter().zip(stages.iter()).filter_map(|(status, stage)| death_of(stage, (*status)?));
+            // A stage that leaves when the flight is over says so by the same exit code.
+            let death = death.filter(|(weight, _)| *weight > STOPPED || !is_over);
             let death = death.max_by_key(|(weight, _)| *weight).filter(|(weight, _)| {
                 *weight > STOPPED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
             });

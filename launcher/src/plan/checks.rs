@@ -11,15 +11,19 @@ use std::path::Path;
 
 pub(super) const DEFAULT_FPS: f64 = 30.0;
 /// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
-const FAR_FROM_WORLD: f64 = 2.0;
+pub const FAR_FROM_WORLD: f64 = 2.0;
+
+/// Frames per second.
+pub(super) fn fps(asked: Option<f64>) -> Result<f64, Failure> {
+    in_range("--fps", asked.unwrap_or(DEFAULT_FPS), 0.001, 1000.0, "frames per second from 0.001 to 1000")
+}
 
 /// Frames per second, and how many times as fast a path in time is flown.
 ///
 /// # Errors
 /// Bad input: a number out of range.
 pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
-    let fps = args.fps.or(path.settings.fps).unwrap_or(DEFAULT_FPS);
-    let fps = in_range("--fps", fps, 0.001, 1000.0, "frames per second from 0.001 to 1000")?;
+    let fps = fps(args.fps.or(path.settings.fps))?;
     let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
     if args.speed.is_some() && !path.course.is_timed() {
         return Err(Failure::bad_input(anyhow!(

@@ -2,13 +2,15 @@
 //! is left to interpret.
 
 mod checks;
+mod live;
 
-pub use checks::{frame_range, pace};
+pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, ResourceArgs, StillArgs};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
+use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
@@ -21,7 +23,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use terravision_common::database::Database;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 
 /// Where `--path orbit` is meant, unless a file has that name.
@@ -43,8 +45,10 @@ pub struct FlightPlan {
     pub config: RunConfig,
     /// The run's shared memory.
     pub layout: Layout,
-    /// The camera of each frame, from the first.
+    /// The camera of each frame, from the first; none when another program sends them.
     pub cameras: Vec<Camera>,
+    /// Where poses come from in place of `cameras`.
+    pub live: Option<LiveCamera>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
     /// The folder of frames, if that is where they go.
@@ -101,18 +105,30 @@ pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> R
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     let database = open_world(&args.world)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
-    let path = load_path(&args.course, &database, exaggeration)?;
-    let (fps, speed) = pace(&args.course, &path)?;
-    let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
-    let poses: Option<Vec<Pose>> = (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
-    let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
-    let mut draft = Draft::new(&database, &args.picture, &args.resources, path.settings)?;
-    draft.fps = fps;
-    draft.frames = frames;
-    draft.poses = poses;
+    let mut draft = if args.live.camera.is_some() {
+        let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
+        draft.fps = checks::fps(args.course.fps)?;
+        draft.frames = [0, OPEN_END];
+        draft
+    } else {
+        let path = load_path(&args.course, &database, exaggeration)?;
+        let (fps, speed) = pace(&args.course, &path)?;
+        let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
+        let poses: Option<Vec<Pose>> =
+            (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
+        let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
+        let mut draft = Draft::new(&database, &args.picture, &args.resources, path.settings)?;
+        draft.fps = fps;
+        draft.frames = frames;
+        draft.poses = poses;
+        draft
+    };
 
     let run = draft.run.to_string();
-    if args.output == Path::new("-") {
+    draft.share = live::share(&args.output, &args.live)?;
+    if live::shared_name(&args.output).is_some() {
+        draft.sink = SinkConfig::Null;
+    } else if args.output == Path::new("-") {
         if std::io::stdout().is_terminal() {
             return Err(Failure::bad_input(anyhow!(
                 "-o - writes a film to standard output, which is a terminal; send it to a program or a file, \
@@ -136,14 +152,17 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.files.push(file);
     } else {
         return Err(Failure::bad_input(anyhow!(
-            "-o {}: expected a film (.mp4, .mkv, .mov), a folder that ends with a slash, or - for standard output",
+            "-o {}: expected a film (.mp4, .mkv, .mov), a folder that ends with a slash, - for standard output, or \
+             shared:NAME",
             args.output.display()
         )));
     }
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
-    draft.finish(args.report.as_deref(), args.trace.as_deref())
+    let mut plan = draft.finish(args.report.as_deref(), args.trace.as_deref())?;
+    plan.live = live::camera(args, &plan.config)?;
+    Ok(plan)
 }
 
 /// The plan of `terravision still`.
@@ -196,6 +215,7 @@ struct Draft<'a> {
     sink: SinkConfig,
     depth: Option<PathBuf>,
     ground: Option<PathBuf>,
+    share: Option<ShareConfig>,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
     destination: String,
@@ -220,6 +240,7 @@ impl<'a> Draft<'a> {
             sink: SinkConfig::Null,
             depth: None,
             ground: None,
+            share: None,
             files: Vec::new(),
             folder: None,
             destination: String::new(),
@@ -256,7 +277,9 @@ impl<'a> Draft<'a> {
 
         let ground = WorldGround::finest(database, world, exaggeration);
         let mut warnings = Vec::new();
-        check_distance(&self.poses, &ground.extent(), &mut warnings)?;
+        if !self.poses.is_empty() {
+            check_distance(&self.poses, &ground.extent(), &mut warnings)?;
+        }
         let origin = glam::DVec2::from_array(world.fields().origin);
         let mut lifted = 0;
         let mut cameras = Vec::with_capacity(self.poses.len());
@@ -310,6 +333,7 @@ impl<'a> Draft<'a> {
                     sink: self.sink,
                     depth: self.depth,
                     ground: self.ground,
+                    share: self.share,
                 },
             },
             report: report.map(temporary).transpose()?,
@@ -317,6 +341,7 @@ impl<'a> Draft<'a> {
             run: self.run,
             layout,
             cameras,
+            live: None,
             files: self.files,
             folder: self.folder,
             warnings,

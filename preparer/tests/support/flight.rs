@@ -204,6 +204,7 @@ impl Flight {
                 sink: SinkConfig::Null,
                 depth: None,
                 ground: None,
+                share: None,
             },
         }
     }

@@ -196,7 +196,7 @@ mod tests {
         let rgba: Vec<u8> = (0..size[0] * size[1] * 4).map(|i| (i % 251) as u8).collect();
         let camera = Camera::zeroed();
         for frame in 0..10 {
-            sink.write(&Picture { frame, size, rgba: &rgba, reversed_depth: None, camera })?;
+            sink.write(&Picture { frame, size, rgba: &rgba, reversed_depth: None, camera, is_settled: true })?;
         }
         Ok(())
     }

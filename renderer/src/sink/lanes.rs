@@ -182,6 +182,7 @@ fn run_lane(
             rgba: frame.readback.rgba(),
             reversed_depth: frame.readback.reversed_depth(),
             camera: frame.camera,
+            is_settled: frame.is_settled,
         };
         let result = sink.write(&picture).map(|()| Written {
             frame: frame.frame,

@@ -4,6 +4,7 @@ mod film;
 pub mod lanes;
 mod null;
 mod png;
+mod shared;
 mod temporary;
 mod tiff;
 mod y4m;
@@ -11,6 +12,7 @@ mod y4m;
 pub use film::FilmSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
+pub use shared::SharedSink;
 pub use tiff::{DepthSink, GroundSink};
 pub use y4m::Y4mSink;
 
@@ -31,6 +33,8 @@ pub struct Picture<'a> {
     pub reversed_depth: Option<&'a [f32]>,
     /// The camera of the picture.
     pub camera: Camera,
+    /// Whether every tile that it wanted was there.
+    pub is_settled: bool,
 }
 
 /// A sink could not do its work.
@@ -87,6 +91,13 @@ pub enum SinkError {
     NoDepth {
         /// The file that needs it.
         path: PathBuf,
+    },
+    /// The frame ring could not be opened.
+    #[error(transparent)]
+    Shared {
+        /// Why.
+        #[from]
+        source: terravision_common::shm::ShmError,
     },
     /// A thread of the sink ended without a word.
     #[error("a thread that writes pictures has ended unexpectedly")]

@@ -76,11 +76,17 @@ impl FrameSink for GroundSink {
 }
 
 /// Metres along the view axis from a value of the depth buffer; NaN for sky.
-fn depth_m(reversed: f32) -> f64 {
+pub(super) fn depth_m(reversed: f32) -> f64 {
     if reversed > 0.0 { NEAR_M / f64::from(reversed) } else { f64::NAN }
 }
 
-fn ground_position(camera: &Camera, pixel: [f64; 2], reversed: f32, origin: [f64; 2], exaggeration: f64) -> [f64; 3] {
+pub(super) fn ground_position(
+    camera: &Camera,
+    pixel: [f64; 2],
+    reversed: f32,
+    origin: [f64; 2],
+    exaggeration: f64,
+) -> [f64; 3] {
     let at = camera.eye() + camera.ray_in_world(pixel[0], pixel[1]) * depth_m(reversed);
     [origin[0] + at.x, origin[1] + at.y, at.z / exaggeration]
 }

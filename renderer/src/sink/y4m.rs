@@ -172,7 +172,14 @@ mod tests {
         let mut bytes = Vec::new();
         let rgba = [9u8; 3 * 4];
         let mut sink = Y4mSink::new(&mut bytes, 25.0);
-        let picture = Picture { frame: 0, size: [3, 1], rgba: &rgba, reversed_depth: None, camera: Camera::zeroed() };
+        let picture = Picture {
+            frame: 0,
+            size: [3, 1],
+            rgba: &rgba,
+            reversed_depth: None,
+            camera: Camera::zeroed(),
+            is_settled: true,
+        };
         sink.write(&picture).unwrap();
         sink.write(&picture).unwrap();
         sink.finish().unwrap();
@@ -193,7 +200,14 @@ mod tests {
                 Ok(())
             }
         }
-        let picture = Picture { frame: 0, size: [1, 1], rgba: &[0; 4], reversed_depth: None, camera: Camera::zeroed() };
+        let picture = Picture {
+            frame: 0,
+            size: [1, 1],
+            rgba: &[0; 4],
+            reversed_depth: None,
+            camera: Camera::zeroed(),
+            is_settled: true,
+        };
         let error = Y4mSink::new(Gone, 30.0).write(&picture).unwrap_err();
         assert!(matches!(error, SinkError::ReaderGone { frames: 0 }));
     }

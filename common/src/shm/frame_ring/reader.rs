@@ -1,0 +1,143 @@
+//! A reader of the frame ring, as other programs are: it maps for reading alone and trusts nothing.
+
+use super::super::error::ShmError;
+use super::super::frame_core::{FrameSlot, newest};
+use super::super::named::{self, FRAMES, SharedName};
+use super::super::region::Region;
+use super::layout::{FrameShape, RING_HEADER_OFFSET, RingHeader, RingLayout};
+use super::slot::{FrameInfo, plane};
+use crate::sync::{AtomicU64, Ordering};
+
+/// Copies that were overtaken before a reader gives up for now.
+const TRIES: u32 = 16;
+
+/// A frame copied out of the ring. Keep it, and its memory is used again.
+#[derive(Debug, Clone, Default)]
+pub struct SharedFrame {
+    /// Number of the publication, from 1: a gap is frames that were not seen.
+    pub number: u64,
+    /// What the slot says of it; `None` before the first.
+    pub info: Option<FrameInfo>,
+    /// `[height, width, 4]` bytes RGBA, row 0 at the top.
+    pub rgba: Vec<u8>,
+    /// `[height, width]` metres along the view axis, NaN for sky; empty when the ring has none.
+    pub depth: Vec<f32>,
+    /// `[height, width, 3]` easting, northing, height, NaN for sky; empty when the ring has none.
+    pub ground: Vec<f64>,
+}
+
+impl SharedFrame {
+    /// Empty, with its memory kept.
+    fn clear(&mut self) {
+        (self.number, self.info) = (0, None);
+        self.rgba.clear();
+        self.depth.clear();
+        self.ground.clear();
+    }
+}
+
+/// A reader. Any number of them, in any process.
+#[derive(Debug)]
+pub struct FrameRingReader {
+    region: Region,
+    layout: RingLayout,
+    name: String,
+    seen: u64,
+}
+
+impl FrameRingReader {
+    /// Opens the ring of this name.
+    ///
+    /// # Errors
+    /// There is none, or its header is not one.
+    pub fn open(name: &SharedName) -> Result<Self, ShmError> {
+        let name = name.ring_file();
+        let region = named::open(&name, FRAMES, false)?;
+        let layout = RingLayout::read(&region, &name)?;
+        Ok(Self { region, layout, name, seen: 0 })
+    }
+
+    /// What its frames have.
+    #[must_use]
+    pub fn shape(&self) -> FrameShape {
+        self.layout.shape
+    }
+
+    /// Whether the flight has ended in order; what is in the ring stays readable. Of a launcher that was killed see
+    /// [`FrameRingReader::launcher_pid`].
+    #[must_use]
+    pub fn is_ended(&self) -> bool {
+        named::is_ended(&self.region)
+    }
+
+    /// Process id of the launcher, as the header tells.
+    #[must_use]
+    pub fn launcher_pid(&self) -> u32 {
+        named::launcher_pid(&self.region)
+    }
+
+    /// Number of the newest publication; 0 before the first.
+    #[must_use]
+    pub fn newest(&self) -> u64 {
+        newest(&self.region.words::<RingHeader>(RING_HEADER_OFFSET).newest)
+    }
+
+    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no newer one (`into` keeps what
+    /// it has), or when the writer overtook every copy (`into` is empty).
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the slot of the newest frame does not hold it; `into` is empty.
+    pub fn read(&mut self, into: &mut SharedFrame) -> Result<bool, ShmError> {
+        for _ in 0..TRIES {
+            let number = self.newest();
+            if number == self.seen || number == 0 {
+                return Ok(false);
+            }
+            let words: &[AtomicU64] =
+                self.region.words_slice(self.layout.slot_offset(number), self.layout.slot_bytes / 8);
+            let Some((sequence, words)) = words.split_first() else { return Ok(false) };
+            let slot = FrameSlot { sequence, words };
+            let layout = &self.layout;
+            let copied = slot.copy(number, |words| {
+                into.info = Some(FrameInfo::load(words));
+                load_planes(words, layout, into);
+            });
+            if copied.is_some() {
+                into.number = number;
+                self.seen = number;
+                return Ok(true);
+            }
+            // What was copied, if anything, was no frame.
+            into.clear();
+            if self.newest() == number {
+                let found = sequence.load(Ordering::Relaxed);
+                let (field, expected) = ("the sequence of the newest slot", "twice the number of the newest frame");
+                return Err(ShmError::Corrupt { name: self.name.clone(), field, found, expected });
+            }
+        }
+        Ok(false)
+    }
+}
+
+fn load_planes(words: &[AtomicU64], layout: &RingLayout, into: &mut SharedFrame) {
+    let pixels = layout.pixels();
+    let load = |word: &AtomicU64| word.load(Ordering::Relaxed);
+    let color = plane(words, layout.color, pixels * 4);
+    into.rgba.clear();
+    into.rgba.extend(color.iter().flat_map(|word| load(word).to_ne_bytes()));
+    into.rgba.truncate((pixels * 4) as usize);
+    into.depth.clear();
+    if layout.shape.has_depth {
+        let pairs = plane(words, layout.depth, pixels * 4).iter().map(|word| load(word).to_ne_bytes());
+        into.depth.extend(
+            pairs.flat_map(|[a, b, c, d, e, f, g, h]| {
+                [f32::from_ne_bytes([a, b, c, d]), f32::from_ne_bytes([e, f, g, h])]
+            }),
+        );
+        into.depth.truncate(pixels as usize);
+    }
+    into.ground.clear();
+    if layout.shape.has_ground {
+        into.ground.extend(plane(words, layout.ground, pixels * 24).iter().map(|word| f64::from_bits(load(word))));
+    }
+}

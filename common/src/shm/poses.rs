@@ -1,0 +1,197 @@
+//! Poses from another program: one record behind a sequence lock, newest wins (docs/frame-ring.md).
+//!
+//! The launcher makes the segment and reads the record ([`PoseInbox`]); whoever steers writes it ([`PoseSender`], or a few
+//! lines in any language). Nothing that comes out of it is a pose before it was checked.
+
+use super::error::ShmError;
+use super::named::{self, CAMERA, NamedSegment, SharedName};
+use super::region::{Region, SharedWords};
+use super::seqlock::SeqLock;
+use crate::sync::{AtomicU64, Ordering};
+
+const RECORD_OFFSET: u64 = 64;
+const ANSWERS_OFFSET: u64 = 256;
+const TOTAL_BYTES: u64 = 4096;
+const WORDS: usize = 9;
+const IS_END: u64 = 1;
+
+// SAFETY: atomics alone, repr(C), aligned to 8.
+unsafe impl SharedWords for SeqLock<WORDS> {}
+
+/// A pose as another program wrote it: any numbers. Degrees, metres, the database's CRS.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseRecord {
+    /// Easting, northing and height of the eye.
+    pub position: [f64; 3],
+    /// Degrees clockwise from grid north.
+    pub heading_deg: f64,
+    /// Degrees up from the horizontal.
+    pub pitch_deg: f64,
+    /// Degrees clockwise.
+    pub roll_deg: f64,
+    /// Vertical field of view, degrees; 0 for that of the flight.
+    pub vfov_deg: f64,
+    /// Time of the pose, seconds, in a clock of the sender's that goes forward.
+    pub time_s: f64,
+    /// No pose: the flight is over.
+    pub is_end: bool,
+}
+
+impl PoseRecord {
+    fn words(&self) -> [u64; WORDS] {
+        let [x, y, z] = self.position;
+        let numbers = [x, y, z, self.heading_deg, self.pitch_deg, self.roll_deg, self.vfov_deg, self.time_s];
+        let mut words = [if self.is_end { IS_END } else { 0 }; WORDS];
+        for (word, number) in words.iter_mut().zip(numbers) {
+            *word = number.to_bits();
+        }
+        words
+    }
+
+    fn of([x, y, z, heading, pitch, roll, vfov, time, flags]: [u64; WORDS]) -> Self {
+        Self {
+            position: [x, y, z].map(f64::from_bits),
+            heading_deg: f64::from_bits(heading),
+            pitch_deg: f64::from_bits(pitch),
+            roll_deg: f64::from_bits(roll),
+            vfov_deg: f64::from_bits(vfov),
+            time_s: f64::from_bits(time),
+            is_end: flags & IS_END != 0,
+        }
+    }
+}
+
+/// What the launcher tells the sender.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PoseAnswers {
+    /// Records that became frames.
+    pub accepted: u64,
+    /// Records that were refused.
+    pub refused: u64,
+    /// Counter of the record that was looked at last.
+    pub looked_at: u64,
+}
+
+/// The launcher's end, which makes the segment and removes it when dropped.
+#[derive(Debug)]
+pub struct PoseInbox {
+    segment: NamedSegment,
+    seen: u64,
+}
+
+impl PoseInbox {
+    /// Makes the segment of this name.
+    ///
+    /// # Errors
+    /// [`ShmError::NameTaken`] while another run has the name.
+    pub fn create(name: &SharedName) -> Result<Self, ShmError> {
+        Ok(Self { segment: NamedSegment::create(&name.camera_file(), CAMERA, TOTAL_BYTES, |_| {})?, seen: 0 })
+    }
+
+    /// Its name below `/dev/shm`.
+    #[must_use]
+    pub fn file(&self) -> &str {
+        self.segment.name()
+    }
+
+    /// The newest record, if it was not seen yet. Does not wait.
+    pub fn read(&mut self) -> Option<PoseRecord> {
+        let record: &SeqLock<WORDS> = self.segment.region.words(RECORD_OFFSET);
+        if record.counter() == self.seen {
+            return None;
+        }
+        let (counter, words) = record.read_numbered()?;
+        self.seen = counter;
+        Some(PoseRecord::of(words))
+    }
+
+    /// Tells the sender what became of what it sent.
+    pub fn answer(&self, accepted: u64, refused: u64) {
+        let words: &[AtomicU64] = self.segment.region.words_slice(ANSWERS_OFFSET, 3);
+        let [accepted_word, refused_word, looked_at] = words else { return };
+        accepted_word.store(accepted, Ordering::Relaxed);
+        refused_word.store(refused, Ordering::Relaxed);
+        // Release: SYNC poses.answers, the counts come before.
+        looked_at.store(self.seen, Ordering::Release);
+    }
+}
+
+/// The sender's end. One at a time; another one goes on from the counter that it finds.
+#[derive(Debug)]
+pub struct PoseSender {
+    region: Region,
+}
+
+impl PoseSender {
+    /// Opens the segment of this name.
+    ///
+    /// # Errors
+    /// There is none, or it is of another kind or version.
+    pub fn open(name: &SharedName) -> Result<Self, ShmError> {
+        let file = name.camera_file();
+        let region = named::open(&file, CAMERA, true)?;
+        if region.len() < TOTAL_BYTES {
+            return Err(ShmError::TooSmall { name: file, needed: TOTAL_BYTES, found: region.len() });
+        }
+        Ok(Self { region })
+    }
+
+    /// Replaces the record. Returns its counter, which [`PoseAnswers::looked_at`] reaches.
+    pub fn send(&self, record: &PoseRecord) -> u64 {
+        let lock: &SeqLock<WORDS> = self.region.words(RECORD_OFFSET);
+        lock.write(&record.words());
+        lock.counter()
+    }
+
+    /// What the launcher told last.
+    #[must_use]
+    pub fn answers(&self) -> PoseAnswers {
+        let words: &[AtomicU64] = self.region.words_slice(ANSWERS_OFFSET, 3);
+        let [accepted, refused, looked_at] = words else { return PoseAnswers::default() };
+        // Acquire: SYNC poses.answers.
+        let looked_at = looked_at.load(Ordering::Acquire);
+        PoseAnswers { accepted: accepted.load(Ordering::Relaxed), refused: refused.load(Ordering::Relaxed), looked_at }
+    }
+
+    /// Whether the flight has ended in order.
+    #[must_use]
+    pub fn is_ended(&self) -> bool {
+        named::is_ended(&self.region)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_record_is_read_once_and_answered() {
+        let name = SharedName::parse(&format!("unit-poses-{}", std::process::id())).unwrap();
+        let mut inbox = PoseInbox::create(&name).unwrap();
+        assert_eq!(inbox.read(), None);
+        let sender = PoseSender::open(&name).unwrap();
+        let mut record = PoseRecord {
+            position: [1.0, 2.0, 3.0],
+            heading_deg: 4.0,
+            pitch_deg: -5.0,
+            roll_deg: 6.0,
+            vfov_deg: 0.0,
+            time_s: 7.5,
+            is_end: false,
+        };
+        sender.send(&record);
+        record.time_s = 8.0;
+        let counter = sender.send(&record);
+        assert_eq!(inbox.read(), Some(record));
+        assert_eq!(inbox.read(), None);
+        inbox.answer(1, 0);
+        assert_eq!(sender.answers(), PoseAnswers { accepted: 1, refused: 0, looked_at: counter });
+        record.is_end = true;
+        // Another sender goes on.
+        PoseSender::open(&name).unwrap().send(&record);
+        assert_eq!(inbox.read(), Some(record));
+        assert!(!sender.is_ended());
+        drop(inbox);
+        assert!(sender.is_ended() && PoseSender::open(&name).is_err());
+    }
+}

@@ -1,0 +1,90 @@
+"""Frames from a flight, and poses to it, in shared memory. The layouts are those of docs/frame-ring.md."""
+import mmap
+import os
+import struct
+import time
+
+import numpy as np
+
+
+def _open(file, magic, timeout, prot):
+    path, until = f"/dev/shm/terravision-{file}", time.monotonic() + timeout
+    while not os.path.exists(path):
+        if time.monotonic() > until:
+            raise TimeoutError(f"{path} is not there: does the flight run?")
+        time.sleep(0.01)
+    with open(path, "rb" if prot == mmap.PROT_READ else "r+b") as segment:
+        memory = mmap.mmap(segment.fileno(), 0, prot=prot)
+    found = struct.unpack_from("<8sI", memory)
+    if found != (magic, 1):
+        raise ValueError(f"{path} is no segment {magic} of version 1: {found}")
+    return memory
+
+
+class Frames:
+    """The frame ring of `terravision fly … -o shared:NAME`."""
+
+    def __init__(self, name, timeout=30.0):
+        self.memory = _open(name, b"TVFRAMES", timeout, mmap.PROT_READ)
+        header = struct.unpack_from("<4I5Q", self.memory, 64)
+        self.width, self.height, _, self.slots, self.first, self.stride, self.color, self.depth, self.ground = header
+
+    def is_ended(self):
+        """Whether the flight has ended, or was killed."""
+        pid, _, state = struct.unpack_from("<IQI", self.memory, 12)
+        return state == 2 or not os.path.exists(f"/proc/{pid}")
+
+    def newest(self):
+        """The newest frame as a dictionary; None before the first."""
+        while True:
+            (number,) = struct.unpack_from("<Q", self.memory, 128)
+            if number == 0:
+                return None
+            slot = self.first + (number - 1) % self.slots * self.stride
+            if struct.unpack_from("<Q", self.memory, slot)[0] != 2 * number:
+                continue
+            names = "frame published camera t x y z heading pitch roll vfov flags".split()
+            frame = dict(zip(names, struct.unpack_from("<3Q8dQ", self.memory, slot + 8)), number=number)
+            frame["rgba"] = self._plane(slot, self.color, np.uint8, 4)
+            frame["depth"] = self._plane(slot, self.depth, np.float32, 1)
+            frame["ground"] = self._plane(slot, self.ground, np.float64, 3)
+            if struct.unpack_from("<Q", self.memory, slot)[0] == 2 * number:
+                return frame
+
+    def of_pose(self, t, timeout=60.0):
+        """Waits for the frame of the pose that was sent with this time."""
+        until = time.monotonic() + timeout
+        while time.monotonic() < until and not self.is_ended():
+            frame = self.newest()
+            if frame is not None and frame["t"] == t:
+                return frame
+            time.sleep(0.0005)
+        raise TimeoutError(f"no frame of the pose of time {t}")
+
+    def _plane(self, slot, offset, kind, channels):
+        if not offset:
+            return None
+        plane = np.frombuffer(self.memory, kind, self.width * self.height * channels, slot + offset)
+        return plane.reshape(self.height, self.width, channels).squeeze().copy()
+
+
+class Camera:
+    """The poses of `terravision fly … --camera shm:NAME`. Degrees; metres in the world's CRS."""
+
+    def __init__(self, name, timeout=30.0):
+        self.memory = _open(f"{name}-camera", b"TVCAMERA", timeout, mmap.PROT_READ | mmap.PROT_WRITE)
+
+    def send(self, t, x, y, z, heading, pitch, roll=0.0, vfov=0.0, end=False):
+        """Replaces the pose; t has to grow. vfov 0 is that of the flight."""
+        odd = (struct.unpack_from("<Q", self.memory, 64)[0] + 1) | 1
+        struct.pack_into("<Q", self.memory, 64, odd)
+        struct.pack_into("<8dQ", self.memory, 72, x, y, z, heading, pitch, roll, vfov, t, end)
+        struct.pack_into("<Q", self.memory, 64, odd + 1)
+
+    def end(self):
+        """The flight is over."""
+        self.send(0, 0, 0, 0, 0, 0, end=True)
+
+    def answers(self):
+        """Poses accepted and refused so far, and the counter of the one looked at last."""
+        return struct.unpack_from("<3Q", self.memory, 256)

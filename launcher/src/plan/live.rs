@@ -1,0 +1,52 @@
+//! The part of a plan that other programs have in the flight.
+
+use super::checks::in_range;
+use super::{DEFAULT_VFOV_DEG, open_world};
+use crate::cli::{FlyArgs, LiveArgs};
+use crate::failure::Failure;
+use crate::ground::WorldGround;
+use crate::input::gate::{Gate, GateSettings};
+use crate::input::{CameraInput, LiveCamera};
+use anyhow::anyhow;
+use std::path::Path;
+use std::time::Duration;
+use terravision_common::run::{RunConfig, ShareConfig};
+use terravision_common::shm::SharedName;
+
+/// The name in `-o shared:NAME`.
+pub(super) fn shared_name(output: &Path) -> Option<&str> {
+    output.to_str()?.strip_prefix("shared:")
+}
+
+/// The frame ring that is asked for, by `-o shared:NAME` or by `--share NAME`.
+pub(super) fn share(output: &Path, args: &LiveArgs) -> Result<Option<ShareConfig>, Failure> {
+    let name = match (shared_name(output), args.share.as_deref()) {
+        (Some(_), Some(second)) => {
+            return Err(Failure::bad_input(anyhow!("--share {second}: frames go to -o {} already", output.display())));
+        }
+        (Some(name), None) | (None, Some(name)) => name,
+        (None, None) if args.depth || args.ground => {
+            return Err(Failure::bad_input(anyhow!(
+                "--depth and --ground are for shared frames: -o shared:NAME or --share NAME (terravision still writes \
+                 them into files)"
+            )));
+        }
+        (None, None) => return Ok(None),
+    };
+    let name = SharedName::parse(name).map_err(Failure::bad_input)?.to_string();
+    Ok(Some(ShareConfig { name, has_depth: args.depth, has_ground: args.ground }))
+}
+
+/// The input that `--camera` asks for, listening.
+pub(super) fn camera(args: &FlyArgs, config: &RunConfig) -> Result<Option<LiveCamera>, Failure> {
+    let Some(source) = &args.live.camera else { return Ok(None) };
+    let idle = |seconds| in_range("--idle-timeout", seconds, 0.01, 1e6, "seconds from 0.01 to 1000000");
+    let idle_timeout = args.live.idle_timeout.map(idle).transpose()?.map(Duration::from_secs_f64);
+    // The pilot looks at the ground on a thread of its own.
+    let database = open_world(&args.world)?;
+    let extent = WorldGround::finest(&database, database.world(), config.exaggeration).extent();
+    let vfov_rad = args.picture.vfov.unwrap_or(DEFAULT_VFOV_DEG).to_radians();
+    let gate = Gate::new(GateSettings { size: [config.width, config.height], vfov_rad, extent });
+    let input = CameraInput::open(source, gate).map_err(Failure::bad_input)?;
+    Ok(Some(LiveCamera { input, database, exaggeration: config.exaggeration, idle_timeout }))
+}

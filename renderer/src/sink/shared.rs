@@ -1,0 +1,55 @@
+//! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for none of them.
+
+use super::tiff::{depth_m, ground_position};
+use super::{FrameSink, Picture, SinkError};
+use terravision_common::event::monotonic_nanos;
+use terravision_common::run::ShareConfig;
+use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
+
+/// Writes the frame ring.
+#[derive(Debug)]
+pub struct SharedSink {
+    ring: FrameRingWriter,
+    shape: FrameShape,
+    name: String,
+    origin: [f64; 2],
+    exaggeration: f64,
+}
+
+impl SharedSink {
+    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's origin.
+    ///
+    /// # Errors
+    /// There is no such ring, or it is of other pictures.
+    pub fn open(share: &ShareConfig, size: [u32; 2], origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
+        let shape = FrameShape { size, has_depth: share.has_depth, has_ground: share.has_ground };
+        let ring = FrameRingWriter::open(&SharedName::parse(&share.name)?, shape)?;
+        Ok(Self { ring, shape, name: share.name.clone(), origin, exaggeration })
+    }
+}
+
+impl FrameSink for SharedSink {
+    fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        let reversed = match picture.reversed_depth {
+            Some(reversed) => reversed,
+            None if self.shape.has_depth || self.shape.has_ground => {
+                return Err(SinkError::NoDepth { path: format!("shared:{}", self.name).into() });
+            }
+            None => &[],
+        };
+        let width = picture.size[0] as usize;
+        let depth = reversed.iter().map(|&depth| depth_m(depth) as f32);
+        let ground = reversed.iter().enumerate().flat_map(|(index, &depth)| {
+            let pixel = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
+            ground_position(&picture.camera, pixel, depth, self.origin, self.exaggeration)
+        });
+        let Picture { frame, camera, is_settled, .. } = picture;
+        let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
+        self.ring.write(&info, picture.rgba, depth, ground);
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
