@@ -87,6 +87,7 @@ impl Session {
                 depth: None,
                 ground: None,
             },
+            realtime: None,
         };
         let deadline = Instant::now() + DEADLINE;
         Ok(Self { config, run, control, layout, stages: Vec::new(), deadline, _segments: segments })

@@ -51,6 +51,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             depth: None,
             ground: None,
         },
+        realtime: None,
     }
 }
 

@@ -12,6 +12,7 @@ pub mod frame_tree;
 pub mod heights;
 pub mod loader;
 pub mod stage;
+pub mod there;
 pub mod trim;
 pub mod truncation;
 

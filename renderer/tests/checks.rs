@@ -38,7 +38,14 @@ fn a_good_tile_passes_and_each_fault_is_named() {
 }
 
 fn shape() -> SourceShape {
-    SourceShape { world: world([64, 64]), elevation_arrays: 16, elevation_start: 100, color_slots: 4, frames: [7, 9] }
+    SourceShape {
+        world: world([64, 64]),
+        elevation_arrays: 16,
+        elevation_start: 100,
+        color_slots: 4,
+        frames: [7, 9],
+        has_gaps: false,
+    }
 }
 
 fn marker() -> FrameMarker {

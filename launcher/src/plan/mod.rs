@@ -6,7 +6,7 @@ mod checks;
 pub use checks::{frame_range, pace};
 
 use crate::cli::values::{PictureSize, Rgb};
-use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, ResourceArgs, StillArgs};
+use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
 use crate::machine::{bytes_for_people, find_program};
@@ -15,7 +15,9 @@ use crate::path::crs::Georeference;
 use crate::path::orbit;
 use crate::path::{self, CameraPath, CourseOptions, Pose};
 use anyhow::anyhow;
-use checks::{DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads};
+use checks::{
+    DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads, realtime,
+};
 use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -110,9 +112,12 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     draft.fps = fps;
     draft.frames = frames;
     draft.poses = poses;
+    draft.realtime = Some(&args.realtime);
 
     let run = draft.run.to_string();
-    if args.output == Path::new("-") {
+    if args.output == Path::new("/dev/null") {
+        draft.sink = SinkConfig::Null;
+    } else if args.output == Path::new("-") {
         if std::io::stdout().is_terminal() {
             return Err(Failure::bad_input(anyhow!(
                 "-o - writes a film to standard output, which is a terminal; send it to a program or a file, \
@@ -199,6 +204,7 @@ struct Draft<'a> {
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
     destination: String,
+    realtime: Option<&'a RealtimeArgs>,
 }
 
 impl<'a> Draft<'a> {
@@ -223,6 +229,7 @@ impl<'a> Draft<'a> {
             files: Vec::new(),
             folder: None,
             destination: String::new(),
+            realtime: None,
         })
     }
 
@@ -242,6 +249,7 @@ impl<'a> Draft<'a> {
         let r_z_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
+        let realtime = self.realtime.and_then(|args| realtime(args, [r_z_px, r_c_px]).transpose()).transpose()?;
         let exaggeration = exaggeration(picture.exaggeration)?;
         let loader_threads = loader_threads(resources.threads)?;
         let layout =
@@ -311,6 +319,7 @@ impl<'a> Draft<'a> {
                     depth: self.depth,
                     ground: self.ground,
                 },
+                realtime,
             },
             report: report.map(temporary).transpose()?,
             trace: trace.map(temporary).transpose()?,

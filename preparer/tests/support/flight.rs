@@ -205,6 +205,7 @@ impl Flight {
                 depth: None,
                 ground: None,
             },
+            realtime: None,
         }
     }
 

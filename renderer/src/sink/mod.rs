@@ -4,6 +4,7 @@ mod film;
 pub mod lanes;
 mod null;
 mod png;
+mod repeat;
 mod temporary;
 mod tiff;
 mod y4m;
@@ -11,6 +12,7 @@ mod y4m;
 pub use film::FilmSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
+pub use repeat::RepeatSink;
 pub use tiff::{DepthSink, GroundSink};
 pub use y4m::Y4mSink;
 
