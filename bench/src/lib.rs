@@ -10,6 +10,7 @@ pub mod measurement;
 pub mod plot;
 pub mod queues;
 pub mod recording;
+pub mod realtime;
 pub mod report;
 pub mod session;
 pub mod stages;

@@ -12,6 +12,8 @@ const ON_TIME_PERIODS: f64 = 2.0;
 /// Field names are the schema's.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RealtimeReport {
+    /// Moment of the first frame, nanoseconds of the monotonic clock.
+    clock_start_nanos: u64,
     target_ms: f64,
     has_feedback: bool,
     /// Frames of the flight: one for each moment.
@@ -88,6 +90,7 @@ impl RealtimeReport {
         // The first frame waits for the start of the stages; no figure of pace counts it.
         let of = |values: &[f64]| Percentiles::of(values.get(1..).unwrap_or_default());
         Some(Self {
+            clock_start_nanos: start,
             target_ms: period / 1e6,
             has_feedback: realtime.has_feedback,
             frames: slots,

@@ -12,7 +12,7 @@ use terravision_common::node_table::NodeTable;
 use terravision_common::shm::Control;
 
 /// Tiles that may be on their way at a time. More would only queue: the next frame may want others more.
-const IN_FLIGHT: usize = 32;
+const IN_FLIGHT: usize = 128;
 
 /// Which of a frame's tiles are there; keeps its buffers.
 #[derive(Debug)]
