@@ -20,7 +20,7 @@ const AFTER_STEP_S: f64 = 2.0;
 const STEADY_AFTER_S: f64 = 5.0;
 /// An oscillation is slower than this only if it is none, but the terrain.
 const OSCILLATION_S: f64 = 5.0;
-/// Frames of the flight that finds out what can be reached; the first half of them loads tiles.
+/// Most frames of the flight that finds out what can be reached; the first half of them loads tiles.
 const FREE_FRAMES: u64 = 480;
 /// Nice value of the process that takes a core away, where that is allowed: nothing else gets it.
 const LOAD_NICE: i32 = -20;
@@ -74,7 +74,8 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
     ensure!(args.seconds >= 1.0 && args.load_seconds < args.seconds, "the load does not fit into the flight");
     let world = world::database(options)?;
     let scratch = Scratch::new()?;
-    let free = fly(&world, options, &scratch.0, &format!("0..{FREE_FRAMES}"), &[])?.wait()?;
+    let free_frames = FREE_FRAMES.min((10.0 * args.seconds) as u64);
+    let free = fly(&world, options, &scratch.0, &format!("0..{free_frames}"), &[])?.wait()?;
     let steady = free.frame_ms.get(free.frame_ms.len() / 2..).unwrap_or_default();
     let rate = 1e3 * steady.len() as f64 / steady.iter().sum::<f64>();
     // Frame rates with a decimal, as people write them.

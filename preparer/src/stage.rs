@@ -168,6 +168,7 @@ impl<L: TileLoader> Preparer<L> {
     pub fn frame(&mut self, ports: &mut Ports) -> Result<FrameCounts, PreparerError> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
+        self.next_frame += 1;
         self.sequence += 1;
         let header = {
             let half = trees.next(control)?;

@@ -76,6 +76,37 @@ fn a_frame_is_complete_with_its_end() {
 }
 
 #[test]
+fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
+    let frame = |frame: u64| {
+        let tile = TileSlot { elevation_position: 100, ..good_tile() };
+        [
+            SlotContent::Marker(FrameMarker { frame, ..marker() }),
+            SlotContent::Tile(tile),
+            SlotContent::End(FrameEnd { frame, elevation_end: 101, ..end() }),
+        ]
+    };
+    let shape = SourceShape { frames: [7, 20], has_gaps: true, ..shape() };
+    let read = |reader: &mut FrameReader, number: u64| {
+        frame(number).iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
+    };
+    let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
+    assert_eq!((read(&mut reader, 9), reader.remaining(), reader.frame().sequence), (Ok(true), 10, 1));
+    for wrong in [9, 8, 20, u64::MAX] {
+        let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
+        assert_eq!(read(&mut reader, 9), Ok(true));
+        let refused = read(&mut reader, wrong).expect_err("out of order");
+        assert!(refused.contains(&format!("its number is {wrong}, expected 10")), "{refused}");
+    }
+    // Its arrays follow those of the frame before.
+    let last = [
+        SlotContent::Marker(FrameMarker { frame: 19, ..marker() }),
+        SlotContent::End(FrameEnd { frame: 19, tile_count: 0, elevation_end: 101, ..end() }),
+    ];
+    assert!(last.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
+    assert_eq!((reader.remaining(), reader.frame().sequence), (0, 2));
+}
+
+#[test]
 fn frames_that_cannot_be_are_refused_with_a_sentence() {
     let tile = |change: &dyn Fn(&mut TileSlot)| {
         let mut tile = TileSlot { elevation_position: 100, ..good_tile() };
