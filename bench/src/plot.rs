@@ -126,7 +126,8 @@ pub fn over_time(path: &Path, title: &str, rows: &[TimeRow], shades: &[[f64; 2]]
         let root = root.titled(title, ("sans-serif", 18))?;
         for (row, area) in rows.iter().zip(root.split_evenly((rows.len(), 1))) {
             let values = row.curves.iter().flat_map(|(_, points)| points.iter().map(|(_, value)| *value));
-            let highest = row.highest.unwrap_or_else(|| 1.08 * values.chain(row.marks.iter().copied()).fold(1e-3, f64::max));
+            let highest =
+                row.highest.unwrap_or_else(|| 1.08 * values.chain(row.marks.iter().copied()).fold(1e-3, f64::max));
             let mut chart = ChartBuilder::on(&area)
                 .margin(8)
                 .x_label_area_size(28)
@@ -173,7 +174,11 @@ mod tests {
         ];
         let text = std::fs::read_to_string(bars(&folder, "queues", &measurements).unwrap()).unwrap();
         assert!(text.starts_with("<svg") && text.contains("ring hand-over") && text.contains("20.00 M slots/s"));
-        let row = TimeRow { unit: "px".to_owned(), curves: vec![("r_z".to_owned(), vec![(0.0, 10.0), (5.0, 20.0)])], ..TimeRow::default() };
+        let row = TimeRow {
+            unit: "px".to_owned(),
+            curves: vec![("r_z".to_owned(), vec![(0.0, 10.0), (5.0, 20.0)])],
+            ..TimeRow::default()
+        };
         let path = folder.join("time.svg");
         over_time(&path, "a flight", &[row], &[[1.0, 2.0]]).unwrap();
         let text = std::fs::read_to_string(path).unwrap();

@@ -200,7 +200,12 @@ impl Flight {
         self.load_s.iter().any(|step| (0.0..within_s).contains(&(at_s - step)))
     }
 
-    fn figures(&self, name: &str, has_targets: bool, add: &mut dyn FnMut(&str, f64, &'static str, Option<Target>, u64)) {
+    fn figures(
+        &self,
+        name: &str,
+        has_targets: bool,
+        add: &mut dyn FnMut(&str, f64, &'static str, Option<Target>, u64),
+    ) {
         let Realtime { target_ms, frames, on_time, late, skipped, drawn, .. } = &self.report;
         let mut line = |what: &str, value: f64, unit: &'static str, target: Option<Target>, samples: u64| {
             add(&format!("{name}: {what}"), value, unit, target.filter(|_| has_targets), samples);
@@ -209,7 +214,8 @@ impl Flight {
         let first = drawn.frame.first().copied().unwrap_or(0);
         let judged = |index: u64| !self.is_after_step(index as f64 * target_ms / 1e3, AFTER_STEP_S);
         let all = (0..*frames).filter(|index| judged(*index)).count() as u64;
-        let good = drawn.frame.iter().zip(&drawn.is_on_time).filter(|(frame, on_time)| **on_time && judged(*frame - first));
+        let good =
+            drawn.frame.iter().zip(&drawn.is_on_time).filter(|(frame, on_time)| **on_time && judged(*frame - first));
         let share = good.count() as f64 / all.max(1) as f64;
         line("on time, outside 2 s after each step", share, "share", Some(Target::AtLeast(0.95)), all);
         line("on time, all frames", *on_time as f64 / *frames as f64, "share", None, *frames);
@@ -217,10 +223,22 @@ impl Flight {
         line("left out", *skipped as f64, "frames", None, *frames);
         let pace = drawn.interval_ms.get(1..).unwrap_or_default();
         let worst = pace.iter().copied().fold(0.0, f64::max);
-        line("worst interval against the target", worst / target_ms, "ratio", Some(Target::AtMost(3.0)), pace.len() as u64);
+        line(
+            "worst interval against the target",
+            worst / target_ms,
+            "ratio",
+            Some(Target::AtMost(3.0)),
+            pace.len() as u64,
+        );
         for (what, values) in [("r_z", &drawn.r_z_px), ("r_c", &drawn.r_c_px)] {
             let swing = self.swing(values);
-            line(&format!("{what}: largest swing in a steady state"), swing, "ratio", Some(Target::AtMost(0.1)), values.len() as u64);
+            line(
+                &format!("{what}: largest swing in a steady state"),
+                swing,
+                "ratio",
+                Some(Target::AtMost(0.1)),
+                values.len() as u64,
+            );
         }
         let mut latency = drawn.latency_ms.get(1..).unwrap_or_default().to_vec();
         latency.sort_by(f64::total_cmp);
@@ -321,7 +339,9 @@ mod tests {
     #[test]
     fn a_swing_is_there_and_back_and_a_drift_is_none() {
         let flight = flight((0..600).map(|k| f64::from(k) * 0.1).collect());
-        let swing = |value: &dyn Fn(f64) -> f64| flight.swing(&flight.report.drawn.done_s.iter().map(|at| value(*at)).collect::<Vec<_>>());
+        let swing = |value: &dyn Fn(f64) -> f64| {
+            flight.swing(&flight.report.drawn.done_s.iter().map(|at| value(*at)).collect::<Vec<_>>())
+        };
         assert_eq!(swing(&|_| 10.0), 0.0);
         assert_eq!(swing(&|at| 10.0 + at), 0.0);
         let there_and_back = swing(&|at| if (10.0..12.0).contains(&at) { 12.0 } else { 10.0 });

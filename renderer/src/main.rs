@@ -16,8 +16,7 @@ use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
-    Y4mSink,
+    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, Y4mSink,
 };
 use terravision_renderer::source::LiveSource;
 

@@ -156,7 +156,8 @@ impl RateController {
             positive("finest resolution at rest", settings.rest_px[axis])?;
             positive("wanted resolution", settings.wanted_px[axis])?;
             positive("coarsest resolution", settings.coarsest_px[axis])?;
-            let [rest, wanted, coarsest] = [settings.rest_px, settings.wanted_px, settings.coarsest_px].map(|r| r[axis]);
+            let [rest, wanted, coarsest] =
+                [settings.rest_px, settings.wanted_px, settings.coarsest_px].map(|r| r[axis]);
             if rest > wanted {
                 let (what, expected) = ("finest resolution at rest", "no more than the wanted one");
                 return Err(BadSettings { what, found: rest, expected });
@@ -298,7 +299,8 @@ impl RateController {
         if self.present.len() < FRAMES_AT_REST {
             return;
         }
-        let slowest = self.present.iter().rev().take(FRAMES_AT_REST).map(|s| s.octaves).fold(f64::NEG_INFINITY, f64::max);
+        let slowest =
+            self.present.iter().rev().take(FRAMES_AT_REST).map(|s| s.octaves).fold(f64::NEG_INFINITY, f64::max);
         let step = (0.5 * (REST_SHARE.log2() - slowest)).min(REST_STEP);
         if step >= LEAST_STEP {
             self.change(self.u - step);

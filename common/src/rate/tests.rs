@@ -106,7 +106,13 @@ fn one_slow_frame_and_a_pause_move_nothing() {
     let before = simulation.frames()[199].resolutions;
     for k in 0..300 {
         // A hiccup every second or so, and once a stop of a minute.
-        let load = if k == 150 { 1500.0 } else if k % 25 == 7 { 8.0 } else { 1.0 };
+        let load = if k == 150 {
+            1500.0
+        } else if k % 25 == 7 {
+            8.0
+        } else {
+            1.0
+        };
         assert_eq!(simulation.frame(load, true).resolutions, before, "frame {k}");
     }
 }

@@ -1,7 +1,7 @@
 //! Checks of single arguments and of the path against the world.
 
-use crate::cli::{CourseArgs, Mode, RealtimeArgs, Switch};
 use crate::cli::values::FrameRange;
+use crate::cli::{CourseArgs, Mode, RealtimeArgs, Switch};
 use crate::failure::Failure;
 use crate::path::orbit::{self, Extent};
 use crate::path::{self, CameraPath, Course, Pose};
@@ -102,7 +102,9 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             ("--rest-texel-px", args.rest_texel_px.is_some()),
         ];
         return match given.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(Failure::bad_input(anyhow!("{flag} is for --mode realtime; exact mode never changes it"))),
+            Some((flag, _)) => {
+                Err(Failure::bad_input(anyhow!("{flag} is for --mode realtime; exact mode never changes it")))
+            }
             None => Ok(None),
         };
     }

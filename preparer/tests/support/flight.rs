@@ -208,18 +208,15 @@ impl Flight {
                 depth: None,
                 ground: None,
             },
-            realtime: self.realtime.map(|_| RealtimeConfig {
-                has_feedback: false,
-                coarsest_px: R_PX,
-                rest_px: R_PX,
-            }),
+            realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
         }
     }
 
     /// Writes the trees of the path, as long as anyone takes them.
     fn generate(&self, control: &Control, trees: &mut TreeWriter) {
         let mut traversal = Traversal::new(&small_world(), limits());
-        for (frame, camera) in (self.first_frame..).step_by(self.realtime.unwrap_or(1) as usize).zip(path(self.frames)) {
+        for (frame, camera) in (self.first_frame..).step_by(self.realtime.unwrap_or(1) as usize).zip(path(self.frames))
+        {
             if self.generate_one(&mut traversal, frame, &camera, control, trees).is_err() {
                 return;
             }
