@@ -57,6 +57,9 @@ struct Drawn {
     tiles_resident: Vec<u32>,
 }
 
+/// Takes a figure: name, value, unit, target, samples.
+type Add<'a> = dyn FnMut(&str, f64, &'static str, Option<Target>, u64) + 'a;
+
 /// One flight against the clock.
 struct Flight {
     report: Realtime,
@@ -200,12 +203,7 @@ impl Flight {
         self.load_s.iter().any(|step| (0.0..within_s).contains(&(at_s - step)))
     }
 
-    fn figures(
-        &self,
-        name: &str,
-        has_targets: bool,
-        add: &mut dyn FnMut(&str, f64, &'static str, Option<Target>, u64),
-    ) {
+    fn figures(&self, name: &str, has_targets: bool, add: &mut Add<'_>) {
         let Realtime { target_ms, frames, on_time, late, skipped, drawn, .. } = &self.report;
         let mut line = |what: &str, value: f64, unit: &'static str, target: Option<Target>, samples: u64| {
             add(&format!("{name}: {what}"), value, unit, target.filter(|_| has_targets), samples);
