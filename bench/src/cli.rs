@@ -31,9 +31,36 @@ pub enum Verb {
     Queues,
     /// Ingest: megabytes of source pixels per second
     Ingest,
+    /// A flight against the clock, with and without feedback, while a process takes a core away in the middle
+    Realtime(RealtimeArgs),
+    /// Keeps one core busy, a process of its own
+    #[command(hide = true)]
+    Load(LoadArgs),
     /// The other end of the queues, a process of its own
     #[command(hide = true)]
     Reader(ReaderArgs),
+}
+
+/// Arguments of `realtime`.
+#[derive(Debug, Clone, Args)]
+pub struct RealtimeArgs {
+    /// Length of the flight, seconds
+    #[arg(long, value_name = "S", default_value_t = 120.0)]
+    pub seconds: f64,
+    /// How long a core is taken away in the middle of it, seconds
+    #[arg(long, value_name = "S", default_value_t = 20.0)]
+    pub load_seconds: f64,
+    /// Frame rate of the flight, as a share of what is reached without a clock
+    #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
+    pub share: f64,
+}
+
+/// Arguments of the hidden load.
+#[derive(Debug, Clone, Args)]
+pub struct LoadArgs {
+    /// How long.
+    #[arg(long)]
+    pub seconds: f64,
 }
 
 /// Arguments of the hidden reader.

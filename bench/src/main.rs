@@ -7,12 +7,13 @@ use clap::Parser;
 use std::io::Write;
 use std::process::ExitCode;
 use terravision_bench::cli::{Cli, Verb};
-use terravision_bench::{queues, report};
+use terravision_bench::{queues, realtime, report};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match &cli.verb {
         Some(Verb::Reader(reader)) => queues::read(reader, &mut std::io::stdout()),
+        Some(Verb::Load(load)) => realtime::load(load.seconds, &mut std::io::stdout()),
         verb => report::run(verb.as_ref(), &cli.options).context("the bench ended early"),
     };
     match result {

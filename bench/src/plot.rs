@@ -96,6 +96,69 @@ pub fn curves(folder: &Path, name: &str, curves: &[Curve]) -> anyhow::Result<Pat
     Ok(path)
 }
 
+/// One row of a plot over time: curves of one unit.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TimeRow {
+    /// What its numbers are.
+    pub unit: String,
+    /// Curves: a name, and points of seconds and value.
+    pub curves: Vec<(String, Vec<(f64, f64)>)>,
+    /// Values that are marked by a line across.
+    pub marks: Vec<f64>,
+    /// The largest value that is shown; larger ones are cut. `None` shows all.
+    pub highest: Option<f64>,
+}
+
+const ROW_HEIGHT: u32 = 230;
+
+/// Draws rows of curves over seconds, one below the other, with spans of time shaded in all of them. The colour of a curve
+/// is that of its place in the row.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn over_time(path: &Path, title: &str, rows: &[TimeRow], shades: &[[f64; 2]]) -> anyhow::Result<()> {
+    let points = || rows.iter().flat_map(|row| &row.curves).flat_map(|(_, points)| points.iter().copied());
+    let end = points().map(|(at, _)| at).fold(1e-3, f64::max);
+    let mut svg = String::new();
+    let draw = |svg: &mut String| -> Result<(), Box<dyn std::error::Error>> {
+        let root = SVGBackend::with_string(svg, (WIDTH, ROW_HEIGHT * rows.len() as u32 + 40)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let root = root.titled(title, ("sans-serif", 18))?;
+        for (row, area) in rows.iter().zip(root.split_evenly((rows.len(), 1))) {
+            let values = row.curves.iter().flat_map(|(_, points)| points.iter().map(|(_, value)| *value));
+            let highest =
+                row.highest.unwrap_or_else(|| 1.08 * values.chain(row.marks.iter().copied()).fold(1e-3, f64::max));
+            let mut chart = ChartBuilder::on(&area)
+                .margin(8)
+                .x_label_area_size(28)
+                .y_label_area_size(56)
+                .build_cartesian_2d(0.0..end, 0.0..highest)?;
+            for [from, to] in shades {
+                let shade = RGBColor(200, 90, 60).mix(0.12).filled();
+                chart.draw_series([Rectangle::new([(*from, 0.0), (*to, highest)], shade)])?;
+            }
+            chart.configure_mesh().light_line_style(WHITE).x_desc("s").y_desc(row.unit.clone()).draw()?;
+            for mark in &row.marks {
+                chart.draw_series(LineSeries::new([(0.0, *mark), (end, *mark)], BLACK.mix(0.6).stroke_width(1)))?;
+            }
+            for (k, (name, points)) in row.curves.iter().enumerate() {
+                let color = Palette99::pick(k).to_rgba();
+                let points = points.iter().map(|(at, value)| (*at, value.min(highest)));
+                chart
+                    .draw_series(LineSeries::new(points, color.stroke_width(1)))?
+                    .label(name.clone())
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
+            }
+            let labels = &mut chart.configure_series_labels();
+            labels.background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw()?;
+        }
+        root.present()?;
+        Ok(())
+    };
+    draw(&mut svg).map_err(|error| anyhow!("cannot draw the plot: {error}"))?;
+    std::fs::write(path, svg).with_context(|| format!("cannot write {}", path.display()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +174,15 @@ mod tests {
         ];
         let text = std::fs::read_to_string(bars(&folder, "queues", &measurements).unwrap()).unwrap();
         assert!(text.starts_with("<svg") && text.contains("ring hand-over") && text.contains("20.00 M slots/s"));
+        let row = TimeRow {
+            unit: "px".to_owned(),
+            curves: vec![("r_z".to_owned(), vec![(0.0, 10.0), (5.0, 20.0)])],
+            ..TimeRow::default()
+        };
+        let path = folder.join("time.svg");
+        over_time(&path, "a flight", &[row], &[[1.0, 2.0]]).unwrap();
+        let text = std::fs::read_to_string(path).unwrap();
+        assert!(text.contains("polyline") && text.contains("a flight") && text.contains("r_z"));
         let curve = Curve { name: "whole".to_owned(), values: vec![30.0, 31.0, 29.0] };
         let text = std::fs::read_to_string(curves(&folder, "replay", &[curve]).unwrap()).unwrap();
         assert!(text.contains("polyline") && text.contains("whole"));

@@ -89,6 +89,7 @@ impl Session {
                 ground: None,
                 share: None,
             },
+            realtime: None,
         };
         let deadline = Instant::now() + DEADLINE;
         Ok(Self { config, run, control, layout, stages: Vec::new(), deadline, _segments: segments })

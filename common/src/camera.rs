@@ -6,6 +6,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
+use std::f64::consts::{PI, TAU};
 
 /// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value; [`Camera::is_valid`] says
 /// whether it is a camera.
@@ -43,6 +44,30 @@ impl Camera {
             && self.vfov_rad < 3.1
             && (1..=65536).contains(&self.width)
             && (1..=65536).contains(&self.height)
+    }
+
+    /// Whether this is the same view as the other's, whenever each was made.
+    #[must_use]
+    pub fn is_same_view(&self, other: &Self) -> bool {
+        Self { timestamp_nanos: 0, ..*self } == Self { timestamp_nanos: 0, ..*other }
+    }
+
+    /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and time are this one's.
+    #[must_use]
+    pub fn toward(&self, other: &Self, share: f64) -> Self {
+        let linear = |from: f64, to: f64| from + (to - from) * share;
+        let turn = |from: f64, to: f64| {
+            let by = (to - from).rem_euclid(TAU);
+            from + share * if by > PI { by - TAU } else { by }
+        };
+        Self {
+            eye_in_world: std::array::from_fn(|axis| linear(self.eye_in_world[axis], other.eye_in_world[axis])),
+            heading_rad: turn(self.heading_rad, other.heading_rad),
+            pitch_rad: linear(self.pitch_rad, other.pitch_rad),
+            roll_rad: turn(self.roll_rad, other.roll_rad),
+            vfov_rad: linear(self.vfov_rad, other.vfov_rad),
+            ..*self
+        }
     }
 
     /// Eye in world coordinates.
@@ -134,6 +159,15 @@ mod tests {
         assert!(close(forward, DVec3::Y) && close(right, DVec3::X) && close(up, DVec3::Z));
         assert!(close(camera(90.0, 0.0, 0.0).axes_in_world()[2], DVec3::X));
         assert!(close(camera(0.0, 90.0, 0.0).axes_in_world()[2], DVec3::Z));
+    }
+
+    #[test]
+    fn a_view_between_two_turns_the_shorter_way() {
+        let [from, to] = [camera(350.0, -10.0, 0.0), camera(370.0 - 360.0, -20.0, 0.0)];
+        let middle = from.toward(&to, 0.5);
+        assert!((middle.heading_rad - 360f64.to_radians()).abs() < 1e-12 && !middle.is_same_view(&from));
+        assert!((middle.pitch_rad + 15f64.to_radians()).abs() < 1e-12);
+        assert!(from.toward(&to, 0.0).is_same_view(&Camera { timestamp_nanos: 5, ..from }));
     }
 
     #[test]

@@ -25,6 +25,11 @@ pub enum EventKind {
     DriverName = 7,
     /// Tiles that were copied to the device for this frame: `value` is their number. Not sent when there were none.
     FrameUploaded = 8,
+    /// What a frame was made for (realtime): `start_nanos` is when its camera was made, `value` the bits of r_z (low 32)
+    /// and r_c (high 32) as f32, pixels.
+    FrameCamera = 16,
+    /// Tiles that the frame wanted and that were not there (realtime): `value` is their number.
+    FrameLacked = 17,
 }
 
 impl EventKind {
@@ -40,6 +45,8 @@ impl EventKind {
             6 => Self::DeviceName,
             7 => Self::DriverName,
             8 => Self::FrameUploaded,
+            16 => Self::FrameCamera,
+            17 => Self::FrameLacked,
             _ => return None,
         })
     }

@@ -6,6 +6,7 @@
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
+//! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`synthetic`]: a terrain for tests and benches.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
@@ -16,6 +17,7 @@ pub mod facet;
 pub mod level;
 pub mod node;
 pub mod node_table;
+pub mod rate;
 pub mod run;
 pub mod shm;
 pub mod slot;

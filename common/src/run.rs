@@ -2,6 +2,7 @@
 //! command line.
 
 use crate::level::Measure;
+use crate::rate::RateSettings;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -36,6 +37,37 @@ pub struct RunConfig {
     pub loader_threads: u32,
     /// What the renderer draws and where frames go.
     pub render: RenderConfig,
+    /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits for all its tiles.
+    #[serde(default)]
+    pub realtime: Option<RealtimeConfig>,
+}
+
+/// The realtime part of a [`RunConfig`]: frames may be skipped, none waits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealtimeConfig {
+    /// Whether r_z and r_c follow the measured frame times; else they stay as wanted.
+    pub has_feedback: bool,
+    /// Coarsest screen resolutions of facets and texels, pixels.
+    pub coarsest_px: [f64; 2],
+    /// Finest screen resolutions of facets and texels while the camera rests, pixels.
+    pub rest_px: [f64; 2],
+}
+
+impl RunConfig {
+    /// The time of a frame, nanoseconds.
+    #[must_use]
+    pub fn period_nanos(&self) -> f64 {
+        1e9 / self.fps
+    }
+
+    /// What the rate control of a realtime flight holds; `None` in exact mode and without feedback.
+    #[must_use]
+    pub fn rate_settings(&self) -> Option<RateSettings> {
+        let RealtimeConfig { coarsest_px, rest_px, .. } = self.realtime.as_ref().filter(|r| r.has_feedback)?;
+        let (target_nanos, wanted_px) = (self.period_nanos(), [self.r_z_px, self.r_c_px]);
+        Some(RateSettings { target_nanos, wanted_px, coarsest_px: *coarsest_px, rest_px: *rest_px })
+    }
 }
 
 /// The renderer's part of a [`RunConfig`].

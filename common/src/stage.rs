@@ -97,6 +97,7 @@ impl StageRun {
         positive("r_c_px", config.r_c_px)?;
         positive("width", config.width.into())?;
         positive("height", config.height.into())?;
+        positive("fps", config.fps)?;
         let found = config.exaggeration;
         if !(0.0..=1e4).contains(&found) {
             return Err(UsageError::OutOfRange { field: "exaggeration", found, expected: "a number from 0 to 10000" });

@@ -1,11 +1,15 @@
 //! The generator: reads cameras, searches the quad tree for each, and writes the truncated quad tree into the half of
 //! the ping-pong buffer that the preparer does not read. The search itself is [`terravision_common::traversal`].
 
+mod realtime;
+
 use bytemuck::Zeroable;
+use realtime::Pace;
 use std::sync::Arc;
 use terravision_common::database::{Database, DatabaseError};
 use terravision_common::event::{SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
+use terravision_common::rate::BadSettings;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
     CameraRecord, Consumer, Control, Layout, Producer, SegmentKind, ShmError, Stage, TreeWriter, WaitError,
@@ -28,6 +32,9 @@ pub enum GeneratorError {
     /// The run ended.
     #[error(transparent)]
     Wait(#[from] WaitError),
+    /// The rate control cannot work with the run's settings.
+    #[error(transparent)]
+    Rate(#[from] BadSettings),
     /// The launcher sent another frame than the next.
     #[error("the launcher sent the camera of frame {found}, expected frame {expected}")]
     WrongFrame {
@@ -88,6 +95,7 @@ pub struct Generator<R> {
     traversal: Traversal,
     config: RunConfig,
     next_frame: u64,
+    pace: Pace,
 }
 
 impl<R: HeightRanges> Generator<R> {
@@ -100,26 +108,40 @@ impl<R: HeightRanges> Generator<R> {
             traversal: Traversal::new(world, limits),
             config: config.clone(),
             next_frame: config.frames[0],
+            pace: Pace::new(config),
         }
     }
 
-    /// Waits for the next camera, searches its tree, and hands it over.
+    /// Whether frames of the run are still to come.
+    #[must_use]
+    pub fn has_next(&self) -> bool {
+        self.next_frame < self.config.frames[1]
+    }
+
+    /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its tree, and hands it over.
     ///
     /// # Errors
     /// [`GeneratorError`].
     pub fn frame(&mut self, ports: &mut Ports) -> Result<TreeStats, GeneratorError> {
         let Ports { control, cameras, trees, events } = ports;
-        let CameraRecord { frame, camera } = cameras.pop(control)?;
-        if frame != self.next_frame {
-            return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
-        }
+        let RunConfig { exaggeration, measure, mut r_z_px, mut r_c_px, .. } = self.config;
+        let (frame, camera) = if self.config.realtime.is_some() {
+            let due = self.pace.next(&self.config, self.next_frame, control)?;
+            (r_z_px, r_c_px) = (due.resolutions.r_z_px, due.resolutions.r_c_px);
+            (due.frame, due.camera)
+        } else {
+            let CameraRecord { frame, camera } = cameras.pop(control)?;
+            if frame != self.next_frame {
+                return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
+            }
+            (frame, camera)
+        };
         if !camera.is_valid() {
             return Err(GeneratorError::BadCamera { frame });
         }
-        self.next_frame += 1;
+        self.next_frame = frame + 1;
         let mut half = trees.begin(control)?;
         let started_nanos = monotonic_nanos();
-        let RunConfig { exaggeration, measure, r_z_px, r_c_px, .. } = self.config;
         let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let stats = self.traversal.build(&camera, &level, &self.ranges, half.nodes_mut());
         let header = TreeHeader {
@@ -134,7 +156,11 @@ impl<R: HeightRanges> Generator<R> {
             ..TreeHeader::zeroed()
         };
         half.publish(&header).map_err(WaitError::from)?;
-        events.span(control, SpanName::Generate, frame, started_nanos);
+        let finished_nanos = events.span(control, SpanName::Generate, frame, started_nanos);
+        if self.config.realtime.is_some() {
+            self.pace.generated(finished_nanos - started_nanos);
+            events.tell(control, realtime::frame_camera(&header));
+        }
         control.heartbeat(Stage::Generator);
         Ok(stats)
     }
@@ -153,7 +179,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let layout = Layout::for_run(world, u64::MAX >> 8, config.width, config.height)?;
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, database.ranges(), config, limits);
-    for _ in config.frames[0]..config.frames[1] {
+    while generator.has_next() {
         generator.frame(&mut ports)?;
     }
     Ok(())

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::rate::FrameTiming;
+use terravision_common::run::{RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -52,6 +53,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             ground: None,
             share: None,
         },
+        realtime: None,
     }
 }
 
@@ -78,6 +80,10 @@ struct Sides {
 }
 
 fn sides(frames: [u64; 2]) -> Sides {
+    sides_of(&config(frames))
+}
+
+fn sides_of(config: &RunConfig) -> Sides {
     let control = Arc::new(memory::control().expect("a control block"));
     let (cameras, camera_reader) = memory::ring(64).expect("valid");
     let (tree_writer, trees) = memory::ping_pong(NODES).expect("valid");
@@ -86,7 +92,7 @@ fn sides(frames: [u64; 2]) -> Sides {
         Ports { control: Arc::clone(&control), cameras: camera_reader, trees: tree_writer, events: Events::new(told) };
     let terrain = SyntheticTerrain::new(&world(), Relief::Mountains { height_m: 400.0 }, 1);
     let limits = TreeLimits { nodes: NODES, elevation_leaves: 1024 };
-    let generator = Generator::new(&world(), terrain, &config(frames), limits);
+    let generator = Generator::new(&world(), terrain, config, limits);
     Sides { control, ports, cameras, trees, events, generator }
 }
 
@@ -146,4 +152,74 @@ fn a_frame_allocates_nothing() {
         assert!(k < 2 || made.count_total == 0, "frame {k}: {made:?}");
         drop(sides.trees.next(&sides.control).expect("published"));
     }
+}
+
+/// A frame every ten seconds: a test that is slow by some seconds is still within a frame's time.
+const PERIOD_NANOS: u64 = 10_000_000_000;
+
+fn realtime(frames: [u64; 2]) -> Sides {
+    let realtime = RealtimeConfig { has_feedback: true, coarsest_px: [40.0, 4.0], rest_px: [3.0, 1.0] };
+    sides_of(&RunConfig { fps: 0.1, realtime: Some(realtime), ..config(frames) })
+}
+
+impl Sides {
+    /// The next tree's frame, camera and r_z.
+    fn next(&mut self) -> (u64, Camera, f64) {
+        self.frame().expect("a tree");
+        let tree = self.trees.next(&self.control).expect("published");
+        (tree.header().frame, tree.header().camera, tree.header().r_z_px)
+    }
+}
+
+#[test]
+fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() {
+    let mut sides = realtime([30, 35]);
+    sides.control.publish_camera(&camera(0));
+    assert_eq!(sides.next(), (30, camera(0), 10.0));
+    // The moments of frames 31 and 32 have passed, 33 is not due yet.
+    sides.control.set_completed_sequence(1);
+    sides.control.publish_camera(&camera(7));
+    sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 5 / 2);
+    assert_eq!(sides.next(), (32, camera(7), 10.0));
+    assert!(sides.generator.has_next());
+    // Long after the end there is still the last frame.
+    sides.control.set_completed_sequence(2);
+    sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 40);
+    assert_eq!(sides.next(), (34, camera(7), 10.0));
+    assert!(!sides.generator.has_next());
+    let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
+    let cameras: Vec<u64> = told.iter().filter(|e| e.kind == EventKind::FrameCamera as u32).map(|e| e.frame).collect();
+    assert_eq!(cameras, [30, 32, 34]);
+}
+
+#[test]
+fn slow_frames_make_facets_coarser_within_what_is_allowed() {
+    let mut sides = realtime([0, 100]);
+    sides.control.publish_camera(&camera(0));
+    sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 200);
+    let mut seen = Vec::new();
+    for sequence in 1..20 {
+        // Every frame is another view. The clock would leave all but the last out; the test goes on from the first.
+        sides.control.publish_camera(&camera(sequence));
+        sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * (2 * sequence + 1) / 2);
+        let (frame, _, r_z_px) = sides.next();
+        assert_eq!(sides.control.r_z_px(), Some(r_z_px));
+        seen.push(r_z_px);
+        let work_nanos = 4 * PERIOD_NANOS;
+        let timing = FrameTiming { frame, sequence, r_z_px, work_nanos, ..bytemuck::Zeroable::zeroed() };
+        sides.control.publish_timing(&timing);
+        sides.control.set_completed_sequence(sequence);
+    }
+    assert_eq!((seen[0], seen[18]), (10.0, 40.0));
+    assert!(seen.windows(2).all(|pair| pair[0] <= pair[1]), "{seen:?}");
+}
+
+#[test]
+fn a_run_that_stops_ends_the_wait_for_the_clock() {
+    let mut sides = realtime([0, 9]);
+    sides.control.publish_camera(&camera(0));
+    sides.frame().expect("the first needs no clock");
+    sides.control.set_completed_sequence(1);
+    sides.control.set_state(RunState::Stopping);
+    assert!(sides.frame().expect_err("stopped").is_stopping());
 }

@@ -4,7 +4,7 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
-//! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
+//! * [`report`] (of a flight against the clock also [`realtime_report`]), [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
@@ -20,6 +20,7 @@ pub mod output;
 pub mod passed_on;
 pub mod path;
 pub mod plan;
+pub mod realtime_report;
 pub mod report;
 pub mod trace;
 

@@ -2,6 +2,7 @@
 
 use crate::flight::collector::{Collector, FrameFigures};
 use crate::flight::memory::MemoryPeaks;
+use crate::realtime_report::RealtimeReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -36,6 +37,8 @@ pub struct RunFigures {
     pub events_dropped: u64,
     /// Trees that were larger than their buffer.
     pub trees_cut_short: u64,
+    /// Moment of the first frame of a realtime flight.
+    pub clock_start_nanos: Option<u64>,
     /// Shared memory of the run.
     pub shared_memory_bytes: u64,
     /// What the stages told.
@@ -50,6 +53,7 @@ pub struct RunFigures {
 #[derive(Debug, Serialize)]
 pub struct Report {
     schema: &'static str,
+    mode: &'static str,
     version: &'static str,
     frames: u64,
     first_frame: u64,
@@ -76,6 +80,8 @@ pub struct Report {
     settled: bool,
     trees_cut_short: u64,
     events_dropped: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    realtime: Option<RealtimeReport>,
 }
 
 #[derive(Debug, Serialize)]
@@ -160,6 +166,7 @@ impl Report {
         pss_peak_mb.insert("all".into(), figures.memory.pss_total_mb);
         Self {
             schema: "terravision-fly-1",
+            mode: if config.realtime.is_some() { "realtime" } else { "exact" },
             version: env!("CARGO_PKG_VERSION"),
             frames: figures.written_frames,
             first_frame: collector.first_frame(),
@@ -200,6 +207,7 @@ impl Report {
             settled: is_complete && unavailable_count == 0 && figures.frames_unsettled == 0,
             trees_cut_short: figures.trees_cut_short,
             events_dropped: figures.events_dropped + collector.strange_events,
+            realtime: RealtimeReport::new(config, figures),
         }
     }
 
@@ -216,6 +224,13 @@ impl Report {
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.settled
+    }
+
+    /// Whether the flight was what its mode promises: in exact mode complete, in realtime mode without tiles that can never
+    /// be had.
+    #[must_use]
+    pub fn is_as_expected(&self) -> bool {
+        if self.realtime.is_some() { self.tiles.unavailable_count == 0 } else { self.settled }
     }
 
     /// Number of tiles that could not be had.
@@ -241,6 +256,9 @@ impl Report {
     pub fn summary(&self) -> String {
         if self.frames == 1 {
             return format!("1 frame, {}x{}, in {:.1} s", self.width, self.height, self.wall_s);
+        }
+        if let Some(realtime) = &self.realtime {
+            return realtime.summary([self.width, self.height]);
         }
         format!(
             "{} frames, {}x{}, in {:.1} s ({:.1} frames/s; worst frame {:.0} ms, median {:.0} ms)",
@@ -277,7 +295,7 @@ fn seconds(from_nanos: u64, to_nanos: u64) -> f64 {
 }
 
 /// Time from the end of the frame before to the end of each; of the first from its beginning. In the order of frames.
-fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
+pub(crate) fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
     let mut before = None;
     let done = frames.iter().filter(|frame| frame.done_nanos > 0);
     done.map(|frame| {
@@ -290,7 +308,7 @@ fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
 
 /// What the renderer itself took for each frame: from when it began with it, or was done with the one before if that
 /// was later, to the end of its read-back. Waiting for the ring is not in it.
-fn renderer_ms(frames: &[FrameFigures]) -> Vec<f64> {
+pub(crate) fn renderer_ms(frames: &[FrameFigures]) -> Vec<f64> {
     let mut before = 0;
     let known = frames.iter().filter(|frame| frame.done_nanos > 0 && frame.draw_started_nanos > 0);
     known
@@ -346,6 +364,7 @@ pub(crate) mod tests {
                 ground: None,
                 share: None,
             },
+            realtime: None,
         }
     }
 
@@ -378,6 +397,7 @@ pub(crate) mod tests {
             frames_unsettled: 0,
             events_dropped: 0,
             trees_cut_short: 0,
+            clock_start_nanos: None,
             shared_memory_bytes: 1 << 20,
             collector,
             memory: MemoryPeaks::default(),

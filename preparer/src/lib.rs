@@ -13,6 +13,7 @@ pub mod frame_tree;
 pub mod heights;
 pub mod loader;
 pub mod stage;
+pub mod there;
 pub mod thinning;
 pub mod trim;
 pub mod truncation;

@@ -6,6 +6,7 @@ use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::local::LocalLoader;
 use crate::loader::{LoadError, Loaded, TileLoader};
+use crate::there::ThereTiles;
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use terravision_common::database::{Database, DatabaseError, Layer};
@@ -131,6 +132,8 @@ pub struct Preparer<L> {
     maker: FrameMaker,
     slots: Vec<Slot>,
     sequence: u64,
+    next_frame: u64,
+    there: ThereTiles,
 }
 
 impl<L: TileLoader> Preparer<L> {
@@ -154,6 +157,8 @@ impl<L: TileLoader> Preparer<L> {
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             sequence: 0,
+            next_frame: config.frames[0],
+            there: ThereTiles::new(2 * nodes as usize),
         };
         let Ports { control, events, .. } = ports;
         let tell = |loaded: &Loaded| tell_loaded(control, events, loaded);
@@ -167,29 +172,47 @@ impl<L: TileLoader> Preparer<L> {
     /// [`PreparerError`].
     pub fn frame(&mut self, ports: &mut Ports) -> Result<FrameCounts, PreparerError> {
         let Ports { control, trees, ring, elevation, events } = ports;
-        let frame = self.config.frames[0] + self.sequence;
+        let expected = self.next_frame;
+        self.next_frame += 1;
         self.sequence += 1;
         let header = {
             let half = trees.next(control)?;
             let header = *half.header();
-            check_header(&header, frame)?;
+            check_header(&header, expected, &self.config)?;
             let read = self.tree.read(half.nodes());
+            let frame = header.frame;
             read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
             header
         };
+        let frame = header.frame;
+        self.next_frame = frame + 1;
         let started = monotonic_nanos();
-        let unavailable =
-            self.wait.settle_frame(self.tree.wanted(), &mut self.loader, frame, self.sequence, control, |loaded| {
-                tell_loaded(control, events, loaded)
-            })?;
+        let (wanted, tell) = (self.tree.wanted(), |loaded: &Loaded| tell_loaded(control, events, loaded));
+        let is_realtime = self.config.realtime.is_some();
+        let unavailable = if is_realtime {
+            self.there.look(wanted, &mut self.loader, frame, self.sequence, control, tell)
+        } else {
+            self.wait.settle_frame(wanted, &mut self.loader, frame, self.sequence, control, tell)?
+        };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
         let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots };
-        let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
+        let made = if is_realtime {
+            let tiles = self.there.of(&self.loader);
+            self.maker.make(&header, &level, &self.tree, &tiles, unavailable, &mut output)
+        } else {
+            self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output)
+        };
         let counts = made.map_err(|source| PreparerError::Frame { frame, source })?;
-        events.span(control, SpanName::Prepare, frame, settled);
+        let finished = events.span(control, SpanName::Prepare, frame, settled);
+        control.set_prepare_nanos(finished.saturating_sub(started));
+        if is_realtime {
+            let kind = EventKind::FrameLacked as u32;
+            let value = counts.unavailable.into();
+            events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
+        }
         events.tell(
             control,
             Event {
@@ -205,6 +228,12 @@ impl<L: TileLoader> Preparer<L> {
         Ok(counts)
     }
 
+    /// Whether frames of the run are still to come.
+    #[must_use]
+    pub fn has_next(&self) -> bool {
+        self.next_frame < self.config.frames[1]
+    }
+
     /// The loader.
     #[must_use]
     pub fn loader(&self) -> &L {
@@ -212,10 +241,12 @@ impl<L: TileLoader> Preparer<L> {
     }
 }
 
-fn check_header(header: &TreeHeader, frame: u64) -> Result<(), PreparerError> {
+/// In realtime mode frames may be left out.
+fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(), PreparerError> {
     let bad = |what| Err(PreparerError::BadHeader { frame, what });
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
-    if header.frame != frame {
+    let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
+    if header.frame != frame && !is_later {
         return bad("it is of another frame");
     }
     if !header.camera.is_valid() {
@@ -299,7 +330,7 @@ pub fn run(run: &StageRun) -> Result<(), PreparerError> {
     let world = *database.world();
     let loader = LocalLoader::new(database, elevation, color, config.loader_threads)?;
     let mut preparer = Preparer::new(&world, config, loader, &mut ports)?;
-    for _ in config.frames[0]..config.frames[1] {
+    while preparer.has_next() {
         preparer.frame(&mut ports)?;
     }
     Ok(())

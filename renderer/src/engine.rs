@@ -105,10 +105,14 @@ pub struct Finished {
     pub elevation_end: u64,
     /// Its camera.
     pub camera: Camera,
+    /// Screen resolutions of facets and texels that its tree was made for, pixels.
+    pub r_px: [f64; 2],
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
     /// Triangles drawn.
     pub triangles: u64,
+    /// When recording it began, nanoseconds of the monotonic clock.
+    pub started_nanos: u64,
     /// When it was handed to the device, nanoseconds of the monotonic clock.
     pub submitted_nanos: u64,
     /// When it was found finished.
@@ -136,8 +140,10 @@ struct InFlight {
     sequence: u64,
     elevation_end: u64,
     camera: Camera,
+    r_px: [f64; 2],
     is_settled: bool,
     triangles: u64,
+    started_nanos: u64,
     submitted_nanos: u64,
 }
 
@@ -252,6 +258,7 @@ impl Engine {
         source: &mut dyn FrameSource,
         readback: Readback,
     ) -> Result<Submitted, EngineError> {
+        let started_nanos = monotonic_nanos();
         let index = self.next_slot;
         let Self { slots, technique, elevation, colors, target, starts, options, .. } = self;
         let mut recording = slots[index].begin()?;
@@ -317,8 +324,10 @@ impl Engine {
             sequence: frame.sequence,
             elevation_end: frame.end.elevation_end,
             camera: frame.marker.camera,
+            r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,
             triangles: self.technique.triangles(),
+            started_nanos,
             submitted_nanos: monotonic_nanos(),
         });
         self.next_slot = (index + 1) % self.slots.len();
@@ -344,8 +353,10 @@ impl Engine {
             sequence: oldest.sequence,
             elevation_end: oldest.elevation_end,
             camera: oldest.camera,
+            r_px: oldest.r_px,
             is_settled: oldest.is_settled,
             triangles: oldest.triangles,
+            started_nanos: oldest.started_nanos,
             submitted_nanos: oldest.submitted_nanos,
             finished_nanos: monotonic_nanos(),
             gpu_nanos,

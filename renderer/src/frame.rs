@@ -158,7 +158,7 @@ pub struct Frame {
     pub end: FrameEnd,
     /// Position of its first elevation array.
     pub elevation_start: u64,
-    /// Counts the frames of the run from 1.
+    /// Counts the frames of the run that were made from 1.
     pub sequence: u64,
 }
 
@@ -169,6 +169,8 @@ pub struct FrameReader {
     size: [u32; 2],
     frame: Frame,
     is_open: bool,
+    /// Number of the frame that comes next, or of the first that may.
+    next: u64,
     /// Of each colour slot: the frame that named it last, and the generation.
     named: Vec<(u64, u32)>,
 }
@@ -191,13 +193,14 @@ impl FrameReader {
             elevation_start: 0,
             sequence: 0,
         };
-        Ok(Self { named: vec![(0, 0); shape.color_slots as usize], shape, size, frame, is_open: false })
+        let next = shape.frames[0];
+        Ok(Self { named: vec![(0, 0); shape.color_slots as usize], shape, size, frame, is_open: false, next })
     }
 
-    /// Frames that are still to come.
+    /// Frames that are still to come; with gaps, at most.
     #[must_use]
     pub fn remaining(&self) -> u64 {
-        (self.shape.frames[1] - self.shape.frames[0]).saturating_sub(self.frame.sequence)
+        self.shape.frames[1].saturating_sub(self.next)
     }
 
     /// The frame that [`FrameReader::add`] completed last.
@@ -208,7 +211,7 @@ impl FrameReader {
 
     /// Number of the frame that is being read or comes next.
     fn expected_frame(&self) -> u64 {
-        self.shape.frames[0] + self.frame.sequence - u64::from(self.is_open)
+        if self.is_open { self.frame.marker.frame } else { self.next }
     }
 
     /// Takes the next slot; whether the frame is complete now.
@@ -230,7 +233,8 @@ impl FrameReader {
     }
 
     fn open(&mut self, expected: u64, marker: &FrameMarker) -> Result<(), FrameError> {
-        if marker.frame != expected {
+        let is_later = self.shape.has_gaps && (expected..self.shape.frames[1]).contains(&marker.frame);
+        if marker.frame != expected && !is_later {
             let field = "its number";
             return Err(FrameError::Marker { frame: expected, field, found: marker.frame, expected });
         }
@@ -247,6 +251,7 @@ impl FrameReader {
         self.frame.tiles.clear();
         self.frame.elevation_start = self.frame.end.elevation_end;
         self.frame.sequence += 1;
+        self.next = marker.frame + 1;
         self.is_open = true;
         Ok(())
     }

@@ -16,7 +16,8 @@ use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, SharedSink, Y4mSink,
+    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink,
+    Y4mSink,
 };
 use terravision_renderer::source::LiveSource;
 
@@ -98,7 +99,7 @@ fn render(json: &str) -> anyhow::Result<()> {
     let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Database::open(&config.world)?.world();
-    let mut source = LiveSource::open(&run_id, world, config.frames)?;
+    let mut source = LiveSource::open(&run_id, world, config.frames)?.with_gaps(config.realtime.is_some());
     stop_on_signals(Arc::clone(source.control()), config.frames[1] == OPEN_END)?;
     if !matches!(config.render.samples, 1 | 4) {
         bail!("{} samples per pixel are not possible, 1 or 4 are", config.render.samples);
@@ -152,7 +153,7 @@ fn sinks(
     origin: [f64; 2],
 ) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
     let render = &config.render;
-    let first: Vec<Box<dyn FrameSink>> = match &render.sink {
+    let mut first: Vec<Box<dyn FrameSink>> = match &render.sink {
         SinkConfig::PngFolder(folder) => {
             let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
             let mut lanes: Vec<Box<dyn FrameSink>> = Vec::new();
@@ -166,6 +167,10 @@ fn sinks(
         SinkConfig::Y4mStdout => vec![Box::new(Y4mSink::stdout(config.fps))],
         SinkConfig::Null => vec![Box::new(NullSink)],
     };
+    if config.realtime.is_some() {
+        // Frames that were left out are made up for by the one before: one lane, which knows it.
+        first = first.into_iter().take(1).map(|sink| Box::new(RepeatSink::new(sink)) as Box<dyn FrameSink>).collect();
+    }
     if render.depth.is_none() && render.ground.is_none() && render.share.is_none() {
         return Ok(first);
     }

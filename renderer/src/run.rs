@@ -5,9 +5,10 @@ use crate::frame::{FrameError, FrameReader};
 use crate::gpu::{GpuError, Missing, Readback};
 use crate::sink::SinkError;
 use crate::sink::lanes::{Lanes, Written};
-use crate::source::{FrameSource, SourceError};
+use crate::source::{FrameSource, SourceError, SourceShape};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::rate::FrameTiming;
 use terravision_common::run::OPEN_END;
 use terravision_common::shm::{Counter, WaitError};
 
@@ -16,6 +17,9 @@ const TICK: Duration = Duration::from_millis(2);
 
 /// Read-back buffers take no more than this together, but there are two at least.
 const READBACK_BYTES: u64 = 512 << 20;
+
+/// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a lane's queue holds.
+const SPARE_READBACKS: usize = 12;
 
 /// Why a run ended before its last frame.
 #[derive(Debug, thiserror::Error)]
@@ -123,6 +127,7 @@ struct FrameLoop<'a> {
     // The lanes first: they hold read-back buffers.
     lanes: Lanes,
     engine: Engine,
+    shape: SourceShape,
     source: &'a mut dyn FrameSource,
     reader: FrameReader,
     record_started: u64,
@@ -139,11 +144,14 @@ impl<'a> FrameLoop<'a> {
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let affordable = (READBACK_BYTES / (pixels * 4).max(1)).max(2) as usize;
         let engine = Engine::new(options, source)?;
-        let wanted = engine.frames_in_flight() + lanes.wanted_buffers();
+        // Against the clock a sink that is slow for a moment must not hold up what is drawn.
+        let spare = if source.shape().has_gaps { SPARE_READBACKS } else { 0 };
+        let wanted = engine.frames_in_flight() + lanes.wanted_buffers() + spare;
         let free = (0..wanted.min(affordable)).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             lanes,
             engine,
+            shape: source.shape(),
             source,
             reader,
             record_started: monotonic_nanos(),
@@ -239,6 +247,16 @@ impl<'a> FrameLoop<'a> {
         } else {
             self.last_finished
         });
+        self.source.timed(&FrameTiming {
+            frame: finished.frame,
+            sequence: finished.sequence,
+            r_z_px: finished.r_px[0],
+            r_c_px: finished.r_px[1],
+            work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(self.last_finished)),
+            interval_nanos: since_last,
+            finished_nanos: finished.finished_nanos,
+            camera_nanos: finished.camera.timestamp_nanos,
+        });
         self.last_finished = finished.finished_nanos;
         self.source.event(&Event {
             kind: EventKind::Span as u32,
@@ -266,6 +284,7 @@ impl<'a> FrameLoop<'a> {
     fn take_back(&mut self, written: Written) {
         self.with_lanes -= 1;
         self.summary.frames += 1;
+        let written_up_to = (written.frame + 1).saturating_sub(self.shape.frames[0]);
         self.source.event(&Event {
             kind: EventKind::Span as u32,
             thread: 2 + written.lane,
@@ -288,7 +307,9 @@ impl<'a> FrameLoop<'a> {
             self.summary.unsettled += 1;
             self.source.count(Counter::FramesUnsettled, 1);
         }
-        self.source.written(self.summary.frames);
+        // What repeats in place of frames that were left out is part of the film, too.
+        let count = if self.shape.has_gaps { written_up_to } else { self.summary.frames };
+        self.source.written(count);
         self.free.push(written.readback);
     }
 

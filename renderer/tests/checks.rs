@@ -46,7 +46,14 @@ fn a_good_tile_passes_and_each_fault_is_named() {
 }
 
 fn shape() -> SourceShape {
-    SourceShape { world: world([64, 64]), elevation_arrays: 16, elevation_start: 100, color_slots: 4, frames: [7, 9] }
+    SourceShape {
+        world: world([64, 64]),
+        elevation_arrays: 16,
+        elevation_start: 100,
+        color_slots: 4,
+        frames: [7, 9],
+        has_gaps: false,
+    }
 }
 
 fn marker() -> FrameMarker {
@@ -74,6 +81,37 @@ fn feed(slots: &[SlotContent]) -> Result<bool, String> {
 fn a_frame_is_complete_with_its_end() {
     let tile = SlotContent::Tile(TileSlot { elevation_position: 100, ..good_tile() });
     assert_eq!(feed(&[SlotContent::Marker(marker()), tile, SlotContent::End(end())]), Ok(true));
+}
+
+#[test]
+fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
+    let frame = |frame: u64| {
+        let tile = TileSlot { elevation_position: 100, ..good_tile() };
+        [
+            SlotContent::Marker(FrameMarker { frame, ..marker() }),
+            SlotContent::Tile(tile),
+            SlotContent::End(FrameEnd { frame, elevation_end: 101, ..end() }),
+        ]
+    };
+    let shape = SourceShape { frames: [7, 20], has_gaps: true, ..shape() };
+    let read = |reader: &mut FrameReader, number: u64| {
+        frame(number).iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
+    };
+    let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
+    assert_eq!((read(&mut reader, 9), reader.remaining(), reader.frame().sequence), (Ok(true), 10, 1));
+    for wrong in [9, 8, 20, u64::MAX] {
+        let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
+        assert_eq!(read(&mut reader, 9), Ok(true));
+        let refused = read(&mut reader, wrong).expect_err("out of order");
+        assert!(refused.contains(&format!("its number is {wrong}, expected 10")), "{refused}");
+    }
+    // Its arrays follow those of the frame before.
+    let last = [
+        SlotContent::Marker(FrameMarker { frame: 19, ..marker() }),
+        SlotContent::End(FrameEnd { frame: 19, tile_count: 0, elevation_end: 101, ..end() }),
+    ];
+    assert!(last.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
+    assert_eq!((reader.remaining(), reader.frame().sequence), (0, 2));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The control block: how the run stands, who lives, which frames are done; and how every wait ends.
 
 use super::bell::{Bell, Slept};
-use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords};
+use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords, TIMING_WORDS};
 pub use super::control_words::{Counter, RunState};
 use super::error::{ShmError, WaitError};
 use super::header::Segment;
@@ -11,6 +11,7 @@ use super::run_id::RunId;
 use super::segments::open_segment;
 use crate::camera::Camera;
 use crate::event::monotonic_nanos;
+use crate::rate::FrameTiming;
 use crate::sync::Ordering;
 use crossbeam::utils::Backoff;
 use std::sync::Arc;
@@ -205,6 +206,79 @@ impl Control {
         let words = self.words().camera.0.read()?;
         let camera: Camera = bytemuck::cast(words);
         camera.is_valid().then_some(camera)
+    }
+
+    /// Waits for a camera that was made at `made_nanos` or later, until `deadline_nanos` of the monotonic clock; then the
+    /// newest will do, if there is one. Never returns one that is not valid. One waiter at a time.
+    ///
+    /// # Errors
+    /// The run ended.
+    pub fn wait_camera(&self, made_nanos: u64, deadline_nanos: u64) -> Result<Camera, WaitError> {
+        loop {
+            self.check_running()?;
+            let newest = self.camera();
+            let now = monotonic_nanos();
+            if let Some(camera) = newest
+                && (camera.timestamp_nanos >= made_nanos || now >= deadline_nanos)
+            {
+                return Ok(camera);
+            }
+            let rest = Duration::from_nanos(deadline_nanos.saturating_sub(now));
+            let bound = if rest.is_zero() { WAIT_BOUND } else { rest.min(WAIT_BOUND) };
+            let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos >= made_nanos);
+            let slept = self.words().camera_bell.0.sleep_unless(bound, || Ok::<_, ShmError>(is_new().then_some(())))?;
+            if matches!(slept, Slept::Fully) && !self.launcher.is_alive() {
+                return Err(WaitError::LauncherGone);
+            }
+        }
+    }
+
+    /// From `nanos` of the monotonic clock on the flight is played: its first frame is of that moment. Wakes who waits for
+    /// a camera or for this.
+    pub fn start_clock(&self, nanos: u64) {
+        // Release: SYNC control.clock.
+        self.words().clock_start.0.store(nanos, Ordering::Release);
+        self.words().camera_bell.0.ring();
+    }
+
+    /// Moment of the first frame, nanoseconds of the monotonic clock; `None` before the clock has started.
+    #[must_use]
+    pub fn clock_start(&self) -> Option<u64> {
+        // Acquire: SYNC control.clock.
+        Some(self.words().clock_start.0.load(Ordering::Acquire)).filter(|&nanos| nanos != 0)
+    }
+
+    /// Waits until the clock has started, and returns the moment of the first frame. One waiter at a time, with
+    /// [`Control::wait_camera`].
+    ///
+    /// # Errors
+    /// The run ended.
+    pub fn wait_clock_start(&self) -> Result<u64, WaitError> {
+        self.wait_for(&self.words().camera_bell.0, None, || Ok(self.clock_start()))
+    }
+
+    /// A frame is finished: replaces what is told of the one before. One process (the renderer) does this.
+    pub fn publish_timing(&self, timing: &FrameTiming) {
+        let words: [u64; TIMING_WORDS] = bytemuck::cast(*timing);
+        self.words().timing.0.write(&words);
+    }
+
+    /// The newest finished frame; `None` before the first. Its numbers are not checked.
+    #[must_use]
+    pub fn timing(&self) -> Option<FrameTiming> {
+        self.words().timing.0.read().map(bytemuck::cast)
+    }
+
+    /// What the preparer took for its newest frame, without waiting.
+    pub fn set_prepare_nanos(&self, nanos: u64) {
+        // Relaxed: a number for itself.
+        self.words().prepare_nanos.0.store(nanos, Ordering::Relaxed);
+    }
+
+    /// What the preparer took for its newest frame; 0 before the first.
+    #[must_use]
+    pub fn prepare_nanos(&self) -> u64 {
+        self.words().prepare_nanos.0.load(Ordering::Relaxed)
     }
 
     /// Sets the screen resolutions wanted of facets and texels, pixels.

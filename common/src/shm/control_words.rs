@@ -5,10 +5,14 @@ use super::cursor::Padded;
 use super::region::SharedWords;
 use super::seqlock::SeqLock;
 use crate::camera::Camera;
+use crate::rate::FrameTiming;
 use crate::sync::{AtomicU32, AtomicU64};
 
 /// Words of a [`Camera`].
 pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
+
+/// Words of a [`FrameTiming`].
+pub(crate) const TIMING_WORDS: usize = size_of::<FrameTiming>() / 8;
 
 /// Where a run stands. It only ever moves forward: a failed run does not stop in good order any more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -108,13 +112,19 @@ pub(crate) struct ControlWords {
     pub(crate) camera: Padded<SeqLock<CAMERA_WORDS>>,
     pub(crate) camera_bell: Padded<Bell>,
     pub(crate) counters: [AtomicU64; COUNTERS],
+    /// Moment of the first frame of a realtime flight, monotonic nanoseconds; 0 before. Written by the launcher.
+    pub(crate) clock_start: Padded<AtomicU64>,
+    /// The newest finished frame; written by the renderer.
+    pub(crate) timing: Padded<SeqLock<TIMING_WORDS>>,
+    /// What the preparer took for its newest frame.
+    pub(crate) prepare_nanos: Padded<AtomicU64>,
 }
 
 // SAFETY: atomics alone (padding between them is never read), repr(C), aligned to 128.
 unsafe impl SharedWords for ControlWords {}
 
 const _: () = {
-    assert!(size_of::<ControlWords>() == 12 * 128 + COUNTERS * 8);
+    assert!(size_of::<ControlWords>() == 15 * 128 + COUNTERS * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
     assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
 };

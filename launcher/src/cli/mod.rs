@@ -216,6 +216,51 @@ pub struct LiveArgs {
     pub idle_timeout: Option<f64>,
 }
 
+/// A flight against the clock; of `fly`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Real time")]
+pub struct RealtimeArgs {
+    /// Whether frames wait for their tiles, or for nothing
+    ///
+    /// 'exact' draws every frame with all that it wants, however long it takes. 'realtime' plays the path against the
+    /// clock: frames show what is there, and those that come too late are left out (docs/realtime.md).
+    #[arg(long, value_enum, default_value_t = Mode::Exact)]
+    pub mode: Mode,
+    /// Whether facets and texels grow when frames take too long [default: on]
+    #[arg(long, value_enum, value_name = "on|off")]
+    pub feedback: Option<Switch>,
+    /// Largest size that facets may grow to, pixels [default: four times --facet-px]
+    #[arg(long, value_name = "PIXELS")]
+    pub coarsest_facet_px: Option<f64>,
+    /// Largest size that texels may grow to, pixels [default: four times --texel-px]
+    #[arg(long, value_name = "PIXELS")]
+    pub coarsest_texel_px: Option<f64>,
+    /// Size that facets may shrink to while the camera rests and there is time, pixels [default: 3, at most --facet-px]
+    #[arg(long, value_name = "PIXELS")]
+    pub rest_facet_px: Option<f64>,
+    /// Size that texels may shrink to while the camera rests and there is time, pixels [default: --texel-px]
+    #[arg(long, value_name = "PIXELS")]
+    pub rest_texel_px: Option<f64>,
+}
+
+/// Whether frames wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Mode {
+    /// Every frame waits for its tiles: the same input gives the same bytes
+    Exact,
+    /// Frames follow the clock and wait for nothing
+    Realtime,
+}
+
+/// On or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// On
+    On,
+    /// Off
+    Off,
+}
+
 /// `terravision fly`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
@@ -233,7 +278,7 @@ pub struct FlyArgs {
     /// The terrain database, a folder that `terravision ingest` made
     pub world: PathBuf,
     /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
-    /// shared:NAME for other programs
+    /// shared:NAME for other programs; /dev/null to measure only
     ///
     /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
     /// that name when it is complete, never before. shared:NAME is --share NAME and nothing else.
@@ -251,6 +296,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub resources: ResourceArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub realtime: RealtimeArgs,
     /// Write a report of the run, JSON (docs/report.md)
     #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
     pub report: Option<PathBuf>,

@@ -33,6 +33,12 @@ pub struct FrameFigures {
     pub uploaded: u64,
     /// Whether it was written with all the tiles that it wanted.
     pub is_settled: bool,
+    /// When its camera was made (realtime).
+    pub camera_nanos: u64,
+    /// Screen resolutions of facets and texels, pixels (realtime).
+    pub r_px: [f32; 2],
+    /// Tiles that it wanted and that were not there (realtime).
+    pub lacked: u32,
 }
 
 /// Why a tile could not be had, as events give it.
@@ -171,6 +177,11 @@ impl Collector {
                 frame.nodes = (event.value >> 32) as u32;
             }
             EventKind::FrameUploaded => frame.uploaded = frame.uploaded.saturating_add(event.value),
+            EventKind::FrameCamera => {
+                frame.camera_nanos = event.start_nanos;
+                frame.r_px = [event.value as u32, (event.value >> 32) as u32].map(f32::from_bits);
+            }
+            EventKind::FrameLacked => frame.lacked = event.value.min(u32::MAX.into()) as u32,
             EventKind::DeviceName | EventKind::DriverName | EventKind::TileUnavailable => {}
         }
     }
@@ -233,7 +244,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_event_is_taken(kind in 0u32..12, thread: u32, frame in 0u64..4, value: u64, node: u64, start: u64, duration: u64) {
+        fn any_event_is_taken(kind in 0u32..20, thread: u32, frame in 0u64..4, value: u64, node: u64, start: u64, duration: u64) {
             let mut collector = Collector::new(1, 2, false);
             let event = Event { kind, thread, frame, start_nanos: start, duration_nanos: duration, value, node };
             collector.take(Stage::Renderer, event);

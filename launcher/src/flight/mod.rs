@@ -118,7 +118,7 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
         file.finish_with(|writer| trace::write(writer, figures)).map_err(Failure::failed)?;
     }
     progress.say(&format!("{} → {}", report.summary(), plan.destination));
-    if report.is_complete() {
+    if report.is_as_expected() {
         return Ok(());
     }
     let count = report.unavailable_count();
@@ -214,6 +214,7 @@ impl Run {
             let has_stdout = has_stdout && stage == Stage::Renderer;
             stages.push(StageProcess::start(stage, &programs, &json, has_stdout).map_err(Failure::failed)?);
         }
+        self.control.set_resolutions(plan.config.r_z_px, plan.config.r_c_px);
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
         let is_live = plan.live.is_some();
         let times = self.ring.as_ref().map(FrameRing::pose_times);
@@ -260,6 +261,7 @@ impl Run {
             frames_unsettled: counter(Counter::FramesUnsettled),
             events_dropped: counter(Counter::EventsDropped),
             trees_cut_short: counter(Counter::TreesCutShort),
+            clock_start_nanos: self.control.clock_start(),
             shared_memory_bytes: plan.layout.total_bytes() + self.ring.as_ref().map_or(0, FrameRing::total_bytes),
             collector: self.collector,
             memory: self.memory,

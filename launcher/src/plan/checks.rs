@@ -1,13 +1,19 @@
 //! Checks of single arguments and of the path against the world.
 
-use crate::cli::CourseArgs;
 use crate::cli::values::FrameRange;
+use crate::cli::{CourseArgs, Mode, RealtimeArgs, Switch};
 use crate::failure::Failure;
 use crate::path::orbit::{self, Extent};
 use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
+use terravision_common::run::RealtimeConfig;
+
+/// Facets and texels may become so many times as large as wanted, if nothing else is said.
+const COARSEST: f64 = 4.0;
+/// Size of facets at rest, pixels, if nothing else is said: that of the best quality.
+const REST_FACET_PX: f64 = 3.0;
 
 pub(super) const DEFAULT_FPS: f64 = 30.0;
 /// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
@@ -87,6 +93,43 @@ pub(super) fn in_range(name: &str, value: f64, low: f64, high: f64, expected: &s
     } else {
         Err(Failure::bad_input(anyhow!("{name} {value}: expected {expected}")))
     }
+}
+
+/// What a flight against the clock may do; `None` in exact mode. `wanted_px`: facets, then texels.
+pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Option<RealtimeConfig>, Failure> {
+    if args.mode == Mode::Exact {
+        let given = [
+            ("--feedback", args.feedback.is_some()),
+            ("--coarsest-facet-px", args.coarsest_facet_px.is_some()),
+            ("--coarsest-texel-px", args.coarsest_texel_px.is_some()),
+            ("--rest-facet-px", args.rest_facet_px.is_some()),
+            ("--rest-texel-px", args.rest_texel_px.is_some()),
+        ];
+        return match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => {
+                Err(Failure::bad_input(anyhow!("{flag} is for --mode realtime; exact mode never changes it")))
+            }
+            None => Ok(None),
+        };
+    }
+    let [facet, texel] = wanted_px;
+    let coarsest = |name, asked: Option<f64>, wanted: f64| {
+        in_range(name, asked.unwrap_or(COARSEST * wanted), wanted, 1e5, "pixels, no less than what is wanted")
+    };
+    let rest = |name, asked: Option<f64>, usual: f64, wanted: f64| {
+        in_range(name, asked.unwrap_or(usual.min(wanted)), 0.1, wanted, "pixels from 0.1 to what is wanted")
+    };
+    Ok(Some(RealtimeConfig {
+        has_feedback: args.feedback != Some(Switch::Off),
+        coarsest_px: [
+            coarsest("--coarsest-facet-px", args.coarsest_facet_px, facet)?,
+            coarsest("--coarsest-texel-px", args.coarsest_texel_px, texel)?,
+        ],
+        rest_px: [
+            rest("--rest-facet-px", args.rest_facet_px, REST_FACET_PX, facet)?,
+            rest("--rest-texel-px", args.rest_texel_px, texel, texel)?,
+        ],
+    }))
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

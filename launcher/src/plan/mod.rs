@@ -7,7 +7,7 @@ mod live;
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
 use crate::cli::values::{PictureSize, Rgb};
-use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, ResourceArgs, StillArgs};
+use crate::cli::{CourseArgs, FlyArgs, Mode, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
@@ -17,7 +17,9 @@ use crate::path::crs::Georeference;
 use crate::path::orbit;
 use crate::path::{self, CameraPath, CourseOptions, Pose};
 use anyhow::anyhow;
-use checks::{DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads};
+use checks::{
+    DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads, realtime,
+};
 use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -105,6 +107,11 @@ pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> R
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     let database = open_world(&args.world)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
+    if args.live.camera.is_some() && args.realtime.mode == Mode::Realtime {
+        return Err(Failure::bad_input(anyhow!(
+            "--camera and --mode realtime: poses of another program are flown one frame each, expected --mode exact"
+        )));
+    }
     let mut draft = if args.live.camera.is_some() {
         let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
         draft.fps = checks::fps(args.course.fps)?;
@@ -126,7 +133,8 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 
     let run = draft.run.to_string();
     draft.share = live::share(&args.output, &args.live)?;
-    if live::shared_name(&args.output).is_some() {
+    draft.realtime = Some(&args.realtime);
+    if live::shared_name(&args.output).is_some() || args.output == Path::new("/dev/null") {
         draft.sink = SinkConfig::Null;
     } else if args.output == Path::new("-") {
         if std::io::stdout().is_terminal() {
@@ -219,6 +227,7 @@ struct Draft<'a> {
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
     destination: String,
+    realtime: Option<&'a RealtimeArgs>,
 }
 
 impl<'a> Draft<'a> {
@@ -244,6 +253,7 @@ impl<'a> Draft<'a> {
             files: Vec::new(),
             folder: None,
             destination: String::new(),
+            realtime: None,
         })
     }
 
@@ -263,6 +273,7 @@ impl<'a> Draft<'a> {
         let r_z_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
+        let realtime = self.realtime.and_then(|args| realtime(args, [r_z_px, r_c_px]).transpose()).transpose()?;
         let exaggeration = exaggeration(picture.exaggeration)?;
         let loader_threads = loader_threads(resources.threads)?;
         let layout =
@@ -335,6 +346,7 @@ impl<'a> Draft<'a> {
                     ground: self.ground,
                     share: self.share,
                 },
+                realtime,
             },
             report: report.map(temporary).transpose()?,
             trace: trace.map(temporary).transpose()?,

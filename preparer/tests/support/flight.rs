@@ -11,7 +11,7 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };
@@ -110,6 +110,8 @@ pub struct Flight {
     pub in_flight: usize,
     pub frames: u64,
     pub first_frame: u64,
+    /// Realtime mode; every so many frames one is made and the others are left out.
+    pub realtime: Option<u64>,
 }
 
 impl Flight {
@@ -122,6 +124,7 @@ impl Flight {
             in_flight: 2,
             frames: 40,
             first_frame: 100,
+            realtime: None,
         }
     }
 
@@ -189,7 +192,7 @@ impl Flight {
             width: 320,
             height: 200,
             fps: 30.0,
-            frames: [self.first_frame, self.first_frame + self.frames],
+            frames: [self.first_frame, self.first_frame + self.frames * self.realtime.unwrap_or(1)],
             r_z_px: R_PX[0],
             r_c_px: R_PX[1],
             measure: Measure::Area,
@@ -206,13 +209,15 @@ impl Flight {
                 ground: None,
                 share: None,
             },
+            realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
         }
     }
 
     /// Writes the trees of the path, as long as anyone takes them.
     fn generate(&self, control: &Control, trees: &mut TreeWriter) {
         let mut traversal = Traversal::new(&small_world(), limits());
-        for (frame, camera) in (self.first_frame..).zip(path(self.frames)) {
+        for (frame, camera) in (self.first_frame..).step_by(self.realtime.unwrap_or(1) as usize).zip(path(self.frames))
+        {
             if self.generate_one(&mut traversal, frame, &camera, control, trees).is_err() {
                 return;
             }

@@ -4,6 +4,7 @@ use super::{FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
+use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
     Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
 };
@@ -20,6 +21,7 @@ pub struct LiveSource {
     events: Option<Producer<Event>>,
     world: World,
     frames: [u64; 2],
+    has_gaps: bool,
     tile_bytes: u64,
 }
 
@@ -59,7 +61,13 @@ impl LiveSource {
         if colors.slot_bytes() < tile_bytes {
             return Err(SourceError::ColorSlotSize { found: colors.slot_bytes(), expected: tile_bytes });
         }
-        Ok(Self { control, ring, elevation, colors, events, world, frames, tile_bytes })
+        Ok(Self { control, ring, elevation, colors, events, world, frames, has_gaps: false, tile_bytes })
+    }
+
+    /// Frames may be left out, as in realtime mode.
+    #[must_use]
+    pub fn with_gaps(self, has_gaps: bool) -> Self {
+        Self { has_gaps, ..self }
     }
 
     /// The run's control block.
@@ -77,6 +85,7 @@ impl FrameSource for LiveSource {
             elevation_start: self.elevation.released_position(),
             color_slots: self.colors.capacity(),
             frames: self.frames,
+            has_gaps: self.has_gaps,
         }
     }
 
@@ -125,6 +134,10 @@ impl FrameSource for LiveSource {
         self.elevation.released(elevation_end)?;
         self.control.set_completed_sequence(sequence);
         Ok(())
+    }
+
+    fn timed(&mut self, timing: &FrameTiming) {
+        self.control.publish_timing(timing);
     }
 
     fn written(&mut self, count: u64) {

@@ -10,6 +10,7 @@ pub use recorder::Recorder;
 
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
+use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
 use terravision_common::world::World;
@@ -27,6 +28,8 @@ pub struct SourceShape {
     pub color_slots: u32,
     /// First frame, and one past the last.
     pub frames: [u64; 2],
+    /// Whether frames may be left out (realtime); the last one never is.
+    pub has_gaps: bool,
 }
 
 /// Why a source has no next frame.
@@ -117,6 +120,9 @@ pub trait FrameSource {
     /// # Errors
     /// The source is damaged.
     fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError>;
+
+    /// A frame is finished, which took so long: for the rate control. Sources that have none do not listen.
+    fn timed(&mut self, timing: &FrameTiming);
 
     /// So many frames have left the sink.
     fn written(&mut self, count: u64);

@@ -5,6 +5,7 @@ use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
 use terravision_common::event::Event;
+use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::world::World;
@@ -175,6 +176,7 @@ impl FrameSource for RecordedSource {
             elevation_start: 0,
             color_slots: self.recording.color_slots,
             frames: [first, first + self.laps * self.recording.frames.len() as u64],
+            has_gaps: false,
         }
     }
 
@@ -248,6 +250,8 @@ impl FrameSource for RecordedSource {
         self.released = self.released.max(elevation_end);
         Ok(())
     }
+
+    fn timed(&mut self, _timing: &FrameTiming) {}
 
     fn written(&mut self, count: u64) {
         self.written = count;

@@ -3,6 +3,7 @@
 use super::{FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
+use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::world::COLOR_MIPS;
@@ -129,6 +130,10 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
 
     fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
         self.inner.complete(sequence, elevation_end)
+    }
+
+    fn timed(&mut self, timing: &FrameTiming) {
+        self.inner.timed(timing);
     }
 
     fn written(&mut self, count: u64) {

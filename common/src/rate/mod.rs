@@ -1,0 +1,340 @@
+//! Feedback from measured frame times to the screen resolutions wanted of facets and texels (design §8).
+//!
+//! Triangles go with 1/r_z², pixels cost the same whatever r_z is. So the controller works on u = log2 r_z, and every
+//! frame tells which u it would have needed: u + ½ log2(time / setpoint). Where all of the time is triangles that is right
+//! at once, else it goes too short, never too far; and because each sample is taken relative to the u that *it* was drawn
+//! with, the frames that are still in the pipeline after a change do not make the controller change twice.
+//!
+//! * **Coarser fast**: two of three frames that are clearly too slow move u at once by all that they ask for. One slow
+//!   frame alone moves nothing.
+//! * **Finer slow**: only the median of several frames that were drawn with the present u counts, and the first step is
+//!   small. What it cost tells how much of the time is triangles, and so how far the next one may go: where facets cost
+//!   next to nothing the picture does not have to creep back.
+//! * **Between, nothing**: while the median of a dozen frames lies inside the dead band, u stays as it is.
+//! * **At rest** the band is left: step by step finer, each step only as far as it fits into the frame's time even if all of
+//!   it is triangles. With the first frame that moves, u is what it was before the rest.
+//!
+//! r_c follows u: texels cost little time but much memory and bandwidth, and blur is what people see first. They stay as
+//! wanted until facets are twice as large as wanted, and then grow with the root of the facets.
+
+pub mod simulation;
+#[cfg(test)]
+mod tests;
+
+use bytemuck::{Pod, Zeroable};
+use std::collections::VecDeque;
+
+/// The share of the frame's time that is aimed at. The rest is for what no feedback can foresee.
+pub const SETPOINT: f64 = 0.82;
+/// The dead band, shares of the frame's time. In log2 r_z it reaches as far to one side of the setpoint as to the other.
+pub const BAND: [f64; 2] = [0.73, 0.92];
+/// Up to this share of the frame's time a camera at rest is given a finer picture.
+pub const REST_SHARE: f64 = 0.9;
+
+/// Two of three frames that ask for this much more of log2 r_z are believed at once: 18 % over the setpoint.
+const FAST: f64 = 0.12;
+/// Most that log2 r_z grows in one change: to four times as large.
+const MOST_COARSER: f64 = 2.0;
+/// Most that it shrinks in a first change...
+const FIRST_FINER: f64 = 0.15;
+/// ... and in one whose cost is foreseen from what the change before cost.
+const MOST_FINER: f64 = 1.0;
+/// The scatter of a median that is reckoned with, as a share of it.
+const SCATTER: f64 = 0.03;
+/// From here on there is time for much more.
+const FAR: f64 = 0.25;
+/// Frames whose median is believed: when little is to be changed, when much is, at rest.
+const FRAMES_NEAR: usize = 12;
+const FRAMES_FAR: usize = 5;
+const FRAMES_AT_REST: usize = 3;
+/// Largest step at rest, and the smallest that is worth a change.
+const REST_STEP: f64 = 0.25;
+const LEAST_STEP: f64 = 0.02;
+/// A camera that does not move for this long is at rest.
+const REST_NANOS: f64 = 0.25e9;
+/// Times outside of this many octaves around the target say no more than these.
+const MOST_OCTAVES: f64 = 6.0;
+
+/// What the renderer says of a frame that it has finished, for the feedback; travels through the control block.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameTiming {
+    /// The frame's number.
+    pub frame: u64,
+    /// Counts the frames that were drawn from 1.
+    pub sequence: u64,
+    /// Screen resolution of facets that its tree was made for, pixels.
+    pub r_z_px: f64,
+    /// Screen resolution of texels that its tree was made for, pixels.
+    pub r_c_px: f64,
+    /// What the renderer itself took: from when it began with it, or was done with the one before if that was later.
+    pub work_nanos: u64,
+    /// The whole interval, from the end of the frame before.
+    pub interval_nanos: u64,
+    /// End of its read-back, nanoseconds of the monotonic clock.
+    pub finished_nanos: u64,
+    /// When its camera was made.
+    pub camera_nanos: u64,
+}
+
+const _: () = assert!(size_of::<FrameTiming>() == 64);
+
+/// What is to be held, and what the user allows for it. Pixels, facets first, then texels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateSettings {
+    /// Time of a frame, nanoseconds.
+    pub target_nanos: f64,
+    /// Wanted: the finest while the camera moves.
+    pub wanted_px: [f64; 2],
+    /// The coarsest that is allowed.
+    pub coarsest_px: [f64; 2],
+    /// The finest while the camera rests.
+    pub rest_px: [f64; 2],
+}
+
+/// Why settings are none.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("the {what} of the rate control is {found}, expected {expected}")]
+pub struct BadSettings {
+    /// Which.
+    pub what: &'static str,
+    /// What it is.
+    pub found: f64,
+    /// What it should be, in words.
+    pub expected: &'static str,
+}
+
+/// Screen resolutions for one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resolutions {
+    /// Of facets, pixels.
+    pub r_z_px: f64,
+    /// Of texels, pixels.
+    pub r_c_px: f64,
+}
+
+/// A frame in the controller's own measures.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    /// log2 of its time over the target.
+    octaves: f64,
+    /// The log2 r_z that it would have needed.
+    needed: f64,
+}
+
+/// Chooses r_z and r_c from frame to frame. Asks no clock and allocates nothing after it was made.
+#[derive(Debug, Clone)]
+pub struct RateController {
+    settings: RateSettings,
+    /// log2 of the present r_z.
+    u: f64,
+    /// What it is when the camera moves; `None` while it does.
+    moving: Option<f64>,
+    still_frames: u32,
+    rest_after: u32,
+    /// The newest frames, whatever they were drawn with.
+    newest: VecDeque<Sample>,
+    /// The newest frames that were drawn with the present u.
+    present: VecDeque<Sample>,
+    /// u before it became finer, and the log2 time over the target that it had then.
+    before: Option<(f64, f64)>,
+    scratch: Vec<f64>,
+}
+
+impl RateController {
+    /// A controller that begins with what is wanted.
+    ///
+    /// # Errors
+    /// [`BadSettings`].
+    pub fn new(settings: RateSettings) -> Result<Self, BadSettings> {
+        let positive = |what, found: f64| {
+            let expected = "a positive number";
+            if found.is_finite() && found > 0.0 { Ok(()) } else { Err(BadSettings { what, found, expected }) }
+        };
+        positive("frame time", settings.target_nanos)?;
+        for axis in 0..2 {
+            positive("finest resolution at rest", settings.rest_px[axis])?;
+            positive("wanted resolution", settings.wanted_px[axis])?;
+            positive("coarsest resolution", settings.coarsest_px[axis])?;
+            let [rest, wanted, coarsest] =
+                [settings.rest_px, settings.wanted_px, settings.coarsest_px].map(|r| r[axis]);
+            if rest > wanted {
+                let (what, expected) = ("finest resolution at rest", "no more than the wanted one");
+                return Err(BadSettings { what, found: rest, expected });
+            }
+            if coarsest < wanted {
+                let (what, expected) = ("coarsest resolution", "no less than the wanted one");
+                return Err(BadSettings { what, found: coarsest, expected });
+            }
+        }
+        let rest_after = (REST_NANOS / settings.target_nanos).ceil().clamp(3.0, 1000.0) as u32;
+        Ok(Self {
+            u: settings.wanted_px[0].log2(),
+            settings,
+            moving: None,
+            still_frames: 0,
+            rest_after,
+            newest: VecDeque::with_capacity(4),
+            present: VecDeque::with_capacity(FRAMES_NEAR + 1),
+            before: None,
+            scratch: Vec::with_capacity(FRAMES_NEAR + 1),
+        })
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &RateSettings {
+        &self.settings
+    }
+
+    /// Whether the picture is being refined because the camera rests.
+    #[must_use]
+    pub fn is_resting(&self) -> bool {
+        self.moving.is_some()
+    }
+
+    /// A frame drawn with `r_z_px` took `work_nanos`. What cannot be is ignored.
+    pub fn measured(&mut self, r_z_px: f64, work_nanos: f64) {
+        let is_number = |value: f64| value.is_finite() && value > 0.0;
+        if !is_number(r_z_px) || !is_number(work_nanos) {
+            return;
+        }
+        let [finest, coarsest] = [self.settings.rest_px[0].log2(), self.settings.coarsest_px[0].log2()];
+        let u = r_z_px.log2().clamp(finest, coarsest);
+        let octaves = (work_nanos / self.settings.target_nanos).log2().clamp(-MOST_OCTAVES, MOST_OCTAVES);
+        let sample = Sample { octaves, needed: u + 0.5 * (octaves - SETPOINT.log2()) };
+        push(&mut self.newest, sample, 3);
+        if (u - self.u).abs() < 1e-6 {
+            push(&mut self.present, sample, FRAMES_NEAR);
+        }
+        self.judge();
+    }
+
+    /// The resolutions of the next frame; `is_moving`: whether its camera is another than that of the frame before.
+    pub fn next(&mut self, is_moving: bool) -> Resolutions {
+        if is_moving {
+            self.still_frames = 0;
+            if let Some(moving) = self.moving.take() {
+                // Coarser than before the rest only if even the picture at rest had to be.
+                self.change(moving.max(self.u));
+            }
+        } else {
+            self.still_frames = self.still_frames.saturating_add(1);
+            if self.still_frames >= self.rest_after && self.moving.is_none() {
+                self.moving = Some(self.u);
+            }
+        }
+        self.resolutions()
+    }
+
+    /// The present resolutions.
+    #[must_use]
+    pub fn resolutions(&self) -> Resolutions {
+        let RateSettings { wanted_px, coarsest_px, rest_px, .. } = self.settings;
+        // Powers and logarithms round; what is wanted comes out exactly.
+        let finest = if self.is_resting() { rest_px[0] } else { wanted_px[0] };
+        let r_z_px = self.u.exp2().clamp(finest, coarsest_px[0]);
+        let beyond = self.u - wanted_px[0].log2();
+        let r_c_px = if beyond >= 0.0 {
+            wanted_px[1] * (0.5 * (beyond - 1.0).max(0.0)).exp2()
+        } else {
+            let whole = (wanted_px[0] / rest_px[0]).log2();
+            let share = if whole > 0.0 { (-beyond / whole).min(1.0) } else { 0.0 };
+            wanted_px[1] * (rest_px[1] / wanted_px[1]).powf(share)
+        };
+        Resolutions { r_z_px, r_c_px: r_c_px.clamp(rest_px[1], coarsest_px[1]) }
+    }
+
+    fn judge(&mut self) {
+        // Coarser, at once: two of the last three ask for it.
+        if self.newest.len() == 3 {
+            let needed = median(&self.newest, 3, &mut self.scratch);
+            if needed > self.u + FAST {
+                self.change(needed.min(self.u + MOST_COARSER));
+                return;
+            }
+        }
+        if self.is_resting() {
+            self.refine();
+            return;
+        }
+        let band = BAND.map(|share| 0.5 * (share / SETPOINT).log2());
+        if self.present.len() >= FRAMES_FAR {
+            let needed = median(&self.present, FRAMES_FAR, &mut self.scratch);
+            if needed < self.u - FAR {
+                self.finer(needed);
+                return;
+            }
+        }
+        if self.present.len() >= FRAMES_NEAR {
+            let needed = median(&self.present, FRAMES_NEAR, &mut self.scratch);
+            if needed > self.u + band[1] {
+                self.change(needed);
+            } else if needed < self.u + band[0] {
+                self.finer(needed);
+            }
+        }
+    }
+
+    /// Finer, by what surely fits. `needed` is what would fit if all of the time were triangles.
+    fn finer(&mut self, needed: f64) {
+        let octaves = 2.0 * (needed - self.u) + SETPOINT.log2();
+        let time = octaves.exp2();
+        let step = match self.before {
+            Some((u, before)) if u > self.u => {
+                // Time is a + b / r_z²: two settings give b / r_z² here, of all that grows with finer facets.
+                let grown = (time - before.exp2()).max(0.0) + SCATTER * time;
+                let triangles = (grown / (1.0 - (2.0 * (self.u - u)).exp2())).min(time);
+                (0.5 * (1.0 + (SETPOINT - time) / triangles).log2()).min(MOST_FINER)
+            }
+            _ => (self.u - needed).min(FIRST_FINER),
+        };
+        let before = (self.u, octaves);
+        self.change(self.u - step);
+        self.before = Some(before);
+    }
+
+    /// At rest: as much finer as surely fits, judged by the slowest of the last few frames.
+    fn refine(&mut self) {
+        if self.present.len() < FRAMES_AT_REST {
+            return;
+        }
+        let slowest =
+            self.present.iter().rev().take(FRAMES_AT_REST).map(|s| s.octaves).fold(f64::NEG_INFINITY, f64::max);
+        let step = (0.5 * (REST_SHARE.log2() - slowest)).min(REST_STEP);
+        if step >= LEAST_STEP {
+            self.change(self.u - step);
+        } else if self.present.len() == FRAMES_NEAR {
+            // Too slow for long, if not by much.
+            let needed = median(&self.present, FRAMES_NEAR, &mut self.scratch);
+            if needed > self.u + 0.5 * (BAND[1] / SETPOINT).log2() {
+                self.change(needed);
+            }
+        }
+    }
+
+    fn change(&mut self, u: f64) {
+        let finest = if self.is_resting() { self.settings.rest_px[0] } else { self.settings.wanted_px[0] };
+        let u = u.clamp(finest.log2(), self.settings.coarsest_px[0].log2());
+        if (u - self.u).abs() > 1e-9 {
+            self.u = u;
+            self.present.clear();
+            self.before = None;
+        }
+    }
+}
+
+fn push(samples: &mut VecDeque<Sample>, sample: Sample, most: usize) {
+    if samples.len() == most {
+        samples.pop_front();
+    }
+    samples.push_back(sample);
+}
+
+/// The median of what the newest `count` samples need; of an even number the lower one of the middle.
+fn median(samples: &VecDeque<Sample>, count: usize, scratch: &mut Vec<f64>) -> f64 {
+    scratch.clear();
+    scratch.extend(samples.iter().rev().take(count).map(|sample| sample.needed));
+    scratch.sort_unstable_by(f64::total_cmp);
+    scratch.get(scratch.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+}

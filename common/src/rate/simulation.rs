@@ -1,0 +1,114 @@
+//! A renderer on paper, for tests and plots of the rate control: time = (pixels + triangles / r_z²) · load · noise, with
+//! frames in the pipeline between the choice of a resolution and the measured time. No clock, the same on every machine.
+
+use super::{RateController, Resolutions};
+use std::collections::VecDeque;
+
+/// What a frame costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cost {
+    /// Nanoseconds that no resolution saves.
+    pub pixels_nanos: f64,
+    /// Nanoseconds of the triangles at an r_z of one pixel.
+    pub triangles_nanos: f64,
+}
+
+impl Cost {
+    /// A frame of `nanos` at `r_z_px`, of which `share` (0 to 1) are triangles.
+    #[must_use]
+    pub fn of_frame(nanos: f64, r_z_px: f64, share: f64) -> Self {
+        Self { pixels_nanos: nanos * (1.0 - share), triangles_nanos: nanos * share * r_z_px * r_z_px }
+    }
+
+    /// The time of a frame.
+    #[must_use]
+    pub fn nanos(&self, r_z_px: f64) -> f64 {
+        self.pixels_nanos + self.triangles_nanos / (r_z_px * r_z_px)
+    }
+}
+
+/// One simulated frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedFrame {
+    /// What it was drawn with.
+    pub resolutions: Resolutions,
+    /// What it took.
+    pub nanos: f64,
+}
+
+/// The renderer, and whoever it feeds back to.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    cost: Cost,
+    controller: Option<RateController>,
+    free: Resolutions,
+    /// Frames between the choice and the measurement.
+    delay: usize,
+    /// Half the width of the noise, as a share.
+    noise: f64,
+    random: u64,
+    pipeline: VecDeque<SimulatedFrame>,
+    frames: Vec<SimulatedFrame>,
+}
+
+impl Simulation {
+    /// With a controller, or with what it begins with for ever.
+    #[must_use]
+    pub fn new(cost: Cost, controller: RateController, has_feedback: bool) -> Self {
+        Self {
+            cost,
+            free: controller.resolutions(),
+            controller: has_feedback.then_some(controller),
+            delay: 2,
+            noise: 0.0,
+            random: 0x9e37_79b9_7f4a_7c15,
+            pipeline: VecDeque::new(),
+            frames: Vec::new(),
+        }
+    }
+
+    /// With so many frames between choice and measurement.
+    #[must_use]
+    pub fn with_delay(self, delay: usize) -> Self {
+        Self { delay, ..self }
+    }
+
+    /// With times that scatter evenly by this share to both sides.
+    #[must_use]
+    pub fn with_noise(self, noise: f64) -> Self {
+        Self { noise, ..self }
+    }
+
+    /// All frames so far.
+    #[must_use]
+    pub fn frames(&self) -> &[SimulatedFrame] {
+        &self.frames
+    }
+
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> Option<&RateController> {
+        self.controller.as_ref()
+    }
+
+    /// One frame, `load` times as slow as usual.
+    pub fn frame(&mut self, load: f64, is_moving: bool) -> SimulatedFrame {
+        let resolutions = self.controller.as_mut().map_or(self.free, |controller| controller.next(is_moving));
+        // xorshift64 (Marsaglia, 2003).
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        let even = (self.random >> 11) as f64 / (1u64 << 53) as f64;
+        let nanos = self.cost.nanos(resolutions.r_z_px) * load * (1.0 + self.noise * (2.0 * even - 1.0));
+        let frame = SimulatedFrame { resolutions, nanos };
+        self.frames.push(frame);
+        self.pipeline.push_back(frame);
+        if self.pipeline.len() > self.delay
+            && let Some(done) = self.pipeline.pop_front()
+            && let Some(controller) = &mut self.controller
+        {
+            controller.measured(done.resolutions.r_z_px, done.nanos);
+        }
+        frame
+    }
+}

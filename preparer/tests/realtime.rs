@@ -1,0 +1,43 @@
+//! Realtime mode: a frame is made of what is there, and waits for nothing.
+
+mod support;
+
+use support::flight::{Flight, Source};
+use terravision_common::event::EventKind;
+
+fn realtime() -> Flight {
+    Flight { realtime: Some(3), frames: 60, ..Flight::new() }
+}
+
+#[test]
+fn frames_are_made_of_what_is_there_and_may_be_left_out() {
+    let flight = realtime();
+    // Every slot that is named holds the right tile until the frame is completed: the flight's renderer looks.
+    let (frames, events) = flight.fly().expect("a flight");
+    let numbers: Vec<u64> = frames.iter().map(|frame| frame.marker.frame).collect();
+    assert_eq!(numbers, (0..60).map(|k| 100 + 3 * k).collect::<Vec<_>>());
+    assert!(frames.iter().all(|frame| !frame.tiles.is_empty() && frame.end.unavailable_count < frame.end.wanted_count));
+    // All frames tell what they lacked, and that is what their ends say.
+    let lacked: Vec<(u64, u64)> = (events.iter().filter(|event| event.kind == EventKind::FrameLacked as u32))
+        .map(|event| (event.frame, event.value))
+        .collect();
+    assert_eq!(lacked, frames.iter().map(|f| (f.marker.frame, f.end.unavailable_count.into())).collect::<Vec<_>>());
+}
+
+#[test]
+fn too_little_memory_costs_resolution_and_no_slot_in_use() {
+    // Less than a frame wants, which exact mode refuses; the locked top levels take most of it.
+    let flight = Flight { color_slots: 40, elevation_slots: 40, ..realtime() };
+    let (frames, _) = flight.fly().expect("a flight");
+    assert_eq!(frames.len(), 60);
+    assert!(frames.iter().all(|frame| frame.end.unavailable_count > 0 && !frame.tiles.is_empty()));
+    let exact = Flight { realtime: None, ..flight };
+    assert!(exact.fly().is_err());
+}
+
+#[test]
+fn missing_tiles_do_not_end_it() {
+    let (frames, events) = Flight { source: Source::new(60), ..realtime() }.fly().expect("a flight");
+    assert_eq!(frames.len(), 60);
+    assert!(events.iter().any(|event| event.kind == EventKind::TileUnavailable as u32));
+}
