@@ -40,7 +40,7 @@ const FIRST_FINER: f64 = 0.15;
 /// ... and in one whose cost is foreseen from what the change before cost.
 const MOST_FINER: f64 = 0.5;
 /// The scatter of a median that is reckoned with, as a share of it.
-const SCATTER: f64 = 0.03;
+const SCATTER: f64 = 0.06;
 /// From here on there is time for much more.
 const FAR: f64 = 0.25;
 /// Frames whose median is believed: when little is to be changed, when much is, at rest.
