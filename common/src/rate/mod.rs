@@ -38,9 +38,9 @@ const MOST_COARSER: f64 = 2.0;
 /// Most that it shrinks in a first change...
 const FIRST_FINER: f64 = 0.15;
 /// ... and in one whose cost is foreseen from what the change before cost.
-const MOST_FINER: f64 = 1.0;
+const MOST_FINER: f64 = 0.5;
 /// The scatter of a median that is reckoned with, as a share of it.
-const SCATTER: f64 = 0.03;
+const SCATTER: f64 = 0.06;
 /// From here on there is time for much more.
 const FAR: f64 = 0.25;
 /// Frames whose median is believed: when little is to be changed, when much is, at rest.
@@ -130,6 +130,8 @@ pub struct RateController {
     u: f64,
     /// What it is when the camera moves; `None` while it does.
     moving: Option<f64>,
+    /// Frames that have to agree before the picture at rest becomes finer; all there are, once it had to become coarser.
+    agreeing: usize,
     still_frames: u32,
     rest_after: u32,
     /// The newest frames, whatever they were drawn with.
@@ -172,6 +174,7 @@ impl RateController {
             u: settings.wanted_px[0].log2(),
             settings,
             moving: None,
+            agreeing: FRAMES_AT_REST,
             still_frames: 0,
             rest_after,
             newest: VecDeque::with_capacity(4),
@@ -222,6 +225,7 @@ impl RateController {
             self.still_frames = self.still_frames.saturating_add(1);
             if self.still_frames >= self.rest_after && self.moving.is_none() {
                 self.moving = Some(self.u);
+                self.agreeing = FRAMES_AT_REST;
             }
         }
         self.resolutions()
@@ -296,11 +300,11 @@ impl RateController {
 
     /// At rest: as much finer as surely fits, judged by the slowest of the last few frames.
     fn refine(&mut self) {
-        if self.present.len() < FRAMES_AT_REST {
+        if self.present.len() < self.agreeing {
             return;
         }
         let slowest =
-            self.present.iter().rev().take(FRAMES_AT_REST).map(|s| s.octaves).fold(f64::NEG_INFINITY, f64::max);
+            self.present.iter().rev().take(self.agreeing).map(|s| s.octaves).fold(f64::NEG_INFINITY, f64::max);
         let step = (0.5 * (REST_SHARE.log2() - slowest)).min(REST_STEP);
         if step >= LEAST_STEP {
             self.change(self.u - step);
@@ -317,6 +321,9 @@ impl RateController {
         let finest = if self.is_resting() { self.settings.rest_px[0] } else { self.settings.wanted_px[0] };
         let u = u.clamp(finest.log2(), self.settings.coarsest_px[0].log2());
         if (u - self.u).abs() > 1e-9 {
+            if u > self.u {
+                self.agreeing = FRAMES_NEAR;
+            }
             self.u = u;
             self.present.clear();
             self.before = None;

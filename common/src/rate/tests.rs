@@ -66,8 +66,8 @@ fn when_the_load_goes_the_picture_comes_back() {
         assert_eq!(late(back), 0, "share {share}");
         // The dead band is reached from below, wherever the load had driven r_z.
         assert!(back[249].nanos > (BAND[0] - 0.01) * TARGET, "share {share}: {:?}", back[249]);
-        // Only ever finer: no swing to the other side.
-        assert!(back.windows(2).all(|pair| pair[1].resolutions.r_z_px <= pair[0].resolutions.r_z_px));
+        // Once the loaded frames are out of the median only ever finer: no swing to the other side.
+        assert!(back[20..].windows(2).all(|pair| pair[1].resolutions.r_z_px <= pair[0].resolutions.r_z_px));
     }
 }
 
