@@ -1,6 +1,6 @@
 //! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for none of them.
 
-use super::tiff::{depth_m, ground_position};
+use super::tiff::{GroundView, depth_m};
 use super::{FrameSink, Picture, SinkError};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::ShareConfig;
@@ -39,10 +39,8 @@ impl FrameSink for SharedSink {
         };
         let width = picture.size[0] as usize;
         let depth = reversed.iter().map(|&depth| depth_m(depth) as f32);
-        let ground = reversed.iter().enumerate().flat_map(|(index, &depth)| {
-            let pixel = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
-            ground_position(&picture.camera, pixel, depth, self.origin, self.exaggeration)
-        });
+        let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
+        let ground = reversed.iter().enumerate().flat_map(|(index, &depth)| view.at(index, width, depth));
         let Picture { frame, camera, is_settled, .. } = picture;
         let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
         self.ring.write(&info, picture.rgba, depth, ground);

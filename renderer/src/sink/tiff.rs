@@ -3,6 +3,7 @@
 use super::temporary::{failure, write_whole};
 use super::{FrameSink, Picture, SinkError};
 use crate::technique::NEAR_M;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use tiff::encoder::{TiffEncoder, colortype};
@@ -57,14 +58,9 @@ impl FrameSink for GroundSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
         let width = picture.size[0] as usize;
-        let ground: Vec<f64> = depths
-            .iter()
-            .enumerate()
-            .flat_map(|(index, &depth)| {
-                let pixel = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
-                ground_position(&picture.camera, pixel, depth, self.origin, self.exaggeration)
-            })
-            .collect();
+        let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
+        let ground: Vec<f64> =
+            depths.iter().enumerate().flat_map(|(index, &depth)| view.at(index, width, depth)).collect();
         write_tiff(&self.path, |encoder| {
             encoder.write_image::<colortype::RGB64Float>(picture.size[0], picture.size[1], &ground)
         })
@@ -80,15 +76,33 @@ pub(super) fn depth_m(reversed: f32) -> f64 {
     if reversed > 0.0 { NEAR_M / f64::from(reversed) } else { f64::NAN }
 }
 
-pub(super) fn ground_position(
-    camera: &Camera,
-    pixel: [f64; 2],
-    reversed: f32,
+/// What turns pixels with depth into ground positions; the camera's sines are computed once for all pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroundView {
+    eye: DVec3,
+    axes: [DVec3; 3],
+    half_tangents: [f64; 2],
+    size: [f64; 2],
     origin: [f64; 2],
     exaggeration: f64,
-) -> [f64; 3] {
-    let at = camera.eye() + camera.ray_in_world(pixel[0], pixel[1]) * depth_m(reversed);
-    [origin[0] + at.x, origin[1] + at.y, at.z / exaggeration]
+}
+
+impl GroundView {
+    pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
+        let size = [f64::from(camera.width), f64::from(camera.height)];
+        let (eye, axes, half_tangents) = (camera.eye(), camera.axes_in_world(), camera.half_tangents());
+        Self { eye, axes, half_tangents, size, origin, exaggeration }
+    }
+
+    /// Of the pixel of this index, in rows from the top; the ray is that of `Camera::ray_in_world`.
+    pub(super) fn at(&self, index: usize, width: usize, reversed: f32) -> [f64; 3] {
+        let [right, up, forward] = self.axes;
+        let (px, py) = ((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        let x = (2.0 * px / self.size[0] - 1.0) * self.half_tangents[0];
+        let y = (1.0 - 2.0 * py / self.size[1]) * self.half_tangents[1];
+        let at = self.eye + (forward + right * x + up * y) * depth_m(reversed);
+        [self.origin[0] + at.x, self.origin[1] + at.y, at.z / self.exaggeration]
+    }
 }
 
 type FileEncoder<'a> = TiffEncoder<&'a mut std::io::BufWriter<std::fs::File>>;
@@ -123,9 +137,12 @@ mod tests {
             height: 4,
             ..Camera::zeroed()
         };
-        // Straight down from 1000 m to 200 m: the picture's upper edge is 800 m north of the eye.
-        let at = ground_position(&camera, [2.0, 0.0], (NEAR_M / 800.0) as f32, [5e5, 4e6], 2.0);
-        assert!((at[0] - 500_100.0).abs() < 1e-3 && (at[1] - 4_001_000.0).abs() < 1e-3, "{at:?}");
+        // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m north of the eye.
+        let view = GroundView::new(&camera, [5e5, 4e6], 2.0);
+        let at = view.at(2, 4, (NEAR_M / 800.0) as f32);
+        let ray = camera.eye() + camera.ray_in_world(2.5, 0.5) * depth_m((NEAR_M / 800.0) as f32);
+        assert_eq!(at, [5e5 + ray.x, 4e6 + ray.y, ray.z / 2.0], "the camera's own ray");
+        assert!((at[0] - 500_300.0).abs() < 1e-3 && (at[1] - 4_000_800.0).abs() < 1e-3, "{at:?}");
         assert!((at[2] - 100.0).abs() < 1e-3, "{at:?}");
     }
 }
