@@ -4,7 +4,7 @@ use std::sync::Arc;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -32,6 +32,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
     RunConfig {
         run_id: "tv-1-1".to_owned(),
         world: "/nowhere".into(),
+        database: DatabaseConfig::folder("/nowhere".as_ref()),
         width: 640,
         height: 360,
         fps: 30.0,

@@ -4,6 +4,7 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
+//! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
@@ -20,6 +21,7 @@ pub mod path;
 pub mod plan;
 pub mod report;
 pub mod trace;
+pub mod world;
 
 use clap::Parser;
 use clap::error::ErrorKind;

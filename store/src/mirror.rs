@@ -10,7 +10,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use terravision_common::database::{Index, MANIFEST_FILE, Manifest, NODES_FILE, NodeRanges};
+use terravision_common::database::{Index, MANIFEST_FILE, Manifest, ManifestError, NODES_FILE, NodeRanges};
 use terravision_common::world::World;
 
 /// No manifest is larger.
@@ -79,12 +79,28 @@ pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, St
 /// The manifest on the server.
 pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Result<OpenManifest, StoreError> {
     let request = Request { file: MANIFEST_FILE, range: None, most_bytes: MOST_MANIFEST_BYTES, retries: OPEN_RETRIES };
-    match network.read(&request, |answer| async move { Ok(answer.bytes) }).await {
-        Ok(text) => parse(text, location),
-        Err(FetchError::Failed(fault)) if fault.cause == Cause::NotFound => {
-            Err(StoreError::NotADatabase { why: fault.why.clone(), location: location.to_string() })
+    let mut tried = 0;
+    loop {
+        tried += 1;
+        let parsed = match network.read(&request, |answer| async move { Ok(answer.bytes) }).await {
+            Ok(text) => parse(text, location),
+            Err(FetchError::Failed(fault)) if fault.cause == Cause::NotFound => {
+                return Err(StoreError::NotADatabase { why: fault.why.clone(), location: location.to_string() });
+            }
+            Err(error) => return Err(error.into()),
+        };
+        // A manifest that was damaged on its way is whole the next time.
+        let is_damaged =
+            |source: &ManifestError| matches!(source, ManifestError::Checksum { .. } | ManifestError::Content { .. });
+        let is_repeated = match &parsed {
+            Err(StoreError::Manifest { source, .. }) if is_damaged(source) && tried < TRIES => {
+                network.again(tried - 1).await
+            }
+            _ => false,
+        };
+        if !is_repeated {
+            return parsed;
         }
-        Err(error) => Err(error.into()),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::time::Duration;
+use terravision_common::run::DatabaseConfig;
 
 /// Bytes of the disk cache unless told otherwise.
 pub const DEFAULT_CACHE_BYTES: u64 = 10 << 30;
@@ -65,6 +66,23 @@ impl Default for StoreOptions {
             retries: RetryOptions::default(),
             parallel_requests: 16,
             index: None,
+        }
+    }
+}
+
+impl StoreOptions {
+    /// As a run is configured. All requests of a read together may take three times as long as one.
+    #[must_use]
+    pub fn of(config: &DatabaseConfig) -> Self {
+        let request_timeout = Duration::from_millis(config.request_timeout_ms.max(1));
+        Self {
+            cache_dir: config.cache.clone(),
+            cache_bytes: config.cache_bytes,
+            is_offline: config.is_offline,
+            request_timeout,
+            deadline: request_timeout.saturating_mul(3),
+            parallel_requests: config.parallel_requests as usize,
+            ..Self::default()
         }
     }
 }

@@ -6,7 +6,7 @@ use crate::options::StoreOptions;
 use crate::wire::{Connector, Wire, WireError};
 use bytes::{Bytes, BytesMut};
 use futures_util::TryStreamExt;
-use object_store::aws::AmazonS3Builder;
+use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::client::HttpError;
 use object_store::http::HttpBuilder;
 use object_store::path::Path as ObjectPath;
@@ -65,7 +65,7 @@ impl Transport {
                 (Box::new(store), String::new())
             }
             Kind::S3 { bucket, prefix } => {
-                let builder = AmazonS3Builder::from_env().with_bucket_name(bucket).with_client_options(client);
+                let builder = s3_from_environment().with_bucket_name(bucket).with_client_options(client);
                 let store = builder.with_retry(retries).with_http_connector(connector).build().map_err(failed)?;
                 (Box::new(store), prefix.clone())
             }
@@ -120,6 +120,19 @@ impl Transport {
         }
         Ok(Answer { bytes: bytes.freeze(), file_bytes, etag })
     }
+}
+
+/// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is empty is not set.
+fn s3_from_environment() -> AmazonS3Builder {
+    let variables =
+        std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+    let variables = variables.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty());
+    variables.fold(AmazonS3Builder::new(), |builder, (name, value)| {
+        match name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>() {
+            Ok(key) => builder.with_config(key, value),
+            Err(_another_program_s) => builder,
+        }
+    })
 }
 
 /// TLS needs a provider of cryptography for the whole process; another crate may have chosen one already.

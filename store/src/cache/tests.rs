@@ -18,8 +18,10 @@ impl Folder {
         DiskCache::open(&self.0, "database", most_bytes, Arc::default())
     }
 
-    /// Bytes of all entries, and of those being written.
+    /// Bytes of all entries, while nobody writes.
     fn bytes(&self) -> u64 {
+        let gate = sweep::open_gate(&self.0).unwrap();
+        gate.lock().unwrap();
         fn below(folder: &Path) -> u64 {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten();
             entries
