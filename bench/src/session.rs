@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_common::stage::STAGE_ENVIRONMENT;
 
@@ -69,6 +69,7 @@ impl Session {
         let config = RunConfig {
             run_id: run.to_string(),
             world: settings.world.clone(),
+            database: DatabaseConfig::folder(&settings.world),
             width,
             height,
             fps: 30.0,

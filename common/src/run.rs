@@ -4,7 +4,7 @@
 use crate::level::Measure;
 use crate::rate::RateSettings;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// End of the frames of a flight of which nobody knows the number beforehand: another program sends the poses.
 pub const OPEN_END: u64 = u64::MAX;
@@ -15,8 +15,10 @@ pub const OPEN_END: u64 = u64::MAX;
 pub struct RunConfig {
     /// Prefix of the names of the run's shared-memory segments (see `shm::RunId`).
     pub run_id: String,
-    /// Folder of the terrain database.
+    /// Folder with the index of the terrain database: its manifest and height ranges.
     pub world: PathBuf,
+    /// Where its tiles are.
+    pub database: DatabaseConfig,
     /// Picture width, pixels.
     pub width: u32,
     /// Picture height, pixels.
@@ -67,6 +69,39 @@ impl RunConfig {
         let RealtimeConfig { coarsest_px, rest_px, .. } = self.realtime.as_ref().filter(|r| r.has_feedback)?;
         let (target_nanos, wanted_px) = (self.period_nanos(), [self.r_z_px, self.r_c_px]);
         Some(RateSettings { target_nanos, wanted_px, coarsest_px: *coarsest_px, rest_px: *rest_px })
+    }
+}
+
+/// Where the tiles of a run's database are, and how they are read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DatabaseConfig {
+    /// A folder, or a URL as the user gave it.
+    pub location: String,
+    /// Folder of the disk cache of databases that are elsewhere; the user's own when there is none here.
+    pub cache: Option<PathBuf>,
+    /// Most bytes that it may take.
+    pub cache_bytes: u64,
+    /// Ask nobody: what the cache does not have is missing.
+    pub is_offline: bool,
+    /// Longest time that one request may take, milliseconds.
+    pub request_timeout_ms: u64,
+    /// Most requests at a time.
+    pub parallel_requests: u32,
+}
+
+impl DatabaseConfig {
+    /// A database in a folder of this machine.
+    #[must_use]
+    pub fn folder(path: &Path) -> Self {
+        Self {
+            location: path.display().to_string(),
+            cache: None,
+            cache_bytes: 0,
+            is_offline: false,
+            request_timeout_ms: 1,
+            parallel_requests: 1,
+        }
     }
 }
 

@@ -6,7 +6,7 @@ mod realtime;
 use bytemuck::Zeroable;
 use realtime::Pace;
 use std::sync::Arc;
-use terravision_common::database::{Database, DatabaseError};
+use terravision_common::database::{DatabaseError, Index};
 use terravision_common::event::{SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
 use terravision_common::rate::BadSettings;
@@ -173,12 +173,12 @@ impl<R: HeightRanges> Generator<R> {
 pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let mut ports = Ports::open(run)?;
     let config = run.config();
-    let database = Database::open(&config.world)?;
-    let world = database.world();
+    let index = Index::open(&config.world)?;
+    let world = index.world();
     // Memory bounds the pools, not the elevation ring.
     let layout = Layout::for_run(world, u64::MAX >> 8, config.width, config.height)?;
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
-    let mut generator = Generator::new(world, database.ranges(), config, limits);
+    let mut generator = Generator::new(world, index.ranges(), config, limits);
     while generator.has_next() {
         generator.frame(&mut ports)?;
     }

@@ -5,7 +5,7 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -33,6 +33,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
     RunConfig {
         run_id: "tv-1-1".to_owned(),
         world: "/nowhere".into(),
+        database: DatabaseConfig::folder("/nowhere".as_ref()),
         width: 640,
         height: 360,
         fps: 30.0,

@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use crate::output::TemporaryFile;
 use crate::path::{PathSettings, Pose};
 use crate::plan;
+use crate::world::open_world;
 use anyhow::{Context, anyhow};
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
@@ -16,7 +17,7 @@ use terravision_common::shm::RunId;
 /// # Errors
 /// Bad input, or the output cannot be written to.
 pub fn export(args: &PathArgs) -> Result<(), Failure> {
-    let database = plan::open_world(&args.world)?;
+    let database = open_world(&args.world, &args.database)?;
     let path = plan::load_path(&args.course, &database, args.exaggeration)?;
     let (fps, speed) = plan::pace(&args.course, &path)?;
     let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;

@@ -3,18 +3,19 @@
 use crate::cli::InfoArgs;
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
-use crate::plan::open_world;
+use crate::world::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
-use terravision_common::database::{Database, Source};
+use terravision_common::database::Source;
+use terravision_store::Store;
 
 /// Prints it.
 ///
 /// # Errors
 /// Bad input: no database. Or standard output cannot be written to.
 pub fn info(args: &InfoArgs) -> Result<(), Failure> {
-    let database = open_world(&args.world)?;
+    let database = open_world(&args.world, &args.database)?;
     let text = if args.json { as_json(&database) } else { as_text(&database) };
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())
@@ -23,9 +24,9 @@ pub fn info(args: &InfoArgs) -> Result<(), Failure> {
         .map_err(Failure::failed)
 }
 
-fn as_json(database: &Database) -> String {
+fn as_json(database: &Store) -> String {
     let (manifest, world) = (database.manifest(), database.world());
-    let mut value = json!({"schema": "terravision-info-1", "path": database.path()});
+    let mut value = json!({"schema": "terravision-info-1", "path": database.location().to_string()});
     value["manifest"] = serde_json::to_value(manifest).unwrap_or_default();
     let [width, height] = world.extent_m();
     let [x, y] = world.fields().origin;
@@ -36,7 +37,7 @@ fn as_json(database: &Database) -> String {
     format!("{value:#}\n")
 }
 
-fn as_text(database: &Database) -> String {
+fn as_text(database: &Store) -> String {
     let (manifest, world) = (database.manifest(), database.world());
     let [width, height] = world.extent_m();
     let [x, y] = world.fields().origin;

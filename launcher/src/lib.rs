@@ -4,7 +4,9 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
-//! * [`report`] (of a flight against the clock also [`realtime_report`]), [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
+//! * [`report`] (of a flight against the clock also [`realtime_report`]), [`trace`]: what a run says about itself afterwards;
+//!   [`output`]: files that appear whole or not at all.
+//! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
@@ -23,6 +25,7 @@ pub mod plan;
 pub mod realtime_report;
 pub mod report;
 pub mod trace;
+pub mod world;
 
 use clap::Parser;
 use clap::error::ErrorKind;

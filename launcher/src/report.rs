@@ -338,12 +338,13 @@ pub(crate) mod tests {
     use terravision_common::event::{Event, EventKind};
     use terravision_common::level::Measure;
     use terravision_common::node::NodeId;
-    use terravision_common::run::{RenderConfig, SinkConfig};
+    use terravision_common::run::{DatabaseConfig, RenderConfig, SinkConfig};
 
     pub(crate) fn config() -> RunConfig {
         RunConfig {
             run_id: "tv-1-2".into(),
             world: "w.tv".into(),
+            database: DatabaseConfig::folder("w.tv".as_ref()),
             width: 64,
             height: 36,
             fps: 30.0,

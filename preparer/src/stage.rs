@@ -8,8 +8,9 @@ use crate::loader::local::LocalLoader;
 use crate::loader::{LoadError, Loaded, TileLoader};
 use crate::there::ThereTiles;
 use bytemuck::Zeroable;
+use std::io::Write;
 use std::sync::Arc;
-use terravision_common::database::{Database, DatabaseError, Layer};
+use terravision_common::database::Layer;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::RunConfig;
@@ -20,6 +21,7 @@ use terravision_common::slot::{Slot, SlotContent};
 use terravision_common::stage::{Events, StageError, StageRun};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
+use terravision_store::{Location, LocationError, Store, StoreError, StoreOptions};
 
 /// Slots that are kept before they go into the ring together.
 const SLOTS_AT_ONCE: usize = 1024;
@@ -28,9 +30,12 @@ const SLOTS_AT_ONCE: usize = 1024;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PreparerError {
+    /// The database is nowhere.
+    #[error(transparent)]
+    Location(#[from] LocationError),
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database(#[from] StoreError),
     /// A segment cannot be opened.
     #[error(transparent)]
     Shm(#[from] ShmError),
@@ -326,12 +331,24 @@ pub fn run(run: &StageRun) -> Result<(), PreparerError> {
     let config = run.config();
     let elevation = PoolWriter::open(run.id(), SegmentKind::ElevationPool)?;
     let color = PoolWriter::open(run.id(), SegmentKind::ColorPool)?;
-    let database = Arc::new(Database::open(&config.world)?);
+    let database = Arc::new(open_database(config)?);
     let world = *database.world();
-    let loader = LocalLoader::new(database, elevation, color, config.loader_threads)?;
+    let loader = LocalLoader::new(Arc::clone(&database) as _, elevation, color, config.loader_threads)?;
     let mut preparer = Preparer::new(&world, config, loader, &mut ports)?;
-    while preparer.has_next() {
-        preparer.frame(&mut ports)?;
+    let mut flown = Ok(());
+    while flown.is_ok() && preparer.has_next() {
+        flown = preparer.frame(&mut ports).map(drop);
     }
-    Ok(())
+    for news in database.errors().take_news() {
+        // Standard error is the launcher's; without a launcher there is nobody to tell.
+        drop(writeln!(std::io::stderr(), "{news}"));
+    }
+    flown
+}
+
+/// The run's database: its index is here already, and checked.
+fn open_database(config: &RunConfig) -> Result<Store, PreparerError> {
+    let location = Location::parse(&config.database.location)?;
+    let options = StoreOptions { index: Some(config.world.clone()), ..StoreOptions::of(&config.database) };
+    Ok(Store::open(&location, &options)?)
 }

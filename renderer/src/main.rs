@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use std::io::Write;
 use std::process::ExitCode;
 use std::sync::Arc;
-use terravision_common::database::Database;
+use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::{OPEN_END, RunConfig, SinkConfig};
 use terravision_common::shm::{Control, RunState};
@@ -98,7 +98,7 @@ fn render(json: &str) -> anyhow::Result<()> {
         .context("the signal of the launcher's death cannot be set")?;
     let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
-    let world = *Database::open(&config.world)?.world();
+    let world = *Index::open(&config.world)?.world();
     let mut source = LiveSource::open(&run_id, world, config.frames)?.with_gaps(config.realtime.is_some());
     stop_on_signals(Arc::clone(source.control()), config.frames[1] == OPEN_END)?;
     if !matches!(config.render.samples, 1 | 4) {

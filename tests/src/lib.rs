@@ -1,5 +1,5 @@
 //! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as values, worlds to fly
-//! over.
+//! over, a web server that misbehaves.
 
 pub mod flight;
 pub mod folder;
@@ -8,5 +8,6 @@ pub mod live;
 pub mod metrics;
 pub mod process;
 pub mod reference;
+pub mod server;
 pub mod shot;
 pub mod worlds;

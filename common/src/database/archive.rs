@@ -1,23 +1,16 @@
 //! Reading a PMTiles v3 archive with positioned reads: any thread, no async runtime, nothing trusted.
 
-use super::directory::{Entry, find, parse_directory};
+use super::archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
 use super::manifest::ArchiveRecord;
 use crate::node::NodeId;
 use crate::world::World;
-use flate2::read::GzDecoder;
 use pmtiles::{TileCoord, TileId};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::OnceLock;
-
-/// Length of the fixed header (PMTiles v3 specification, section 3).
-const HEADER_BYTES: usize = 127;
-/// No directory or index is larger: a hundred million tiles need less.
-const MAX_INDEX_BYTES: u64 = 1 << 30;
-/// No single directory is larger, decompressed.
-const MAX_DIRECTORY_BYTES: u64 = 64 << 20;
 
 /// What is wrong with an archive.
 #[derive(Debug, thiserror::Error)]
@@ -54,7 +47,7 @@ pub enum ArchiveError {
         /// The most that is possible.
         expected: usize,
         /// What the directory says.
-        found: u32,
+        found: u64,
     },
     /// It cannot be read.
     #[error("it cannot be read: {source}")]
@@ -80,86 +73,32 @@ pub fn tile_coord(world: &World, node: NodeId) -> Option<TileCoord> {
     TileCoord::new(zoom, node.m(), row).ok()
 }
 
-/// The sections of an archive, from its header.
-#[derive(Debug, Clone, Copy)]
-struct Sections {
-    root: [u64; 2],
-    leaf: [u64; 2],
-    data: [u64; 2],
-    is_gzip: bool,
-}
-
-impl Sections {
-    fn parse(header: &[u8; HEADER_BYTES], file_bytes: u64) -> Result<Self, ArchiveError> {
-        if &header[..7] != b"PMTiles" || header[7] != 3 {
-            return Err(ArchiveError::NotPmtiles);
-        }
-        let number = |at: usize| {
-            let mut bytes = [0; 8];
-            bytes.copy_from_slice(&header[at..at + 8]);
-            u64::from_le_bytes(bytes)
-        };
-        let section = |at: usize| {
-            let [offset, length] = [number(at), number(at + 8)];
-            match offset.checked_add(length) {
-                Some(end) if end <= file_bytes => Ok([offset, length]),
-                _ => Err(ArchiveError::Damaged { what: "a section of it lies beyond its end" }),
-            }
-        };
-        let is_gzip = match header[97] {
-            1 => false,
-            2 => true,
-            _ => return Err(ArchiveError::Damaged { what: "its directories are compressed in an unknown way" }),
-        };
-        let sections = Self { root: section(8)?, leaf: section(40)?, data: section(56)?, is_gzip };
-        if sections.root[1] > MAX_DIRECTORY_BYTES
-            || sections.leaf[1] > MAX_INDEX_BYTES
-            || sections.data[0] > MAX_INDEX_BYTES
-        {
-            return Err(ArchiveError::Damaged { what: "its directories are impossibly large" });
-        }
-        Ok(sections)
-    }
-
-    fn directory(&self, bytes: &[u8]) -> Result<Box<[Entry]>, ArchiveError> {
-        if !self.is_gzip {
-            return parse_directory(bytes);
-        }
-        let mut plain = Vec::new();
-        let unpacked = GzDecoder::new(bytes).take(MAX_DIRECTORY_BYTES).read_to_end(&mut plain);
-        if unpacked.is_err() || plain.len() as u64 == MAX_DIRECTORY_BYTES {
-            return Err(ArchiveError::Damaged { what: "a directory does not decompress" });
-        }
-        parse_directory(&plain)
-    }
-}
-
-fn crc32_of(file: &File, [offset, length]: [u64; 2], hasher: &mut crc32fast::Hasher) -> io::Result<()> {
+fn crc32_of(file: &File, range: Range<u64>, hasher: &mut crc32fast::Hasher) -> io::Result<()> {
     let mut buffer = vec![0; 1 << 16];
-    let mut done = 0;
-    while done < length {
-        let part = (length - done).min(buffer.len() as u64) as usize;
-        file.read_exact_at(&mut buffer[..part], offset + done)?;
+    let mut at = range.start;
+    while at < range.end {
+        let part = (range.end - at).min(buffer.len() as u64) as usize;
+        file.read_exact_at(&mut buffer[..part], at)?;
         hasher.update(&buffer[..part]);
-        done += part as u64;
+        at += part as u64;
     }
     Ok(())
 }
 
-fn open_sections(file: &File) -> Result<Sections, ArchiveError> {
+fn open_layout(file: &File) -> Result<ArchiveLayout, ArchiveError> {
     let file_bytes = file.metadata()?.len();
-    let mut header = [0; HEADER_BYTES];
-    if file_bytes < HEADER_BYTES as u64 {
+    let mut header = [0; ARCHIVE_HEADER_BYTES];
+    if file_bytes < ARCHIVE_HEADER_BYTES as u64 {
         return Err(ArchiveError::NotPmtiles);
     }
     file.read_exact_at(&mut header, 0)?;
-    Sections::parse(&header, file_bytes)
+    ArchiveLayout::parse(&header, file_bytes)
 }
 
-fn crc32_of_index(file: &File, sections: &Sections) -> io::Result<u32> {
+fn crc32_of_index(file: &File, layout: &ArchiveLayout) -> io::Result<u32> {
     let mut hasher = crc32fast::Hasher::new();
-    crc32_of(file, [0, sections.data[0]], &mut hasher)?;
-    crc32_of(file, sections.leaf, &mut hasher)?;
+    crc32_of(file, layout.before_tiles(), &mut hasher)?;
+    crc32_of(file, layout.leaves(), &mut hasher)?;
     Ok(hasher.finalize())
 }
 
@@ -170,18 +109,18 @@ fn crc32_of_index(file: &File, sections: &Sections) -> io::Result<u32> {
 /// [`ArchiveError`] when it is no archive or cannot be read.
 pub fn index_crc32(path: &Path) -> Result<u32, ArchiveError> {
     let file = File::open(path)?;
-    let sections = open_sections(&file)?;
-    Ok(crc32_of_index(&file, &sections)?)
+    let layout = open_layout(&file)?;
+    Ok(crc32_of_index(&file, &layout)?)
 }
 
 /// A tile archive, open for reading.
 #[derive(Debug)]
 pub struct Archive {
     file: File,
-    sections: Sections,
-    root: Box<[Entry]>,
+    layout: ArchiveLayout,
+    root: Directory,
     /// Leaf directories, by their index in the root, read when first needed.
-    leaves: Box<[OnceLock<Box<[Entry]>>]>,
+    leaves: Box<[OnceLock<Directory>]>,
 }
 
 impl Archive {
@@ -195,29 +134,21 @@ impl Archive {
         if found != record.bytes {
             return Err(ArchiveError::Length { expected: record.bytes, found });
         }
-        let sections = open_sections(&file)?;
-        let found = crc32_of_index(&file, &sections)?;
+        let layout = open_layout(&file)?;
+        let found = crc32_of_index(&file, &layout)?;
         if found != record.index_crc32 {
             return Err(ArchiveError::Checksum { expected: record.index_crc32, found });
         }
-        let mut bytes = vec![0; sections.root[1] as usize];
-        file.read_exact_at(&mut bytes, sections.root[0])?;
-        let root = sections.directory(&bytes)?;
-        let leaves = root.iter().map(|_| OnceLock::new()).collect();
-        Ok(Self { file, sections, root, leaves })
+        let root = layout.directory(&read_range(&file, layout.root())?)?;
+        let leaves = (0..root.len()).map(|_| OnceLock::new()).collect();
+        Ok(Self { file, layout, root, leaves })
     }
 
-    fn leaf(&self, index: usize, entry: Entry) -> Result<&[Entry], ArchiveError> {
+    fn leaf(&self, index: usize, range: Range<u64>) -> Result<&Directory, ArchiveError> {
         if let Some(leaf) = self.leaves[index].get() {
             return Ok(leaf);
         }
-        let end = entry.offset.checked_add(u64::from(entry.length));
-        if u64::from(entry.length) > MAX_DIRECTORY_BYTES || end.is_none_or(|end| end > self.sections.leaf[1]) {
-            return Err(ArchiveError::Damaged { what: "a leaf directory lies beyond its end" });
-        }
-        let mut bytes = vec![0; entry.length as usize];
-        self.file.read_exact_at(&mut bytes, self.sections.leaf[0] + entry.offset)?;
-        let leaf = self.sections.directory(&bytes)?;
+        let leaf = self.layout.directory(&read_range(&self.file, range)?)?;
         Ok(self.leaves[index].get_or_init(|| leaf))
     }
 
@@ -227,26 +158,25 @@ impl Archive {
     /// # Errors
     /// [`ArchiveError`].
     pub fn read(&self, tile: TileId, max_bytes: usize, out: &mut Vec<u8>) -> Result<bool, ArchiveError> {
-        let Some((index, mut entry)) = find(&self.root, tile.value()) else { return Ok(false) };
-        if entry.run_length == 0 {
-            match find(self.leaf(index, entry)?, tile.value()) {
-                Some((_, found)) => entry = found,
-                None => return Ok(false),
-            }
-        }
-        if entry.run_length == 0 {
-            return Err(ArchiveError::Damaged { what: "its directories are nested too deeply" });
-        }
-        if entry.length as usize > max_bytes {
-            return Err(ArchiveError::TileLength { expected: max_bytes, found: entry.length });
-        }
-        let end = entry.offset.checked_add(u64::from(entry.length));
-        if end.is_none_or(|end| end > self.sections.data[1]) {
-            return Err(ArchiveError::Damaged { what: "a tile lies beyond its end" });
+        let range = match self.layout.place(&self.root, tile)? {
+            Some(Place::Tile(range)) => Some(range),
+            Some(Place::Leaf { index, range }) => self.layout.place_in_leaf(self.leaf(index, range)?, tile)?,
+            None => None,
+        };
+        let Some(range) = range else { return Ok(false) };
+        let length = range.end - range.start;
+        if length > max_bytes as u64 {
+            return Err(ArchiveError::TileLength { expected: max_bytes, found: length });
         }
         out.clear();
-        out.resize(entry.length as usize, 0);
-        self.file.read_exact_at(out, self.sections.data[0] + entry.offset)?;
+        out.resize(length as usize, 0);
+        self.file.read_exact_at(out, range.start)?;
         Ok(true)
     }
+}
+
+fn read_range(file: &File, range: Range<u64>) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![0; (range.end - range.start) as usize];
+    file.read_exact_at(&mut bytes, range.start)?;
+    Ok(bytes)
 }

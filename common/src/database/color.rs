@@ -57,14 +57,11 @@ pub fn seal_color_tile(picture: &mut Vec<u8>) {
     picture.extend(checksum.to_le_bytes());
 }
 
-/// Decodes a tile of `side` texels, borders included, into RGBA8 mip levels back to back, row 0 in the north.
+/// Checks that bytes are a tile as it was written; gives the picture in it.
 ///
 /// # Errors
 /// [`ColorCodecError`].
-///
-/// # Panics
-/// When `out` is shorter than [`color_tile_bytes`].
-pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
+pub(crate) fn open_color_tile(bytes: &[u8]) -> Result<&[u8], ColorCodecError> {
     let Some((picture, trailer)) = bytes.split_last_chunk::<TRAILER_BYTES>() else {
         return Err(ColorCodecError::NotATile { found: bytes.len() });
     };
@@ -76,6 +73,18 @@ pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), 
     if found != expected {
         return Err(ColorCodecError::Checksum { expected, found });
     }
+    Ok(picture)
+}
+
+/// Decodes a tile of `side` texels, borders included, into RGBA8 mip levels back to back, row 0 in the north.
+///
+/// # Errors
+/// [`ColorCodecError`].
+///
+/// # Panics
+/// When `out` is shorter than [`color_tile_bytes`].
+pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
+    let picture = open_color_tile(bytes)?;
     let side = side as usize;
     // Limits first: nothing is allocated for a picture of another size.
     let options = DecoderOptions::new_fast()

@@ -99,6 +99,22 @@ pub fn encode_elevation_tile(heights: &[f32], posts: u32) -> Vec<u8> {
     out
 }
 
+/// Checks that bytes are a tile as it was written.
+///
+/// # Errors
+/// [`ElevationCodecError`].
+pub(crate) fn check_elevation_tile(bytes: &[u8]) -> Result<(), ElevationCodecError> {
+    if bytes.len() < HEADER_BYTES || &bytes[..4] != MAGIC {
+        return Err(ElevationCodecError::NotATile { found: bytes.len() });
+    }
+    let expected = u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]]);
+    let found = crc32fast::hash(&bytes[8..]);
+    if found != expected {
+        return Err(ElevationCodecError::Checksum { expected, found });
+    }
+    Ok(())
+}
+
 /// Decodes a tile into `out`, `posts`² heights in metres, row 0 in the south.
 ///
 /// # Errors
@@ -114,14 +130,7 @@ pub fn decode_elevation_tile(
 ) -> Result<(), ElevationCodecError> {
     let side = posts as usize;
     let out = &mut out[..side * side];
-    if bytes.len() < HEADER_BYTES || &bytes[..4] != MAGIC {
-        return Err(ElevationCodecError::NotATile { found: bytes.len() });
-    }
-    let expected = u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]]);
-    let found = crc32fast::hash(&bytes[8..]);
-    if found != expected {
-        return Err(ElevationCodecError::Checksum { expected, found });
-    }
+    check_elevation_tile(bytes)?;
     let found = u16::from_le_bytes([bytes[8], bytes[9]]);
     if u32::from(found) != posts {
         return Err(ElevationCodecError::Posts { expected: posts, found });

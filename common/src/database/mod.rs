@@ -16,17 +16,21 @@
 //! A [`Database`] is read by several threads at once; each brings its own [`TileScratch`].
 
 mod archive;
+mod archive_layout;
 mod color;
 mod directory;
 mod elevation;
 mod ground;
+mod index;
 mod manifest;
 mod ranges;
 
 pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
+pub use archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
 pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
 pub use elevation::{ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_tile, encode_elevation_tile};
 pub use ground::ground_height;
+pub use index::Index;
 pub use manifest::{
     ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, Manifest, ManifestError, NodesRecord, Source,
 };
@@ -36,6 +40,7 @@ use crate::node::NodeId;
 use crate::world::World;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Name of the manifest in a database's folder.
 pub const MANIFEST_FILE: &str = "manifest.json";
@@ -163,6 +168,40 @@ pub enum TileDamage {
     /// The colour payload is.
     #[error(transparent)]
     Color(#[from] ColorCodecError),
+    /// Damage that several readers were told of.
+    #[error("{0}")]
+    Shared(Arc<TileDamage>),
+}
+
+/// Checks by its checksum that bytes are a tile of a layer as it was written, without decoding it.
+///
+/// # Errors
+/// [`TileDamage`].
+pub fn check_tile(layer: Layer, bytes: &[u8]) -> Result<(), TileDamage> {
+    match layer {
+        Layer::Elevation => elevation::check_elevation_tile(bytes)?,
+        Layer::Color => color::open_color_tile(bytes).map(drop)?,
+    }
+    Ok(())
+}
+
+/// The most bytes that a stored tile of a layer can have.
+#[must_use]
+pub fn max_payload_bytes(world: &World, layer: Layer) -> usize {
+    match layer {
+        Layer::Elevation => elevation::max_payload_bytes(world),
+        Layer::Color => color_tile_bytes(world),
+    }
+}
+
+/// Whether a world of this geometry has a tile of a layer for a node, and where an archive keeps it.
+#[must_use]
+pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::TileId> {
+    let has_place = match layer {
+        Layer::Elevation => world.has_elevation(node),
+        Layer::Color => world.has_color(node),
+    };
+    has_place.then(|| tile_coord(world, node)).flatten().map(Into::into)
 }
 
 impl TileError {
@@ -210,10 +249,7 @@ pub trait TileSource: Send + Sync {
 /// A terrain database, open for reading.
 #[derive(Debug)]
 pub struct Database {
-    path: PathBuf,
-    manifest: Manifest,
-    world: World,
-    ranges: NodeRanges,
+    index: Index,
     elevation: Archive,
     color: Archive,
 }
@@ -224,92 +260,109 @@ impl Database {
     /// # Errors
     /// [`DatabaseError`]: not there, not finished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
-        let manifest_path = path.join(MANIFEST_FILE);
-        let text = match manifest::read_text(&manifest_path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == io::ErrorKind::NotFound || e.kind() == io::ErrorKind::NotADirectory => {
-                return Err(DatabaseError::NotADatabase { path: path.to_owned() });
-            }
-            Err(source) => return Err(DatabaseError::Read { source, path: manifest_path }),
-        };
-        let manifest =
-            Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
-        let world = World::new(manifest.world)
-            .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
+        let (manifest, world) = index::open_manifest(path)?;
         let open = |name, record: &ArchiveRecord| {
             let path = path.join(name);
             Archive::open(&path, record).map_err(|source| DatabaseError::Archive { source, path })
         };
         let elevation = open(ELEVATION_FILE, &manifest.elevation.archive)?;
         let color = open(COLOR_FILE, &manifest.color.archive)?;
-        let nodes_path = path.join(NODES_FILE);
-        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.nodes)
-            .map_err(|source| DatabaseError::Ranges { source, path: nodes_path })?;
-        Ok(Self { path: path.to_owned(), manifest, world, ranges, elevation, color })
+        let index = Index::of_manifest(path, manifest, world)?;
+        Ok(Self { index, elevation, color })
+    }
+
+    /// What it is and where its ground lies.
+    #[must_use]
+    pub fn index(&self) -> &Index {
+        &self.index
     }
 
     /// The folder that it is in.
     #[must_use]
     pub fn path(&self) -> &Path {
-        &self.path
+        self.index.path()
     }
 
     /// What the manifest says.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
-        &self.manifest
+        self.index.manifest()
     }
 
     /// Its geometry.
     #[must_use]
     pub fn world(&self) -> &World {
-        &self.world
+        self.index.world()
     }
 
     /// Lowest and highest ground under each node.
     #[must_use]
     pub fn ranges(&self) -> &NodeRanges {
-        &self.ranges
+        self.index.ranges()
     }
 
-    fn payload<'s>(&self, layer: Layer, node: NodeId, scratch: &'s mut Vec<u8>) -> Result<&'s [u8], TileError> {
-        let (archive, has_place, limit) = match layer {
-            Layer::Elevation => {
-                (&self.elevation, self.world.has_elevation(node), elevation::max_payload_bytes(&self.world))
-            }
-            Layer::Color => (&self.color, self.world.has_color(node), color_tile_bytes(&self.world)),
+    /// Reads a tile as it is stored, unchecked, into `out` (replacing what is there).
+    ///
+    /// # Errors
+    /// [`TileError`].
+    pub fn read_payload(&self, layer: Layer, node: NodeId, out: &mut Vec<u8>) -> Result<(), TileError> {
+        let archive = match layer {
+            Layer::Elevation => &self.elevation,
+            Layer::Color => &self.color,
         };
         let damaged = |reason: ArchiveError| match reason {
             ArchiveError::Read { source } => TileError::Read { layer, node, source },
             reason => TileError::Corrupt { layer, node, reason: reason.into() },
         };
-        let coord = has_place.then(|| tile_coord(&self.world, node)).flatten();
-        let coord = coord.ok_or(TileError::Missing { layer, node })?;
-        match archive.read(coord.into(), limit, scratch).map_err(damaged)? {
-            true => Ok(scratch),
+        let tile = tile_place(self.world(), layer, node).ok_or(TileError::Missing { layer, node })?;
+        match archive.read(tile, max_payload_bytes(self.world(), layer), out).map_err(damaged)? {
+            true => Ok(()),
             false => Err(TileError::Missing { layer, node }),
         }
     }
 }
 
+/// Decodes a stored elevation tile of a world; see [`TileSource::read_elevation`].
+///
+/// # Errors
+/// [`TileError::Corrupt`].
+pub fn decode_elevation(
+    world: &World,
+    node: NodeId,
+    payload: &[u8],
+    out: &mut [f32],
+    scratch: &mut TileScratch,
+) -> Result<(), TileError> {
+    decode_elevation_tile(payload, world.elevation_posts(), out, scratch).map_err(|e| TileError::Corrupt {
+        layer: Layer::Elevation,
+        node,
+        reason: e.into(),
+    })
+}
+
+/// Decodes a stored colour tile of a world; see [`TileSource::read_color`].
+///
+/// # Errors
+/// [`TileError::Corrupt`].
+pub fn decode_color(world: &World, node: NodeId, payload: &[u8], out: &mut [u8]) -> Result<(), TileError> {
+    decode_color_tile(payload, world.color_stored(), out).map_err(|e| TileError::Corrupt {
+        layer: Layer::Color,
+        node,
+        reason: e.into(),
+    })
+}
+
 impl TileSource for Database {
     fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError> {
         let mut payload = std::mem::take(&mut scratch.payload);
-        let result =
-            self.payload(Layer::Elevation, node, &mut payload).and_then(|bytes| {
-                decode_elevation_tile(bytes, self.world.elevation_posts(), out, scratch)
-                    .map_err(|e| TileError::Corrupt { layer: Layer::Elevation, node, reason: e.into() })
-            });
+        let read = self.read_payload(Layer::Elevation, node, &mut payload);
+        let result = read.and_then(|()| decode_elevation(self.world(), node, &payload, out, scratch));
         scratch.payload = payload;
         result
     }
 
     fn read_color(&self, node: NodeId, out: &mut [u8], scratch: &mut TileScratch) -> Result<(), TileError> {
-        let bytes = self.payload(Layer::Color, node, &mut scratch.payload)?;
-        decode_color_tile(bytes, self.world.color_stored(), out).map_err(|e| TileError::Corrupt {
-            layer: Layer::Color,
-            node,
-            reason: e.into(),
-        })
+        self.read_payload(Layer::Color, node, &mut scratch.payload)?;
+        decode_color(self.world(), node, &scratch.payload, out)
     }
 }

@@ -112,7 +112,8 @@ impl NodeRanges {
     }
 
     /// Bytes of the file of this world's ranges.
-    fn file_bytes(world: &World) -> u64 {
+    #[must_use]
+    pub fn file_bytes(world: &World) -> u64 {
         let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
         MAGIC.len() as u64 + 8 * nodes
     }

@@ -1,10 +1,12 @@
 //! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]); [`crate::plan`] turns it
 //! into a validated plan.
 
+pub mod database;
 pub mod values;
 
 use crate::input::CameraSource;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use terravision_common::level::Measure;
@@ -27,6 +29,7 @@ EXIT STATUS
 ENVIRONMENT
   TERRAVISION_LOG     'stages' passes on what the stages say while they run
   RAYON_NUM_THREADS   default of --threads
+  AWS_…, HTTPS_PROXY… for databases on servers: docs/databases.md
   VK_ICD_FILENAMES    which Vulkan drivers the loader sees
 
 Messages go to standard error, results to standard output.";
@@ -81,11 +84,16 @@ pub struct PassedOn {
 /// `terravision info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The terrain database, a folder that `terravision ingest` made
+    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Print one JSON object in place of text
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
 }
 
 /// `terravision doctor`.
@@ -275,7 +283,9 @@ EXAMPLES
 The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
 number of lifted frames is told.")]
 pub struct FlyArgs {
-    /// The terrain database, a folder that `terravision ingest` made
+    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
     /// shared:NAME for other programs; /dev/null to measure only
@@ -299,6 +309,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub realtime: RealtimeArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
     /// Write a report of the run, JSON (docs/report.md)
     #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
     pub report: Option<PathBuf>,
@@ -315,7 +328,9 @@ EXAMPLES
   terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
       --quality best -o a.png --depth depth.tif --ground ground.tif")]
 pub struct StillArgs {
-    /// The terrain database, a folder that `terravision ingest` made
+    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Where the camera is: easting, northing (metres, in the world's CRS) and height (metres)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, help_heading = "Pose")]
@@ -344,6 +359,9 @@ pub struct StillArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub resources: ResourceArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
     /// Write a report of the run, JSON (docs/report.md)
     #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
     pub report: Option<PathBuf>,
@@ -355,7 +373,9 @@ pub struct StillArgs {
 /// `terravision path`.
 #[derive(Debug, Args)]
 pub struct PathArgs {
-    /// The terrain database, a folder that `terravision ingest` made
+    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Where the poses go: a JSON file, or - for standard output
     #[arg(short, long, value_name = "FILE.json|-", default_value = "-")]
@@ -366,6 +386,9 @@ pub struct PathArgs {
     /// Factor on all heights of the terrain, for heights above ground
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub exaggeration: f64,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
 }
 
 /// A preset of how fine the picture is made.

@@ -1,6 +1,7 @@
 //! Single values of the command line: sizes, ranges, colours. Each says in one sentence what it expected.
 
 use std::str::FromStr;
+use std::time::Duration;
 
 /// Why a value of the command line is none.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -117,6 +118,25 @@ impl FromStr for MemorySize {
     }
 }
 
+/// Parses `--cache-size`: a size, or 0.
+///
+/// # Errors
+/// [`ValueError`] when it is neither.
+pub fn parse_cache_size(text: &str) -> Result<MemorySize, ValueError> {
+    if text.trim() == "0" { Ok(MemorySize(0)) } else { text.parse() }
+}
+
+/// Parses `--timeout`.
+///
+/// # Errors
+/// [`ValueError`] when it is no number of seconds from 0.1 to 3600.
+pub fn parse_timeout(text: &str) -> Result<Duration, ValueError> {
+    match text.trim().parse::<f64>() {
+        Ok(seconds) if (0.1..=3600.0).contains(&seconds) => Ok(Duration::from_secs_f64(seconds)),
+        _ => Err(ValueError { expected: "seconds from 0.1 to 3600" }),
+    }
+}
+
 /// Parses `--samples`.
 ///
 /// # Errors
@@ -161,6 +181,11 @@ mod tests {
         assert_eq!("512MiB".parse(), Ok(MemorySize(512 << 20)));
         assert_eq!("1.5GB".parse(), Ok(MemorySize(1_500_000_000)));
         assert_eq!("100".parse(), Ok(MemorySize(100)));
+        assert_eq!(parse_cache_size("0"), Ok(MemorySize(0)));
+        assert_eq!(parse_timeout("0.5"), Ok(Duration::from_millis(500)));
+        for text in ["0", "-1", "nan", "1e9", "soon"] {
+            assert!(parse_timeout(text).is_err(), "{text}");
+        }
         for text in ["0", "MiB", "-5MiB", "5XB", "1e400", "...", "99999999999TiB"] {
             assert!(text.parse::<MemorySize>().is_err(), "{text}");
         }

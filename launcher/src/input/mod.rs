@@ -14,8 +14,8 @@ use std::net::SocketAddr;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
-use terravision_common::database::Database;
 use terravision_common::shm::{PoseInbox, SharedName, ShmError};
+use terravision_store::Store;
 use udp::UdpPort;
 
 /// Between two looks at a pose in shared memory: other languages have no futex to wake us with.
@@ -177,7 +177,7 @@ pub struct LiveCamera {
     /// The input.
     pub input: CameraInput,
     /// The world, for the ground under the camera.
-    pub database: Database,
+    pub database: Store,
     /// Factor on its heights.
     pub exaggeration: f64,
     /// The flight ends when no pose came for so long, and all frames are written.

@@ -43,7 +43,7 @@ pub(super) fn camera(args: &FlyArgs, config: &RunConfig) -> Result<Option<LiveCa
     let idle = |seconds| in_range("--idle-timeout", seconds, 0.01, 1e6, "seconds from 0.01 to 1000000");
     let idle_timeout = args.live.idle_timeout.map(idle).transpose()?.map(Duration::from_secs_f64);
     // The pilot looks at the ground on a thread of its own.
-    let database = open_world(&args.world)?;
+    let database = open_world(&args.world, &args.database)?;
     let extent = WorldGround::finest(&database, database.world(), config.exaggeration).extent();
     let vfov_rad = args.picture.vfov.unwrap_or(DEFAULT_VFOV_DEG).to_radians();
     let gate = Gate::new(GateSettings { size: [config.width, config.height], vfov_rad, extent });

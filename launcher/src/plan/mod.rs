@@ -6,6 +6,7 @@ mod live;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
+use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{CourseArgs, FlyArgs, Mode, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
 use crate::failure::Failure;
@@ -16,6 +17,7 @@ use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
 use crate::path::orbit;
 use crate::path::{self, CameraPath, CourseOptions, Pose};
+use crate::world::{self, open_world};
 use anyhow::anyhow;
 use checks::{
     DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads, realtime,
@@ -24,9 +26,9 @@ use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
-use terravision_common::database::Database;
 use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
+use terravision_store::Store;
 
 /// Where `--path orbit` is meant, unless a file has that name.
 const ORBIT: &str = "orbit";
@@ -63,23 +65,17 @@ pub struct FlightPlan {
     pub warnings: Vec<String>,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,
+    /// The world. The stages use its index as long as it is open.
+    pub database: Store,
     /// Where the pictures go, for people.
     pub destination: String,
-}
-
-/// Opens a world and says in one sentence why it cannot be flown.
-///
-/// # Errors
-/// Bad input: not there, half written, newer, damaged.
-pub fn open_world(path: &Path) -> Result<Database, Failure> {
-    Database::open(path).map_err(Failure::bad_input)
 }
 
 /// The CRS of a world, for paths in other coordinates.
 ///
 /// # Errors
 /// Bad input: the manifest's PROJ string is wrong.
-pub fn georeference(database: &Database) -> Result<Georeference, Failure> {
+pub fn georeference(database: &Store) -> Result<Georeference, Failure> {
     let crs = &database.manifest().crs;
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).map_err(Failure::bad_input)
 }
@@ -88,7 +84,7 @@ pub fn georeference(database: &Database) -> Result<Georeference, Failure> {
 ///
 /// # Errors
 /// Bad input: the file cannot be read or is no path.
-pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> Result<CameraPath, Failure> {
+pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<CameraPath, Failure> {
     let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
     let world = database.world();
     if args.path == Path::new(ORBIT) {
@@ -105,7 +101,7 @@ pub fn load_path(args: &CourseArgs, database: &Database, exaggeration: f64) -> R
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
-    let database = open_world(&args.world)?;
+    let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     if args.live.camera.is_some() && args.realtime.mode == Mode::Realtime {
         return Err(Failure::bad_input(anyhow!(
@@ -113,7 +109,8 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         )));
     }
     let mut draft = if args.live.camera.is_some() {
-        let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
+        let mut draft =
+            Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
         draft.fps = checks::fps(args.course.fps)?;
         draft.frames = [0, OPEN_END];
         draft
@@ -124,7 +121,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         let poses: Option<Vec<Pose>> =
             (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
         let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
-        let mut draft = Draft::new(&database, &args.picture, &args.resources, path.settings)?;
+        let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, path.settings)?;
         draft.fps = fps;
         draft.frames = frames;
         draft.poses = poses;
@@ -178,7 +175,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
-    let database = open_world(&args.world)?;
+    let database = open_world(&args.world, &args.database)?;
     exaggeration(args.picture.exaggeration)?;
     const ANGLE: &str = "degrees from -1000000 to 1000000";
     let pose = Pose {
@@ -187,7 +184,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
         pitch_rad: in_range("--pitch", args.pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians(),
         roll_rad: in_range("--roll", args.roll, -1e6, 1e6, ANGLE)?.to_radians(),
     };
-    let mut draft = Draft::new(&database, &args.picture, &args.resources, path::PathSettings::default())?;
+    let mut draft =
+        Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
     draft.poses = vec![pose];
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
@@ -213,7 +211,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
 /// A plan in the making.
 struct Draft<'a> {
     run: RunId,
-    database: &'a Database,
+    database: Store,
+    access: &'a DatabaseArgs,
     settings: path::PathSettings,
     picture: &'a PictureArgs,
     resources: &'a ResourceArgs,
@@ -232,7 +231,8 @@ struct Draft<'a> {
 
 impl<'a> Draft<'a> {
     fn new(
-        database: &'a Database,
+        database: Store,
+        access: &'a DatabaseArgs,
         picture: &'a PictureArgs,
         resources: &'a ResourceArgs,
         settings: path::PathSettings,
@@ -240,6 +240,7 @@ impl<'a> Draft<'a> {
         Ok(Self {
             run: RunId::new_for_this_process().map_err(Failure::failed)?,
             database,
+            access,
             settings,
             picture,
             resources,
@@ -258,8 +259,8 @@ impl<'a> Draft<'a> {
     }
 
     fn finish(self, report: Option<&Path>, trace: Option<&Path>) -> Result<FlightPlan, Failure> {
-        let Self { database, picture, resources, settings, .. } = self;
-        let world = database.world();
+        let Self { database, access, picture, resources, settings, .. } = self;
+        let world = &database.world().clone();
         let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
         let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let size = picture.size.unwrap_or(PictureSize {
@@ -286,7 +287,7 @@ impl<'a> Draft<'a> {
                 other => Failure::failed(other),
             })?;
 
-        let ground = WorldGround::finest(database, world, exaggeration);
+        let ground = WorldGround::finest(&database, world, exaggeration);
         let mut warnings = Vec::new();
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut warnings)?;
@@ -319,13 +320,16 @@ impl<'a> Draft<'a> {
                 ground::CLEARANCE_M
             ));
         }
+        warnings.extend(database.errors().take_news());
+        let index = database.index().path();
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
         Ok(FlightPlan {
             config: RunConfig {
                 run_id: run.clone(),
                 // The stages run in this folder too, but an absolute name reads better in messages.
-                world: std::path::absolute(database.path()).unwrap_or_else(|_| database.path().to_owned()),
+                world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
+                database: world::config(database.location(), access),
                 width: size.width,
                 height: size.height,
                 fps: self.fps,
@@ -358,6 +362,7 @@ impl<'a> Draft<'a> {
             folder: self.folder,
             warnings,
             is_quiet: resources.quiet,
+            database,
             destination: self.destination,
         })
     }

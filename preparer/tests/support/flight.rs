@@ -11,7 +11,7 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::run::{RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };
@@ -189,6 +189,7 @@ impl Flight {
         RunConfig {
             run_id: "tv-1-1".to_owned(),
             world: "/nowhere".into(),
+            database: DatabaseConfig::folder("/nowhere".as_ref()),
             width: 320,
             height: 200,
             fps: 30.0,

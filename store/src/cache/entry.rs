@@ -1,0 +1,35 @@
+//! One entry: `"TVx1"`, the crc32 of the content, the content.
+
+use bytes::Bytes;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+use std::time::SystemTime;
+
+const MAGIC: &[u8; 4] = b"TVx1";
+pub(super) const HEADER_BYTES: usize = 8;
+
+/// The content and when it was used last; `None` for an entry that is damaged.
+pub(super) fn read(path: &Path, length: u64) -> io::Result<Option<(Bytes, SystemTime)>> {
+    let mut file = File::open(path)?;
+    let about = file.metadata()?;
+    if about.len() != length + HEADER_BYTES as u64 {
+        return Ok(None);
+    }
+    let mut bytes = Vec::with_capacity(about.len() as usize);
+    file.read_to_end(&mut bytes)?;
+    let Some((header, content)) = bytes.split_first_chunk::<HEADER_BYTES>() else { return Ok(None) };
+    let is_whole = content.len() as u64 == length
+        && &header[..4] == MAGIC
+        && header[4..] == crc32fast::hash(content).to_le_bytes();
+    let modified = about.modified()?;
+    Ok(is_whole.then(|| (Bytes::from(bytes).slice(HEADER_BYTES..), modified)))
+}
+
+pub(super) fn write(path: &Path, content: &[u8]) -> io::Result<()> {
+    let mut file = File::create_new(path)?;
+    file.write_all(MAGIC)?;
+    file.write_all(&crc32fast::hash(content).to_le_bytes())?;
+    // Not synced: what a power failure tears is noticed by its checksum.
+    file.write_all(content)
+}

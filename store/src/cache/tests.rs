@@ -1,0 +1,156 @@
+//! The cache by itself: entries, bound, sharing, damage.
+
+use super::*;
+use std::sync::atomic::AtomicU32;
+
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("tv-cache-{}-{number}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn open(&self, most_bytes: u64) -> DiskCache {
+        DiskCache::open(&self.0, "database", most_bytes, Arc::default())
+    }
+
+    /// Bytes of all entries, while nobody writes.
+    fn bytes(&self) -> u64 {
+        let gate = sweep::open_gate(&self.0).unwrap();
+        gate.lock().unwrap();
+        fn below(folder: &Path) -> u64 {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+            entries
+                .map(|entry| match entry.metadata() {
+                    Ok(about) if about.is_dir() => below(&entry.path()),
+                    Ok(about) => about.len().div_ceil(BLOCK_BYTES) * BLOCK_BYTES,
+                    Err(_) => 0,
+                })
+                .sum()
+        }
+        below(&self.0.join("tiles"))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).ok();
+    }
+}
+
+fn key(number: u64) -> Key {
+    Key { file: "color", range: number * 10_000..(number + 1) * 10_000 }
+}
+
+fn content(number: u64) -> Vec<u8> {
+    (0..10_000u64).map(|k| (k * 7 + number) as u8).collect()
+}
+
+#[test]
+fn what_was_kept_is_read_again_by_another_process_too() {
+    let folder = Folder::new();
+    let cache = folder.open(1 << 20);
+    assert_eq!(cache.get(&key(1)), None);
+    cache.put(&key(1), &content(1));
+    for cache in [&cache, &folder.open(1 << 20)] {
+        assert_eq!(cache.get(&key(1)).as_deref(), Some(content(1).as_slice()));
+        assert_eq!(cache.get(&Key { file: "elevation", ..key(1) }), None);
+    }
+    assert_eq!(cache.figures(), CacheFigures { hits: 1, misses: 2, written: 1, damaged: 0 });
+    assert_eq!(DiskCache::open(&folder.0, "another", 1 << 20, Arc::default()).get(&key(1)), None);
+}
+
+#[test]
+fn the_bound_holds_with_several_users_and_the_longest_unused_goes() {
+    let folder = Folder::new();
+    let most = 40 * disk_bytes(10_000);
+    let caches = [folder.open(most), folder.open(most), folder.open(most)];
+    std::thread::scope(|scope| {
+        for (user, cache) in caches.iter().enumerate() {
+            let folder = &folder;
+            scope.spawn(move || {
+                for number in 0..200u64 {
+                    // Some entries are everybody's.
+                    let number = if number % 3 == 0 { number } else { number + 1000 * user as u64 };
+                    cache.put(&key(number), &content(number));
+                    assert!(folder.bytes() <= most, "{} bytes of at most {most}", folder.bytes());
+                    if let Some(read) = cache.get(&key(number)) {
+                        assert_eq!(read, content(number));
+                    }
+                }
+            });
+        }
+    });
+    assert!(folder.bytes() > most / 2, "it keeps what it may: {} of {most}", folder.bytes());
+
+    // Ages are whole seconds; entry 7 is the oldest, 9 the youngest.
+    let folder = Folder::new();
+    let cache = folder.open(most);
+    for number in 0..40 {
+        cache.put(&key(number), &content(number));
+        let age = if number == 7 { 5000 } else { 4000 - 10 * number };
+        let modified = SystemTime::now() - Duration::from_secs(age);
+        let file = File::open(cache.path(&key(number))).unwrap();
+        file.set_times(FileTimes::new().set_modified(modified)).unwrap();
+    }
+    assert!(cache.get(&key(7)).is_some(), "used just now");
+    cache.put(&key(100), &content(100));
+    assert!(cache.get(&key(100)).is_some(), "room was made");
+    assert!(cache.get(&key(7)).is_some(), "it was used last");
+    assert!(cache.get(&key(0)).is_none() && cache.get(&key(1)).is_none(), "they were not used for longest");
+    assert!(cache.get(&key(39)).is_some());
+}
+
+#[test]
+fn damaged_entries_are_removed_and_noted_once() {
+    let folder = Folder::new();
+    let log = Arc::new(ErrorLog::default());
+    let cache = DiskCache::open(&folder.0, "database", 1 << 20, Arc::clone(&log));
+    for (number, change) in [0usize, 5, 100, 10_007].into_iter().enumerate() {
+        let key = key(number as u64);
+        cache.put(&key, &content(1));
+        let path = cache.path(&key);
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[change] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        assert_eq!(cache.get(&key), None);
+        assert!(!path.exists());
+        cache.put(&key, &content(1));
+        fs::write(&path, &bytes[..change]).unwrap();
+        assert_eq!(cache.get(&key), None, "cut short");
+    }
+    assert_eq!(cache.figures().damaged, 8);
+    let news = log.take_news();
+    assert!(news.len() == 1 && news[0].contains("8 times"), "{news:?}");
+    assert_eq!(cache.ledger.as_ref().unwrap().total().unwrap(), 0);
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_is_none() {
+    let folder = Folder::new();
+    let file = folder.0.join("file");
+    fs::write(&file, "in the way").unwrap();
+    let log = Arc::new(ErrorLog::default());
+    let cache = DiskCache::open(&file, "database", 1 << 20, Arc::clone(&log));
+    cache.put(&key(1), &content(1));
+    assert_eq!(cache.get(&key(1)), None);
+    let news = log.take_news();
+    assert!(news.len() == 1 && news[0].contains("does not work"), "{news:?}");
+}
+
+#[test]
+fn a_ledger_that_was_lost_is_found_again() {
+    let folder = Folder::new();
+    let most = 20 * disk_bytes(10_000);
+    let cache = folder.open(most);
+    (0..20).for_each(|number| cache.put(&key(number), &content(number)));
+    // As if processes had died after they reserved: too high.
+    cache.ledger.as_ref().unwrap().settle(most - 10).unwrap();
+    cache.put(&key(50), &content(50));
+    assert!(cache.get(&key(50)).is_some() && folder.bytes() <= most);
+    assert_eq!(cache.ledger.as_ref().unwrap().total().unwrap(), folder.bytes());
+}

@@ -1,0 +1,259 @@
+//! Why a database does not open, and why a tile does not come.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use terravision_common::database::{DatabaseError, Layer, ManifestError, TileDamage, TileError};
+use terravision_common::node::NodeId;
+use terravision_common::world::WorldError;
+
+/// What kind of failure it was: what metrics count by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Cause {
+    /// The server has no such file (404, 410).
+    NotFound,
+    /// The server does not let us read it (401, 403, 407).
+    Denied,
+    /// No credentials, or they cannot be had.
+    Credentials,
+    /// The server asks for fewer requests (429, 503 with `Retry-After`).
+    Throttled,
+    /// The server failed (5xx).
+    Server,
+    /// The server refused the request for another reason.
+    Refused,
+    /// The server does not honour byte ranges.
+    NoRanges,
+    /// It sent other bytes than were asked for: fewer, more, another range.
+    BadAnswer,
+    /// Redirected without end.
+    Redirects,
+    /// No answer in time.
+    Timeout,
+    /// No connection.
+    Connect,
+    /// The host's name does not resolve.
+    Name,
+    /// The server's certificate is not trusted, or TLS failed otherwise.
+    Certificate,
+    /// The connection broke.
+    Interrupted,
+    /// The bytes are not those that were written.
+    Damaged,
+    /// The database changed while it was read.
+    Changed,
+    /// A file was replaced by an equal one: no failure, but worth telling.
+    Touched,
+    /// It is not in the cache, and the network is not to be asked.
+    Offline,
+    /// The disk cache does not work.
+    Cache,
+    /// A local disk fails.
+    Disk,
+    /// The store was closed while it was read.
+    Closed,
+}
+
+impl Cause {
+    /// Its name in metrics.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NotFound => "not_found",
+            Self::Denied => "denied",
+            Self::Credentials => "credentials",
+            Self::Throttled => "throttled",
+            Self::Server => "server",
+            Self::Refused => "refused",
+            Self::NoRanges => "no_ranges",
+            Self::BadAnswer => "bad_answer",
+            Self::Redirects => "redirects",
+            Self::Timeout => "timeout",
+            Self::Connect => "connect",
+            Self::Name => "name",
+            Self::Certificate => "certificate",
+            Self::Interrupted => "interrupted",
+            Self::Damaged => "damaged",
+            Self::Changed => "changed",
+            Self::Touched => "touched",
+            Self::Offline => "offline",
+            Self::Cache => "cache",
+            Self::Disk => "disk",
+            Self::Closed => "closed",
+        }
+    }
+
+    /// Whether a failure of this kind may be gone at the next request.
+    #[must_use]
+    pub fn is_passing(self) -> bool {
+        matches!(
+            self,
+            Self::Throttled
+                | Self::Server
+                | Self::BadAnswer
+                | Self::Timeout
+                | Self::Connect
+                | Self::Name
+                | Self::Interrupted
+                | Self::Damaged
+        )
+    }
+}
+
+/// A request or a read that failed, told: what kind, of what, why.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{why}: {place}")]
+pub struct Fault {
+    /// What kind it was.
+    pub cause: Cause,
+    /// Why, a clause.
+    pub why: String,
+    /// Of what: a file of the database, without secrets.
+    pub place: String,
+}
+
+/// Why a tile does not come. Cheap to clone: several readers may wait for the same bytes.
+#[derive(Debug, Clone, thiserror::Error)]
+#[non_exhaustive]
+pub enum FetchError {
+    /// The database has no such tile; it never will.
+    #[error("the database has no such tile")]
+    Absent,
+    /// Its bytes are not those that were written, however often they are read.
+    #[error("it is damaged: {reason}")]
+    Damaged {
+        /// What is wrong with it.
+        reason: Arc<TileDamage>,
+    },
+    /// It could not be read.
+    #[error("{0}")]
+    Failed(Arc<Fault>),
+}
+
+impl FetchError {
+    pub(crate) fn failed(cause: Cause, why: impl Into<String>, place: impl Into<String>) -> Self {
+        Self::Failed(Arc::new(Fault { cause, why: why.into(), place: place.into() }))
+    }
+
+    /// What kind of failure it is; `None` for a tile that the database does not have.
+    #[must_use]
+    pub fn cause(&self) -> Option<Cause> {
+        match self {
+            Self::Absent => None,
+            Self::Damaged { .. } => Some(Cause::Damaged),
+            Self::Failed(fault) => Some(fault.cause),
+        }
+    }
+
+    /// Whether asking again later may help.
+    #[must_use]
+    pub fn is_passing(&self) -> bool {
+        self.cause().is_some_and(Cause::is_passing)
+    }
+
+    /// As readers of tiles know it.
+    #[must_use]
+    pub fn into_tile_error(self, layer: Layer, node: NodeId) -> TileError {
+        match self {
+            Self::Absent => TileError::Missing { layer, node },
+            Self::Damaged { reason } => TileError::Corrupt { layer, node, reason: TileDamage::Shared(reason) },
+            failed @ Self::Failed(_) => TileError::Read { layer, node, source: std::io::Error::other(failed) },
+        }
+    }
+}
+
+/// Why a database does not open.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// One in a folder of this machine, or a mirrored index.
+    #[error(transparent)]
+    Database(#[from] DatabaseError),
+    /// The server has no manifest there.
+    #[error("there is no finished terrain database ({why}): {location}")]
+    NotADatabase {
+        /// What the server said.
+        why: String,
+        /// Where it was looked for.
+        location: String,
+    },
+    /// What is there is no manifest that we can read.
+    #[error("the manifest cannot be used: {source}, at {location}")]
+    Manifest {
+        /// What is wrong.
+        #[source]
+        source: ManifestError,
+        /// Where.
+        location: String,
+    },
+    /// Its world cannot be.
+    #[error("the manifest's world is wrong: {source}, at {location}")]
+    World {
+        /// What is wrong.
+        #[source]
+        source: WorldError,
+        /// Where.
+        location: String,
+    },
+    /// A web page came where the manifest should be.
+    #[error("the server sent a web page in place of the manifest (a log-in, or a wrong path?), from {location}")]
+    WebPage {
+        /// Where.
+        location: String,
+    },
+    /// It cannot be reached or read.
+    #[error("cannot read the terrain database: {0}")]
+    Fetch(#[from] FetchError),
+    /// The location and the environment give no client.
+    #[error("cannot make a client for {location}: {why}")]
+    Client {
+        /// Why.
+        why: String,
+        /// Where it should lead.
+        location: String,
+    },
+    /// The index cannot be kept anywhere on this machine.
+    #[error("cannot keep the index of the database: {source}: {}", path.display())]
+    Mirror {
+        /// Why.
+        #[source]
+        source: std::io::Error,
+        /// Where.
+        path: PathBuf,
+    },
+    /// Threads cannot be started.
+    #[error("cannot start the threads that read the network: {source}")]
+    Threads {
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+}
+
+impl StoreError {
+    /// Whether the same command will fail again: there is no such database, rather than no way to it just now.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Database(_)
+            | Self::NotADatabase { .. }
+            | Self::Manifest { .. }
+            | Self::World { .. }
+            | Self::WebPage { .. }
+            | Self::Client { .. } => true,
+            Self::Fetch(error) => matches!(
+                error.cause(),
+                Some(
+                    Cause::NotFound
+                        | Cause::Denied
+                        | Cause::Credentials
+                        | Cause::NoRanges
+                        | Cause::Redirects
+                        | Cause::Offline
+                        | Cause::Changed
+                )
+            ),
+            Self::Mirror { .. } | Self::Threads { .. } => false,
+        }
+    }
+}

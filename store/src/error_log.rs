@@ -1,0 +1,113 @@
+//! Failures, folded: each cause is told once, with a count.
+
+use crate::error::{Cause, Fault};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Failures of one kind at one place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Folded {
+    /// The last of them.
+    pub fault: Fault,
+    /// How many there were.
+    pub count: u64,
+    is_told: bool,
+}
+
+/// What went wrong, folded by cause and place. Any thread may add to it and read it.
+#[derive(Debug, Default)]
+pub struct ErrorLog {
+    entries: Mutex<BTreeMap<(Cause, String), Folded>>,
+}
+
+/// No more places are kept apart: a server that names each failure anew must not fill the memory.
+const MOST_ENTRIES: usize = 256;
+
+impl ErrorLog {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<(Cause, String), Folded>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes a failure.
+    pub fn note(&self, fault: &Fault) {
+        let mut entries = self.lock();
+        let is_full = entries.len() >= MOST_ENTRIES;
+        let key = (fault.cause, fault.place.clone());
+        let key = if is_full && !entries.contains_key(&key) { (fault.cause, String::new()) } else { key };
+        let entry = entries.entry(key).or_insert_with(|| Folded { fault: fault.clone(), count: 0, is_told: false });
+        entry.count += 1;
+        entry.fault.why.clone_from(&fault.why);
+    }
+
+    /// Number of failures by cause.
+    #[must_use]
+    pub fn counts(&self) -> BTreeMap<Cause, u64> {
+        let mut counts = BTreeMap::new();
+        for ((cause, _), folded) in self.lock().iter() {
+            *counts.entry(*cause).or_default() += folded.count;
+        }
+        counts
+    }
+
+    /// All of it.
+    #[must_use]
+    pub fn folded(&self) -> Vec<Folded> {
+        self.lock().values().cloned().collect()
+    }
+
+    /// What has not been taken before, a sentence for each cause and place.
+    #[must_use]
+    pub fn take_news(&self) -> Vec<String> {
+        let mut entries = self.lock();
+        let news = entries.values_mut().filter(|folded| !folded.is_told);
+        news.map(|folded| {
+            folded.is_told = true;
+            folded.to_string()
+        })
+        .collect()
+    }
+}
+
+impl std::fmt::Display for Folded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.count {
+            0 | 1 => write!(f, "{}", self.fault),
+            count => write!(f, "{count} times: {}", self.fault),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(cause: Cause, why: &str, place: &str) -> Fault {
+        Fault { cause, why: why.to_owned(), place: place.to_owned() }
+    }
+
+    #[test]
+    fn failures_are_folded_by_cause_and_place_and_told_once() {
+        let log = ErrorLog::default();
+        for _ in 0..3 {
+            log.note(&fault(Cause::Server, "500", "color.pmtiles"));
+        }
+        log.note(&fault(Cause::Timeout, "no answer", "color.pmtiles"));
+        log.note(&fault(Cause::Server, "502", "elevation.pmtiles"));
+        let news = log.take_news();
+        assert_eq!(news, ["3 times: 500: color.pmtiles", "502: elevation.pmtiles", "no answer: color.pmtiles"]);
+        assert!(log.take_news().is_empty());
+        log.note(&fault(Cause::Server, "503", "color.pmtiles"));
+        assert!(log.take_news().is_empty(), "told once");
+        assert_eq!(log.counts(), BTreeMap::from([(Cause::Server, 5), (Cause::Timeout, 1)]));
+    }
+
+    #[test]
+    fn a_flood_of_places_is_bounded() {
+        let log = ErrorLog::default();
+        for k in 0..10_000 {
+            log.note(&fault(Cause::Refused, "no", &k.to_string()));
+        }
+        assert!(log.folded().len() <= MOST_ENTRIES + 1);
+        assert_eq!(log.counts()[&Cause::Refused], 10_000);
+    }
+}

@@ -1,0 +1,41 @@
+//! A terrain database anywhere: in a folder, on a web server that honours byte ranges, in an S3 bucket.
+//!
+//! [`Store::open`] makes a [`Location`] a database; [`Store::payload`] gives tiles as they are stored, to async readers, and
+//! the store is a [`TileSource`](terravision_common::database::TileSource) for threads that may block. What comes over a
+//! network passes a disk cache, is checked by the checksums of manifest and tiles, and is asked for again within limits
+//! ([`StoreOptions`]). Failures are folded by cause ([`ErrorLog`]).
+//!
+//! ```no_run
+//! use terravision_common::database::Layer;
+//! use terravision_store::{Location, Store, StoreOptions};
+//!
+//! let location = Location::parse("https://example.org/alps.tv")?;
+//! let store = Store::open(&location, &StoreOptions::default())?;
+//! let root = store.world().root();
+//! let tile = async { store.payload(Layer::Color, root).await };
+//! # drop(tile);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod cache;
+mod error;
+mod error_log;
+mod flights;
+mod location;
+mod memory;
+mod mirror;
+mod network;
+mod options;
+mod remote;
+mod resting;
+mod store;
+mod transport;
+mod wire;
+
+pub use cache::CacheFigures;
+pub use error::{Cause, Fault, FetchError, StoreError};
+pub use error_log::{ErrorLog, Folded};
+pub use location::{Location, LocationError};
+pub use mirror::OnProgress;
+pub use options::{DEFAULT_CACHE_BYTES, RetryOptions, StoreOptions, default_cache_dir};
+pub use store::{Figures, Store};

@@ -1,0 +1,114 @@
+//! Tiles that could not be had are left alone for a while.
+
+use crate::error::{Cause, FetchError};
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use terravision_common::database::Layer;
+use terravision_common::node::NodeId;
+
+/// After its first failure a tile rests so long, twice as long after the next...
+const FIRST_REST: Duration = Duration::from_secs(2);
+/// ... up to this.
+const LONGEST_REST: Duration = Duration::from_secs(60);
+/// A failure that will not pass by itself is not asked about for this long.
+const LONG_REST: Duration = Duration::from_secs(300);
+/// More tiles than these are not remembered: those whose rest is over are forgotten first.
+const MOST_TILES: usize = 1 << 16;
+
+#[derive(Debug)]
+struct Rest {
+    until: Instant,
+    failures: u32,
+    error: FetchError,
+}
+
+/// The tiles that rest.
+#[derive(Debug, Default)]
+pub(crate) struct Resting {
+    tiles: Mutex<HashMap<(Layer, NodeId), Rest>>,
+}
+
+impl Resting {
+    /// Why a tile is not to be asked for now.
+    pub(crate) fn find(&self, layer: Layer, node: NodeId) -> Option<FetchError> {
+        self.find_at(layer, node, Instant::now())
+    }
+
+    fn find_at(&self, layer: Layer, node: NodeId, now: Instant) -> Option<FetchError> {
+        let tiles = self.tiles.lock().unwrap_or_else(PoisonError::into_inner);
+        tiles.get(&(layer, node)).filter(|rest| rest.until > now).map(|rest| rest.error.clone())
+    }
+
+    /// Notes how a read ended.
+    pub(crate) fn note(&self, layer: Layer, node: NodeId, error: Option<&FetchError>) {
+        self.note_at(layer, node, error, Instant::now());
+    }
+
+    fn note_at(&self, layer: Layer, node: NodeId, error: Option<&FetchError>, now: Instant) {
+        let mut tiles = self.tiles.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(error) = error else {
+            if !tiles.is_empty() {
+                tiles.remove(&(layer, node));
+            }
+            return;
+        };
+        // What a directory does not have, or a cache, is found out without asking anybody.
+        if matches!(error.cause(), None | Some(Cause::Offline | Cause::Closed)) {
+            return;
+        }
+        if tiles.len() >= MOST_TILES {
+            tiles.retain(|_, rest| rest.until > now);
+            if tiles.len() >= MOST_TILES {
+                tiles.clear();
+            }
+        }
+        let failures = tiles.get(&(layer, node)).map_or(0, |rest| rest.failures);
+        let rest = match error.is_passing() {
+            true => FIRST_REST.saturating_mul(1 << failures.min(10)).min(LONGEST_REST),
+            false => LONG_REST,
+        };
+        tiles.insert((layer, node), Rest { until: now + rest, failures: failures + 1, error: error.clone() });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tile_rests_longer_after_each_failure_and_is_forgotten_when_it_comes() {
+        let resting = Resting::default();
+        let node = NodeId::new(1, 2, 3).expect("a node");
+        let error = FetchError::failed(Cause::Server, "500", "x");
+        let mut now = Instant::now();
+        let mut rests = Vec::new();
+        for _ in 0..8 {
+            resting.note_at(Layer::Color, node, Some(&error), now);
+            assert!(resting.find_at(Layer::Elevation, node, now).is_none());
+            let start = now;
+            while resting.find_at(Layer::Color, node, now).is_some() {
+                now += Duration::from_secs(1);
+            }
+            rests.push((now - start).as_secs());
+        }
+        assert_eq!(rests, [2, 4, 8, 16, 32, 60, 60, 60]);
+        resting.note_at(Layer::Color, node, None, now);
+        resting.note_at(Layer::Color, node, Some(&error), now);
+        assert!(resting.find_at(Layer::Color, node, now + FIRST_REST).is_none(), "it began anew");
+    }
+
+    #[test]
+    fn what_does_not_pass_rests_long_and_what_nobody_is_asked_for_not_at_all() {
+        let resting = Resting::default();
+        let node = NodeId::new(1, 2, 3).expect("a node");
+        let now = Instant::now();
+        for cause in [Cause::Offline, Cause::Closed] {
+            resting.note_at(Layer::Color, node, Some(&FetchError::failed(cause, "", "")), now);
+        }
+        resting.note_at(Layer::Color, node, Some(&FetchError::Absent), now);
+        assert!(resting.find_at(Layer::Color, node, now).is_none());
+        resting.note_at(Layer::Color, node, Some(&FetchError::failed(Cause::NotFound, "", "")), now);
+        assert!(resting.find_at(Layer::Color, node, now + LONG_REST / 2).is_some());
+    }
+}

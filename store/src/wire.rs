@@ -1,0 +1,199 @@
+//! What passes between us and a server: requests are counted, and an answer that is none becomes an error that keeps
+//! what the server said, `Retry-After` included (which `object_store` does not pass on).
+
+use crate::error::Cause;
+use async_trait::async_trait;
+use chrono::{DateTime, Utc};
+use futures_util::StreamExt;
+use http::{HeaderMap, StatusCode, header::RETRY_AFTER};
+use object_store::ClientOptions;
+use object_store::client::{
+    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpService, ReqwestConnector,
+};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// The longest `Retry-After` that is believed.
+const LONGEST_HOLD: Duration = Duration::from_secs(600);
+/// So much of an error's text is read.
+const ERROR_BYTES: usize = 4096;
+/// Paths below which instances and containers of clouds are given their credentials.
+const CREDENTIAL_PATHS: [&str; 3] = ["/latest/api/token", "/latest/meta-data/", "/v2/credentials"];
+
+/// What passed, and when the server wants to be asked again.
+#[derive(Debug, Default)]
+pub(crate) struct Wire {
+    requests: AtomicU64,
+    bytes: AtomicU64,
+    hold: Mutex<Option<Instant>>,
+}
+
+impl Wire {
+    pub(crate) fn count_bytes(&self, bytes: usize) {
+        // Relaxed, here and below: figures that order nothing.
+        self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Requests so far.
+    pub(crate) fn requests(&self) -> u64 {
+        self.requests.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of content received so far.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes.load(Ordering::Relaxed)
+    }
+
+    /// Until when the server wants to be left alone.
+    pub(crate) fn held_until(&self) -> Option<Instant> {
+        let mut hold = self.hold.lock().unwrap_or_else(PoisonError::into_inner);
+        *hold = hold.filter(|until| *until > Instant::now());
+        *hold
+    }
+
+    fn hold(&self, wait: Duration) {
+        let until = Instant::now() + wait.min(LONGEST_HOLD);
+        let mut hold = self.hold.lock().unwrap_or_else(PoisonError::into_inner);
+        *hold = Some(hold.map_or(until, |held| held.max(until)));
+    }
+}
+
+/// An answer with a status that is no success.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("{why}")]
+pub(crate) struct WireError {
+    pub(crate) cause: Cause,
+    why: String,
+}
+
+/// Makes clients that count what passes.
+#[derive(Debug)]
+pub(crate) struct Connector {
+    wire: Arc<Wire>,
+}
+
+impl Connector {
+    pub(crate) fn new(wire: Arc<Wire>) -> Self {
+        Self { wire }
+    }
+}
+
+impl HttpConnector for Connector {
+    fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
+        let inner = ReqwestConnector::default().connect(options)?;
+        Ok(HttpClient::new(Counted { inner, wire: Arc::clone(&self.wire) }))
+    }
+}
+
+#[derive(Debug)]
+struct Counted {
+    inner: HttpClient,
+    wire: Arc<Wire>,
+}
+
+#[async_trait]
+impl HttpService for Counted {
+    async fn call(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
+        self.wire.requests.fetch_add(1, Ordering::Relaxed);
+        let is_for_credentials = CREDENTIAL_PATHS.iter().any(|path| request.uri().path().starts_with(path));
+        let answer = self.inner.execute(request).await;
+        if is_for_credentials && !answer.as_ref().is_ok_and(|answer| answer.status().is_success()) {
+            return Err(no_credentials());
+        }
+        let answer = answer?;
+        let status = answer.status();
+        if status.is_success() {
+            return Ok(answer);
+        }
+        let hold = retry_after(answer.headers(), Utc::now());
+        let is_throttled = status == StatusCode::TOO_MANY_REQUESTS || hold.is_some();
+        if let Some(hold) = hold.filter(|_| is_throttled) {
+            self.wire.hold(hold);
+        }
+        // S3 says in XML what a status alone does not tell: an expired token, say.
+        let code = error_code(&start_of(answer).await).unwrap_or_default();
+        let cause = match status.as_u16() {
+            404 | 410 => Cause::NotFound,
+            401 | 403 | 407 => Cause::Denied,
+            400 if code.contains("Token") || code.contains("Credential") => Cause::Denied,
+            429 => Cause::Throttled,
+            503 if is_throttled => Cause::Throttled,
+            408 | 425 | 500.. => Cause::Server,
+            300..=399 => Cause::Redirects,
+            _ => Cause::Refused,
+        };
+        let code = if code.is_empty() { code } else { format!(", {code}") };
+        let why = match cause {
+            Cause::NotFound => format!("the server has no such file ({status}{code})"),
+            Cause::Denied => format!("the server gives no access ({status}{code}): wrong or expired credentials?"),
+            Cause::Throttled => format!("the server asks for fewer requests ({status}{code})"),
+            Cause::Server => format!("the server failed ({status}{code})"),
+            _ => format!("the server refused the request ({status}{code})"),
+        };
+        Err(HttpError::new(HttpErrorKind::Unknown, WireError { cause, why }))
+    }
+}
+
+/// The first few thousand bytes of an answer, as far as they come.
+async fn start_of(answer: HttpResponse) -> String {
+    let mut parts = answer.into_body().bytes_stream();
+    let mut start = Vec::new();
+    while start.len() < ERROR_BYTES {
+        match parts.next().await {
+            Some(Ok(part)) => start.extend_from_slice(&part[..part.len().min(ERROR_BYTES)]),
+            Some(Err(_)) | None => break,
+        }
+    }
+    String::from_utf8_lossy(&start).into_owned()
+}
+
+fn no_credentials() -> HttpError {
+    let why = "there are no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or \
+               AWS_SKIP_SIGNATURE=true for a bucket that anyone may read";
+    HttpError::new(HttpErrorKind::Unknown, WireError { cause: Cause::Credentials, why: why.to_owned() })
+}
+
+/// How long the server wants to be left alone (RFC 9110, section 10.2.3): seconds, or a date.
+fn retry_after(headers: &HeaderMap, now: DateTime<Utc>) -> Option<Duration> {
+    let text = headers.get(RETRY_AFTER)?.to_str().ok()?.trim();
+    if let Ok(seconds) = text.parse::<u64>() {
+        return Some(Duration::from_secs(seconds));
+    }
+    let date = DateTime::parse_from_rfc2822(text).ok()?.with_timezone(&Utc);
+    Some((date - now).to_std().unwrap_or(Duration::ZERO))
+}
+
+/// The code in an S3 error document.
+fn error_code(text: &str) -> Option<String> {
+    let code = text.split_once("<Code>")?.1.split_once("</Code>")?.0;
+    let is_code = code.len() <= 64 && code.chars().all(|c| c.is_ascii_alphanumeric());
+    is_code.then(|| code.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use http::HeaderValue;
+
+    #[test]
+    fn retry_after_is_seconds_or_a_date() {
+        let now = DateTime::parse_from_rfc2822("Wed, 21 Oct 2015 07:28:00 GMT").expect("a date").with_timezone(&Utc);
+        let after = |text: &'static str| {
+            retry_after(&HeaderMap::from_iter([(RETRY_AFTER, HeaderValue::from_static(text))]), now)
+        };
+        assert_eq!(after("7"), Some(Duration::from_secs(7)));
+        assert_eq!(after("Wed, 21 Oct 2015 07:28:30 GMT"), Some(Duration::from_secs(30)));
+        assert_eq!(after("Wed, 21 Oct 2015 07:27:00 GMT"), Some(Duration::ZERO));
+        assert_eq!(after("soon"), None);
+        assert_eq!(retry_after(&HeaderMap::new(), now), None);
+    }
+
+    #[test]
+    fn codes_of_errors_are_taken_from_xml_and_nothing_else() {
+        assert_eq!(error_code("<Error><Code>ExpiredToken</Code></Error>").as_deref(), Some("ExpiredToken"));
+        assert_eq!(error_code("<Code><script></Code>"), None);
+        assert_eq!(error_code("<html>"), None);
+    }
+}

@@ -1,0 +1,196 @@
+//! Whole flights over a database on a server: the same bytes as from its folder, through a lossy link, from the cache
+//! alone; and a sentence with the right exit code when there is no way to it.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+use terravision_tests::flight::{Pose, write_path};
+use terravision_tests::folder::TestFolder;
+use terravision_tests::process::{Finished, Terravision};
+use terravision_tests::server::{Fault, Rule, TestServer};
+use terravision_tests::shot::{VFOV_DEG, oblique_poses, read_report};
+use terravision_tests::worlds::synth_world;
+
+const FRAMES: u64 = 6;
+
+fn serve() -> TestServer {
+    TestServer::serve(synth_world(1024).database().parent().unwrap())
+}
+
+/// A flight that turns and goes forward, low enough for the finest tiles.
+fn fly(world: &str, folder: &TestFolder, name: &str, more: &[&str]) -> Finished {
+    let from = synth_world(1024);
+    let poses: Vec<Pose> = (0..FRAMES)
+        .map(|k| {
+            let t = k as f64 / FRAMES as f64;
+            Pose::new(from.above(0.3 + 0.3 * t, 0.3 + 0.2 * t, 250.0 + 300.0 * t), 60.0 + 90.0 * t, -20.0)
+        })
+        .collect();
+    write_path(&folder.join("path.json"), &poses, [640, 360], VFOV_DEG);
+    Terravision::verb("fly")
+        .arg(world)
+        .arg("--path")
+        .arg(folder.join("path.json"))
+        .arg("-o")
+        .arg(folder.join(format!("{name}/")))
+        .arg("--report")
+        .arg(folder.join("report.json"))
+        .arg("--cache")
+        .arg(folder.join("cache"))
+        .args(more)
+        .run()
+}
+
+fn still(world: &str, folder: &TestFolder, more: &[&str]) -> Finished {
+    Terravision::verb("still")
+        .arg(world)
+        .args(oblique_poses(&synth_world(1024))[0].1.arguments())
+        .args(["--size=320x180".to_owned(), format!("--vfov={VFOV_DEG}"), "-o".to_owned()])
+        .arg(folder.join("a.png"))
+        .arg("--report")
+        .arg(folder.join("report.json"))
+        .arg("--cache")
+        .arg(folder.join("cache"))
+        .args(more)
+        .run()
+}
+
+fn pictures(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(&path).unwrap())).collect()
+}
+
+fn assert_same(what: &str, folder: &TestFolder, name: &str) {
+    let (expected, found) = (pictures(&folder.join("local")), pictures(&folder.join(name)));
+    assert_eq!(expected.len() as u64, FRAMES);
+    assert!(expected == found, "{what}: the pictures differ from those of the folder");
+    assert_eq!(read_report(folder)["settled"], true, "{what}");
+}
+
+fn local(folder: &TestFolder) {
+    let finished = fly(&synth_world(1024).database().display().to_string(), folder, "local", &[]);
+    finished.assert_code(0);
+    finished.assert_no_warning();
+}
+
+#[test]
+fn a_flight_over_a_server_gives_the_bytes_of_the_folder_and_again_from_its_cache() {
+    let (server, folder) = (serve(), TestFolder::new("remote-same"));
+    local(&folder);
+    let url = server.url("world.tv");
+    let finished = fly(&url, &folder, "first", &[]);
+    finished.assert_code(0);
+    finished.assert_no_warning();
+    assert_same("first", &folder, "first");
+    let whole: u64 = ["elevation.pmtiles", "color.pmtiles", "nodes.tvn"]
+        .iter()
+        .map(|file| fs::metadata(synth_world(1024).database().join(file)).unwrap().len())
+        .sum();
+    println!("{:?}, {} of {whole} bytes", server.asked_by_path(), server.bytes());
+    assert_eq!(server.asked_by_path()["world.tv/manifest.json"], 1, "the launcher alone asks for it");
+    assert!(server.bytes() < whole, "what no frame wants is not read");
+
+    drop(server.take_asked());
+    fly(&url, &folder, "second", &[]).assert_code(0);
+    assert_same("second", &folder, "second");
+    assert_eq!(server.take_asked().len(), 1, "the manifest");
+
+    server.set_down(true);
+    let finished = fly(&url, &folder, "offline", &["--offline"]);
+    finished.assert_code(0);
+    assert_same("offline", &folder, "offline");
+    // Elsewhere than where it has been, there is nothing to fly over.
+    let finished = Terravision::verb("info").args([server.url("other.tv").as_str(), "--offline", "--cache"]);
+    let finished = finished.arg(folder.join("cache")).run();
+    finished.assert_told(2);
+    assert!(finished.stderr.contains("disk cache"), "{}", finished.stderr);
+}
+
+#[test]
+fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
+    let (server, folder) = (serve(), TestFolder::new("remote-lossy"));
+    local(&folder);
+    server.misbehave([
+        Rule::new(Fault::Drop).percent(30),
+        Rule::new(Fault::Garbage).percent(5),
+        Rule::new(Fault::Truncate).percent(5),
+        Rule::new(Fault::Status(500, None)).percent(5),
+        Rule::new(Fault::Status(429, Some(1))).after(20).times(1),
+        Rule::new(Fault::Late(2000)).percent(2),
+    ]);
+    let url = server.url("world.tv");
+    let more = ["--timeout", "5"];
+    let [a, b] = std::thread::scope(|scope| {
+        let (url, folder, more) = (&url, &folder, &more);
+        ["a", "b"].map(|name| scope.spawn(move || fly(url, folder, name, more))).map(|run| run.join().unwrap())
+    });
+    let struck = server.take_asked().iter().filter(|asked| asked.fault.is_some()).count();
+    println!("{struck} requests failed; {}", a.stderr);
+    for (name, finished) in [("a", a), ("b", b)] {
+        finished.assert_code(0);
+        assert_same(name, &folder, name);
+        let warnings = finished.stderr.lines().filter(|line| line.contains("world.tv")).count();
+        assert!((1..=20).contains(&warnings), "each cause is told once:\n{}", finished.stderr);
+    }
+    assert!(struck > 5);
+}
+
+#[test]
+fn tiles_that_cannot_be_had_cost_resolution_and_nothing_else() {
+    let (server, folder) = (serve(), TestFolder::new("remote-missing"));
+    // The directory comes, then nothing but refusals.
+    server.misbehave([Rule::new(Fault::Status(404, None)).of("color.pmtiles").after(40)]);
+    let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
+    finished.assert_told(3);
+    assert!(finished.stderr.contains("no such file"), "{}", finished.stderr);
+    let report = read_report(&folder);
+    assert!(!report["tiles"]["unavailable"].as_array().unwrap().is_empty() && report["settled"] == false, "{report}");
+    assert!(folder.join("a.png").exists());
+}
+
+#[test]
+fn a_server_that_dies_under_way_ends_the_flight_in_time() {
+    let (server, folder) = (serve(), TestFolder::new("remote-dies"));
+    server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").after(30)]);
+    let finished = still(&server.url("world.tv"), &folder, &["--timeout", "0.5"]);
+    finished.assert_told(3);
+    assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
+}
+
+#[test]
+fn no_way_to_a_database_is_told_in_one_sentence() {
+    let (server, folder) = (serve(), TestFolder::new("remote-told"));
+    let url = server.url("world.tv");
+    let all = |fault| vec![Rule::new(fault)];
+    let cases: Vec<(Vec<Rule>, &str, i32, &str)> = vec![
+        (vec![], "ftp://127.0.0.1/world.tv", 2, "the scheme of a database is ftp://"),
+        (vec![], "http://127.0.0.1:9/world.tv", 1, "no connection"),
+        (vec![], "http://nowhere.invalid/world.tv", 1, "nowhere.invalid"),
+        (vec![], "s3://bucket/world.tv", 2, "there are no credentials"),
+        (all(Fault::Status(403, None)), &url, 2, "expired credentials"),
+        (all(Fault::RedirectLoop), &url, 2, "redirects without end"),
+        (all(Fault::WebPage), &url, 2, "web page"),
+        (all(Fault::IgnoreRange), &url, 2, "byte ranges"),
+        (all(Fault::Hang), &url, 1, "no complete answer"),
+        (vec![Rule::new(Fault::Status(404, None)).of("nodes.tvn")], &url, 2, "no such file"),
+    ];
+    for (rules, world, code, words) in cases {
+        server.misbehave(rules);
+        let finished = Terravision::verb("info")
+            .args([world, "--timeout", "1", "--cache"])
+            .arg(folder.join("cache"))
+            .env("AWS_METADATA_ENDPOINT", "http://127.0.0.1:9")
+            .env("AWS_ACCESS_KEY_ID", "")
+            .env("AWS_SECRET_ACCESS_KEY", "")
+            .env("AWS_WEB_IDENTITY_TOKEN_FILE", "")
+            .deadline(Duration::from_secs(60))
+            .run();
+        println!("{world}: {:?} {}", finished.code(), finished.stderr.trim());
+        finished.assert_told(code);
+        assert!(finished.stderr.contains(words), "{words}: {}", finished.stderr);
+        assert_eq!(finished.stderr.trim_end().lines().count(), 1, "{}", finished.stderr);
+    }
+}

@@ -1,0 +1,477 @@
+//! A database on a server, read through every kind of trouble: the same tiles as from its folder, or an error that says
+//! what and why, and never more requests than make sense.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
+use terravision_common::node::NodeId;
+use terravision_common::world::World;
+use terravision_store::{Cause, FetchError, Location, RetryOptions, Store, StoreError, StoreOptions};
+use terravision_tests::folder::TestFolder;
+use terravision_tests::server::{Fault, Link, Rule, TestServer};
+use terravision_tests::worlds::synth_world;
+
+const FILES: [&str; 4] = ["manifest.json", "nodes.tvn", "elevation.pmtiles", "color.pmtiles"];
+
+/// Impatient, and stubborn: tests have no time to wait for servers that will not answer, and many faults at once.
+fn options(folder: &TestFolder) -> StoreOptions {
+    StoreOptions {
+        cache_dir: Some(folder.join("cache")),
+        request_timeout: Duration::from_millis(700),
+        deadline: Duration::from_secs(60),
+        retries: RetryOptions {
+            most: 40,
+            first_wait: Duration::from_millis(2),
+            longest_wait: Duration::from_millis(30),
+            share: 20.0,
+            burst: 10_000,
+        },
+        ..StoreOptions::default()
+    }
+}
+
+fn serve() -> TestServer {
+    TestServer::serve(synth_world(1024).database().parent().unwrap())
+}
+
+fn location(server: &TestServer) -> Location {
+    Location::parse(&server.url("world.tv")).unwrap()
+}
+
+fn local() -> Store {
+    Store::open(&Location::folder(&synth_world(1024).database()), &StoreOptions::default()).unwrap()
+}
+
+/// Some tiles of all levels, both layers; a few that there are not.
+fn tiles(world: &World) -> Vec<(Layer, NodeId)> {
+    let of_level = |q: u8| {
+        let [columns, rows] = world.nodes_at(q);
+        let step = (columns.max(rows) / 12).max(1) as usize;
+        (0..=rows)
+            .step_by(step)
+            .flat_map(move |n| (0..=columns).step_by(step).filter_map(move |m| NodeId::new(m, n, q)))
+    };
+    let nodes: Vec<NodeId> = (0..world.levels()).rev().flat_map(of_level).collect();
+    nodes.iter().flat_map(|node| [(Layer::Elevation, *node), (Layer::Color, *node)]).collect()
+}
+
+/// Reads tiles with eight threads; what each gave, `None` for one that the database does not have.
+fn read(store: &Store, tiles: &[(Layer, NodeId)]) -> Vec<Result<Option<Vec<u8>>, FetchError>> {
+    let one = |(layer, node): &(Layer, NodeId)| match block_on(store.payload(*layer, *node)) {
+        Ok(bytes) => Ok(Some(bytes.to_vec())),
+        Err(FetchError::Absent) => Ok(None),
+        Err(error) => Err(error),
+    };
+    let mut results: Vec<_> = tiles.iter().map(|_| Ok(None)).collect();
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        let work = || {
+            let mut done = Vec::new();
+            loop {
+                let at = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                let Some(tile) = tiles.get(at) else { return done };
+                done.push((at, one(tile)));
+            }
+        };
+        let threads: Vec<_> = (0..8).map(|_| scope.spawn(work)).collect();
+        for (at, result) in threads.into_iter().flat_map(|thread| thread.join().unwrap()) {
+            results[at] = result;
+        }
+    });
+    results
+}
+
+/// Any executor may drive a store: this one parks its thread.
+fn block_on<F: Future>(future: F) -> F::Output {
+    struct Unpark(std::thread::Thread);
+    impl std::task::Wake for Unpark {
+        fn wake(self: std::sync::Arc<Self>) {
+            self.0.unpark();
+        }
+    }
+    let mut future = std::pin::pin!(future);
+    let waker = std::sync::Arc::new(Unpark(std::thread::current())).into();
+    let mut context = std::task::Context::from_waker(&waker);
+    loop {
+        if let std::task::Poll::Ready(output) = future.as_mut().poll(&mut context) {
+            return output;
+        }
+        std::thread::park_timeout(Duration::from_millis(100));
+    }
+}
+
+fn assert_same(what: &str, tiles: &[(Layer, NodeId)], found: &[Result<Option<Vec<u8>>, FetchError>]) {
+    let expected = read(&local(), tiles);
+    for ((tile, found), expected) in tiles.iter().zip(found).zip(&expected) {
+        match found {
+            Ok(found) => assert!(*found == *expected.as_ref().unwrap(), "{what}: {tile:?} differs"),
+            Err(error) => panic!("{what}: {tile:?}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn a_server_gives_the_tiles_of_the_folder_in_ranges_over_few_connections() {
+    let (server, folder) = (serve(), TestFolder::new("store-plain"));
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    assert_eq!(store.manifest(), local().manifest());
+    assert_eq!(store.ranges(), local().ranges());
+    let tiles = tiles(store.world());
+    assert_same("plain", &tiles, &read(&store, &tiles));
+    let asked = server.asked_by_path();
+    println!("{} tiles: {asked:?}, {} connections, {:?}", tiles.len(), server.connections(), store.figures());
+    assert_eq!((asked["world.tv/manifest.json"], store.figures().repeated), (1, 0));
+    assert!(asked["world.tv/elevation.pmtiles"] * 4 < tiles.len(), "neighbours share extents");
+    assert!(server.connections() <= 17, "connections are used again");
+    for asked in server.take_asked() {
+        let length = asked.range.map_or(0, |[first, end]| end - first);
+        assert!(asked.path.ends_with("manifest.json") || (1..=1 << 20).contains(&length), "{asked:?}");
+    }
+    assert!(store.errors().folded().is_empty());
+
+    // The same by a source that blocks, decoded.
+    let (local, mut scratch) = (local(), TileScratch::default());
+    let root = store.world().root();
+    let mut colors = [vec![0; color_tile_bytes(store.world())], vec![1; color_tile_bytes(store.world())]];
+    store.read_color(root, &mut colors[0], &mut scratch).unwrap();
+    local.read_color(root, &mut colors[1], &mut scratch).unwrap();
+    assert!(colors[0] == colors[1]);
+    let posts = (store.world().elevation_posts() as usize).pow(2);
+    let mut heights = [vec![0f32; posts], vec![1.0; posts]];
+    store.read_elevation(root, &mut heights[0], &mut scratch).unwrap();
+    local.read_elevation(root, &mut heights[1], &mut scratch).unwrap();
+    assert_eq!(heights[0], heights[1]);
+}
+
+#[test]
+fn what_passes_is_asked_again_until_it_came() {
+    let faults = [
+        Rule::new(Fault::Drop).percent(40),
+        Rule::new(Fault::Status(500, None)).percent(40),
+        Rule::new(Fault::Status(503, Some(0))).percent(40),
+        Rule::new(Fault::Status(429, None)).percent(40),
+        Rule::new(Fault::Truncate).percent(40),
+        Rule::new(Fault::TooLong).percent(40),
+        Rule::new(Fault::Shifted).percent(40),
+        Rule::new(Fault::Garbage).percent(20),
+        Rule::new(Fault::Hang).percent(3),
+        Rule::new(Fault::Late(1500)).percent(3),
+    ];
+    for rule in faults {
+        let (server, folder) = (serve(), TestFolder::new("store-passes"));
+        let store = Store::open(&location(&server), &options(&folder)).unwrap();
+        server.misbehave([rule.clone()]);
+        let tiles: Vec<_> = tiles(store.world()).into_iter().step_by(3).collect();
+        let found = read(&store, &tiles);
+        let struck = server.take_asked().iter().filter(|asked| asked.fault.is_some()).count();
+        println!("{rule:?}: {struck} struck, {:?}", store.figures());
+        assert!(struck > 2, "{rule:?} struck {struck} times");
+        server.misbehave([]);
+        assert_same(&format!("{rule:?}"), &tiles, &found);
+        let news = store.errors().take_news();
+        assert!((1..=4).contains(&news.len()), "told once for each cause: {news:?}");
+        assert!(news.iter().all(|line| line.contains("world.tv/")), "{news:?}");
+    }
+}
+
+#[test]
+fn a_server_that_is_gone_for_a_while_is_waited_for() {
+    let (server, folder) = (serve(), TestFolder::new("store-gone"));
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    let tiles: Vec<_> = tiles(store.world()).into_iter().step_by(5).collect();
+    server.set_down(true);
+    let found = std::thread::scope(|scope| {
+        let reading = scope.spawn(|| read(&store, &tiles));
+        while store.errors().counts().values().sum::<u64>() < 12 {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        server.set_down(false);
+        reading.join().unwrap()
+    });
+    assert_same("gone", &tiles, &found);
+}
+
+#[test]
+fn what_does_not_pass_ends_in_one_error_and_few_requests() {
+    for (fault, cause) in [
+        (Fault::Status(404, None), Cause::NotFound),
+        (Fault::Status(403, None), Cause::Denied),
+        (Fault::WebPage, Cause::NoRanges),
+        (Fault::IgnoreRange, Cause::NoRanges),
+        (Fault::RedirectLoop, Cause::Redirects),
+        (Fault::Status(418, None), Cause::Refused),
+    ] {
+        let (server, folder) = (serve(), TestFolder::new("store-final"));
+        let store = Store::open(&location(&server), &options(&folder)).unwrap();
+        server.misbehave([Rule::new(fault.clone()).of("color.pmtiles")]);
+        drop(server.take_asked());
+        let node = NodeId::new(1, 1, 2).unwrap();
+        for _ in 0..20 {
+            let error = block_on(store.payload(Layer::Color, node)).unwrap_err();
+            assert_eq!(error.cause(), Some(cause), "{fault:?}: {error}");
+            assert!(error.to_string().contains("color.pmtiles"), "{error}");
+        }
+        // A redirect is followed ten times.
+        let asked = server.take_asked().len();
+        assert!(asked == 1 || (cause == Cause::Redirects && asked <= 11), "{fault:?}: {asked} requests");
+        assert!(block_on(store.payload(Layer::Elevation, node)).is_ok(), "the other archive is well");
+        println!("{fault:?}: {:?}", store.errors().take_news());
+    }
+}
+
+#[test]
+fn failures_do_not_multiply_requests() {
+    let (server, folder) = (serve(), TestFolder::new("store-storm"));
+    let limited = RetryOptions { share: 0.5, burst: 10, ..options(&folder).retries };
+    let store = Store::open(&location(&server), &StoreOptions { retries: limited, ..options(&folder) }).unwrap();
+    server.misbehave([Rule::new(Fault::Status(500, None))]);
+    let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
+    drop(server.take_asked());
+    let failed = read(&store, &tiles).iter().filter(|read| read.is_err()).count();
+    let asked = server.take_asked().len();
+    println!("{failed} tiles failed after {asked} requests");
+    assert!(failed > 50 && asked as f64 <= 10.0 + 1.5 * failed as f64 + 10.0, "{asked} requests for {failed} tiles");
+    // They rest now: nothing is asked.
+    assert_eq!(read(&store, &tiles).iter().filter(|read| read.is_err()).count(), failed);
+    assert_eq!(server.take_asked().len(), 0, "what just failed is not asked for again");
+}
+
+#[test]
+fn a_server_that_asks_for_quiet_gets_it() {
+    let (server, folder) = (serve(), TestFolder::new("store-quiet"));
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    // One answer asks for an hour: nobody asks any more, and reads end at once instead of at their deadline.
+    server.misbehave([Rule::new(Fault::Status(429, Some(3600)))]);
+    let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
+    drop(server.take_asked());
+    let found = read(&store, &tiles);
+    let throttled = found.iter().flat_map(Result::as_ref).count();
+    let errors: Vec<_> = found.into_iter().filter_map(Result::err).collect();
+    assert!(errors.iter().all(|error| error.cause() == Some(Cause::Throttled)), "{:?}", errors.first());
+    let asked = server.take_asked().len();
+    println!("{} throttled, {throttled} had, {asked} requests", errors.len());
+    assert!(errors.len() > 50 && asked <= 16, "{asked} requests, at most those that were under way");
+}
+
+#[test]
+fn a_second_run_asks_for_the_manifest_alone_and_an_offline_one_for_nothing() {
+    let (server, folder) = (serve(), TestFolder::new("store-cache"));
+    let tiles = {
+        let store = Store::open(&location(&server), &options(&folder)).unwrap();
+        let tiles = tiles(store.world());
+        assert_same("first", &tiles, &read(&store, &tiles));
+        tiles
+    };
+    drop(server.take_asked());
+    {
+        let store = Store::open(&location(&server), &options(&folder)).unwrap();
+        assert_same("second", &tiles, &read(&store, &tiles));
+        assert_eq!(server.take_asked().len(), 1, "the manifest");
+    }
+    server.set_down(true);
+    let offline = StoreOptions { is_offline: true, ..options(&folder) };
+    let store = Store::open(&location(&server), &offline).unwrap();
+    assert_same("offline", &tiles, &read(&store, &tiles));
+    assert_eq!((server.take_asked().len(), store.figures().requests), (0, 0));
+    // What it has not is an error that says so.
+    let [columns, rows] = store.world().nodes_at(0);
+    let all = (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, 0)));
+    let missing = all.map(|node| (Layer::Color, node)).find(|tile| !tiles.contains(tile)).unwrap();
+    let error = block_on(store.payload(missing.0, missing.1)).unwrap_err();
+    assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("disk cache"), "{error}");
+    // Nothing of another place.
+    let elsewhere = Location::parse("http://127.0.0.1:9/other.tv").unwrap();
+    let error = Store::open(&elsewhere, &offline).unwrap_err();
+    assert!(error.is_bad_input() && error.to_string().contains("nothing of it"), "{error}");
+}
+
+fn for_each_entry(folder: &Path, each: &mut dyn FnMut(&Path)) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.metadata().unwrap().is_dir() {
+            true => for_each_entry(&entry.path(), each),
+            false => each(&entry.path()),
+        }
+    }
+}
+
+#[test]
+fn damaged_entries_of_the_cache_are_read_anew() {
+    let (server, folder) = (serve(), TestFolder::new("store-damaged"));
+    let tiles = {
+        let store = Store::open(&location(&server), &options(&folder)).unwrap();
+        let tiles = tiles(store.world());
+        assert_same("first", &tiles, &read(&store, &tiles));
+        tiles
+    };
+    let mut number = 0;
+    for_each_entry(&folder.join("cache"), &mut |path| {
+        let mut bytes = fs::read(path).unwrap();
+        number += 1;
+        match number % 4 {
+            0 => bytes.truncate(bytes.len() / 2),
+            1 => bytes.clear(),
+            2 => {
+                let middle = bytes.len() / 2;
+                bytes[middle] ^= 1;
+            }
+            _ => bytes.extend([7; 100]),
+        }
+        fs::write(path, bytes).unwrap();
+    });
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    assert_same("damaged", &tiles, &read(&store, &tiles));
+    assert!(store.figures().cache.damaged > 10, "{:?}", store.figures());
+    let news = store.errors().take_news();
+    assert!(news.iter().any(|line| line.contains("damaged")), "{news:?}");
+}
+
+#[test]
+fn a_small_cache_stays_small_and_one_that_cannot_be_is_done_without() {
+    let (server, folder) = (serve(), TestFolder::new("store-small"));
+    let small = StoreOptions { cache_bytes: 200 << 10, ..options(&folder) };
+    let stores = [Store::open(&location(&server), &small).unwrap(), Store::open(&location(&server), &small).unwrap()];
+    let tiles = tiles(stores[0].world());
+    std::thread::scope(|scope| {
+        for store in &stores {
+            let tiles = &tiles;
+            scope.spawn(move || assert_same("small", tiles, &read(store, tiles)));
+        }
+    });
+    drop(stores);
+    let mut bytes = 0;
+    for_each_entry(&folder.join("cache/tiles"), &mut |path| bytes += fs::metadata(path).unwrap().len());
+    assert!(bytes > 0 && bytes <= 200 << 10, "{bytes} bytes");
+
+    let nowhere = StoreOptions { cache_dir: Some("/proc/terravision".into()), ..options(&folder) };
+    let store = Store::open(&location(&server), &nowhere).unwrap();
+    assert_same("no cache", &tiles, &read(&store, &tiles));
+    let news = store.errors().take_news();
+    assert!(
+        !news.is_empty() && news.len() <= 2 && news.iter().all(|line| line.contains("/proc/terravision")),
+        "{news:?}"
+    );
+    let index = store.index().path().to_owned();
+    assert!(index.join("nodes.tvn").exists());
+    drop(store);
+    assert!(!index.exists(), "the index that no cache would take is gone");
+}
+
+#[test]
+fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_on() {
+    let folder = TestFolder::new("store-changed");
+    let copy = folder.join("world.tv");
+    fs::create_dir_all(&copy).unwrap();
+    for file in FILES {
+        fs::copy(synth_world(1024).database().join(file), copy.join(file)).unwrap();
+    }
+    let server = TestServer::serve(folder.path());
+    let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
+    let store = Store::open(&location(&server), &no_cache).unwrap();
+    let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
+    let (first, rest) = tiles.split_at(20);
+    assert_same("before", first, &read(&store, first));
+    server.set_etag("touched");
+    assert_same("touched", first, &read(&store, first));
+    let news = store.errors().take_news();
+    assert!(news.len() == 1 && news[0].contains("equal one"), "{news:?}");
+
+    let manifest = fs::read_to_string(copy.join("manifest.json")).unwrap();
+    fs::write(copy.join("manifest.json"), manifest.replace("\"name\"", "\"Name\"")).unwrap();
+    server.set_etag("changed");
+    let found = read(&store, rest);
+    let error = found.iter().find_map(|read| read.as_ref().err()).unwrap();
+    assert!(error.cause() == Some(Cause::Changed) && error.to_string().contains("open it anew"), "{error}");
+    assert!(found.iter().all(|read| matches!(read, Ok(None)) || read.is_err()), "nothing of the new one is taken");
+    assert_eq!(store.errors().take_news().len(), 1);
+    drop(server.take_asked());
+    let error = block_on(store.payload(Layer::Color, store.world().root())).unwrap_err();
+    assert_eq!((error.cause(), server.take_asked().len()), (Some(Cause::Changed), 0), "nobody is asked any more");
+}
+
+#[test]
+fn reads_that_nobody_waits_for_are_cancelled() {
+    let (server, folder) = (serve(), TestFolder::new("store-cancel"));
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    server.misbehave([Rule::new(Fault::Hang)]);
+    let mut reads: Vec<_> =
+        (0..8).map(|m| Box::pin(store.payload(Layer::Color, NodeId::new(m, 1, 2).unwrap()))).collect();
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+    assert!(reads.iter_mut().all(|read| read.as_mut().poll(&mut context).is_pending()));
+    let until = |what: &str, is_so: &dyn Fn() -> bool| {
+        for _ in 0..5000 {
+            if is_so() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        panic!("{what}: {:?}", store.figures());
+    };
+    until("they are asked", &|| store.figures().under_way == 8);
+    drop(reads);
+    until("they are cancelled", &|| store.figures().under_way == 0);
+    // Cancelled reads are no failures: the tiles may be asked for at once.
+    server.misbehave([]);
+    assert!(block_on(store.payload(Layer::Color, NodeId::new(1, 1, 2).unwrap())).is_ok());
+}
+
+#[test]
+fn the_same_tile_is_read_once_for_many() {
+    let (server, folder) = (serve(), TestFolder::new("store-single"));
+    let store = Store::open(&location(&server), &StoreOptions { cache_bytes: 0, ..options(&folder) }).unwrap();
+    server.set_link(Link { latency: Duration::from_millis(200), bits_per_s: None });
+    drop(server.take_asked());
+    let tile = (Layer::Color, NodeId::new(1, 1, 2).unwrap());
+    let found = read(&store, &[tile; 8]);
+    assert!(found.iter().all(|read| matches!(read, Ok(Some(_)))));
+    assert_eq!(server.take_asked().len(), 1);
+}
+
+#[test]
+fn what_cannot_be_opened_is_told_in_a_sentence() {
+    let folder = TestFolder::new("store-open");
+    let server = serve();
+    let opened = |rules: Vec<Rule>, path: &str| -> StoreError {
+        server.misbehave(rules);
+        let quick = RetryOptions { most: 2, ..options(&folder).retries };
+        let options = StoreOptions { retries: quick, cache_dir: Some(folder.join(path)), ..options(&folder) };
+        Store::open(&Location::parse(&server.url(path)).unwrap(), &options).unwrap_err()
+    };
+    let all = |fault| vec![Rule::new(fault)];
+    for (error, is_bad_input, words) in [
+        (opened(vec![], "nothing.tv"), true, "no finished terrain database"),
+        (opened(all(Fault::WebPage), "world.tv"), true, "web page"),
+        (opened(all(Fault::Garbage), "world.tv"), true, "manifest"),
+        (opened(all(Fault::RedirectLoop), "world.tv"), true, "redirects without end"),
+        (opened(all(Fault::IgnoreRange), "world.tv"), true, "does not honour byte ranges"),
+        (opened(all(Fault::Status(401, None)), "world.tv"), true, "gives no access"),
+        (opened(all(Fault::Status(500, None)), "world.tv"), false, "the server failed"),
+        (opened(all(Fault::Status(429, Some(3600))), "world.tv"), false, "fewer requests"),
+    ] {
+        println!("{error}");
+        assert!(error.to_string().contains(words), "{words}: {error}");
+        assert_eq!(error.is_bad_input(), is_bad_input, "{error}");
+        assert_eq!(error.to_string().lines().count(), 1, "{error}");
+    }
+    let refused = Store::open(&Location::parse("http://127.0.0.1:9/w.tv").unwrap(), &options(&folder)).unwrap_err();
+    assert!(refused.to_string().contains("no connection") && !refused.is_bad_input(), "{refused}");
+}
+
+#[test]
+fn errors_of_tiles_keep_their_codes() {
+    let node = NodeId::new(0, 0, 0).unwrap();
+    let code = |error: FetchError| error.into_tile_error(Layer::Color, node).code();
+    assert_eq!(code(FetchError::Absent), 1);
+    let (server, folder) = (serve(), TestFolder::new("store-codes"));
+    let store = Store::open(&location(&server), &options(&folder)).unwrap();
+    server.misbehave([Rule::new(Fault::Garbage)]);
+    let damaged = block_on(store.payload(Layer::Color, NodeId::new(1, 1, 2).unwrap())).unwrap_err();
+    assert!(matches!(damaged, FetchError::Damaged { .. }), "{damaged}");
+    assert_eq!(code(damaged), 2);
+    server.misbehave([Rule::new(Fault::Status(404, None))]);
+    let mut out = vec![0; color_tile_bytes(store.world())];
+    let error = store.read_color(NodeId::new(2, 1, 2).unwrap(), &mut out, &mut TileScratch::default()).unwrap_err();
+    assert!(matches!(error, TileError::Read { .. }) && error.to_string().contains("no such file"), "{error}");
+}
