@@ -116,6 +116,8 @@ pub struct Resolutions {
 /// A frame in the controller's own measures.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
+    /// log2 of the r_z that it was drawn with.
+    u: f64,
     /// log2 of its time over the target.
     octaves: f64,
     /// The log2 r_z that it would have needed.
@@ -205,8 +207,12 @@ impl RateController {
         let [finest, coarsest] = [self.settings.rest_px[0].log2(), self.settings.coarsest_px[0].log2()];
         let u = r_z_px.log2().clamp(finest, coarsest);
         let octaves = (work_nanos / self.settings.target_nanos).log2().clamp(-MOST_OCTAVES, MOST_OCTAVES);
-        let sample = Sample { octaves, needed: u + 0.5 * (octaves - SETPOINT.log2()) };
-        push(&mut self.newest, sample, 3);
+        let sample = Sample { u, octaves, needed: u + 0.5 * (octaves - SETPOINT.log2()) };
+        // A frame that was drawn coarser than is drawn now, and had time over, does not speak against having become finer.
+        let is_outdated = u > self.u && sample.needed <= u;
+        if !is_outdated {
+            push(&mut self.newest, sample, 3);
+        }
         if (u - self.u).abs() < 1e-6 {
             push(&mut self.present, sample, FRAMES_NEAR);
         }
@@ -320,6 +326,9 @@ impl RateController {
     fn change(&mut self, u: f64) {
         let finest = if self.is_resting() { self.settings.rest_px[0] } else { self.settings.wanted_px[0] };
         let u = u.clamp(finest.log2(), self.settings.coarsest_px[0].log2());
+        if u < self.u {
+            self.newest.retain(|sample| sample.needed > sample.u);
+        }
         if (u - self.u).abs() > 1e-9 {
             if u > self.u {
                 self.agreeing = FRAMES_NEAR;
