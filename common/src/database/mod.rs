@@ -22,6 +22,7 @@ mod elevation;
 mod ground;
 mod manifest;
 mod ranges;
+mod tile;
 
 pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
 pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
@@ -31,6 +32,7 @@ pub use manifest::{
     ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, Manifest, ManifestError, NodesRecord, Source,
 };
 pub use ranges::{NodeRanges, RangesError};
+pub use tile::Tile;
 
 use crate::node::NodeId;
 use crate::world::World;

@@ -7,8 +7,10 @@
 //! | ping-pong buffer: [`TreeWriter`], [`TreeReader`] | generator | preparer | the generator waits |
 //! | ring: [`Producer`]/[`Consumer`] of [`crate::slot::Slot`] | preparer | renderer | the preparer waits |
 //! | elevation ring: [`ElevationWriter`], [`ElevationReader`] | preparer | renderer | the preparer waits |
-//! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | preparer | renderer, preparer | `allocate` says so |
-//! | three event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
+//! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | prefetcher | renderer, preparer | `allocate` says so |
+//! | want list: [`WantListWriter`], [`WantListReader`] | preparer | prefetcher | the newest replaces the one before |
+//! | tile outcomes: [`Producer`]/[`Consumer`] of [`crate::outcome::TileOutcome`] | prefetcher | preparer | dropped; told again for the next list |
+//! | four event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
 //!
 //! The launcher makes all of them ([`RunSegments`]), stages open them by the run's name ([`RunId`]), and [`memory`] makes
 //! the same handles over memory of one process, for tests and benches.
@@ -35,7 +37,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The algorithms ([`bell`], [`cursor`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
+//! The algorithms ([`bell`], [`cursor`], [`ring_core`], [`seqlock`], [`slot_words`], [`want_core`]) know nothing of mappings, so
 //! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
 #![cfg_attr(
     loom,
@@ -54,6 +56,7 @@ mod ring_core;
 mod run_id;
 mod seqlock;
 mod slot_words;
+mod want_core;
 
 #[cfg(not(loom))]
 mod control;
@@ -75,6 +78,8 @@ mod region;
 mod ring;
 #[cfg(not(loom))]
 mod segments;
+#[cfg(not(loom))]
+mod want_list;
 
 #[cfg(test)]
 #[cfg(loom)]
@@ -84,7 +89,7 @@ mod loom_tests;
 mod tests;
 
 #[cfg(not(loom))]
-pub use control::{Control, Counter, RunState, WAIT_BOUND};
+pub use control::{Control, Counter, Gauge, RunState, WAIT_BOUND};
 #[cfg(not(loom))]
 pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
@@ -95,9 +100,11 @@ pub use layout::{CameraRecord, Layout};
 #[cfg(not(loom))]
 pub use ping_pong::{TreeGuard, TreeHalf, TreeReader, TreeWriter};
 #[cfg(not(loom))]
-pub use pool::{FillGuard, PoolBytes, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
+pub use pool::{FillGuard, PoolBytes, PoolIndex, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
 #[cfg(not(loom))]
 pub use ring::{Consumer, Producer};
 pub use run_id::RunId;
 #[cfg(not(loom))]
 pub use segments::{RunSegments, SegmentMemory, free_bytes, reap_dead_runs};
+#[cfg(not(loom))]
+pub use want_list::{WantBell, WantHead, WantListReader, WantListWriter};
