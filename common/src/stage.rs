@@ -205,6 +205,7 @@ mod tests {
         let mut run = serde_json::json!({
             "run_id": "tv-1-2", "world": "/w.tv", "width": 640, "height": 360, "fps": 30.0, "frames": [0, 5],
             "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "loader_threads": 2,
+            "prefetch": { "prediction": "off", "has_retries": false },
             "render": {
                 "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
                 "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{PrefetchConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -41,6 +41,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
         measure: Measure::Area,
         exaggeration: 1.0,
         loader_threads: 1,
+        prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {
             sky_rgb: [0; 3],
             samples: 1,

@@ -2,7 +2,7 @@
 //!
 //! * [`cli`]: the command line as typed; [`plan`]: the validated plan that is made of it.
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
-//! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
+//! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`], [`trace`]: what a run says about itself afterwards; [`output`]: files that appear whole or not at all.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 

@@ -42,7 +42,7 @@ pub fn write(writer: &mut impl Write, figures: &RunFigures) -> io::Result<()> {
                 let name = SpanName::from_number(event.value).map_or("unknown", SpanName::as_str);
                 let duration = event.duration_nanos as f64 / 1e3;
                 let mut args = json!({"frame": frame});
-                if let (SpanName::LoadTile, Some(node)) =
+                if let (SpanName::LoadTile | SpanName::FetchTile, Some(node)) =
                     (SpanName::from_number(event.value).unwrap_or(SpanName::Draw), NodeId::unpack(event.node))
                 {
                     args["node"] = json!(node.to_string());

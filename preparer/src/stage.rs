@@ -4,16 +4,16 @@ use crate::await_tiles::{AwaitError, TileWait};
 use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
-use crate::loader::local::LocalLoader;
-use crate::loader::{LoadError, Loaded, TileLoader};
+use crate::loader::wanted::WantedTiles;
+use crate::loader::{LoadError, TileLoader};
 use bytemuck::Zeroable;
 use std::sync::Arc;
-use terravision_common::database::{Database, DatabaseError, Layer};
+use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
-    Control, Counter, ElevationWriter, PoolWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
+    Control, Counter, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
 };
 use terravision_common::slot::{Slot, SlotContent};
 use terravision_common::stage::{Events, StageError, StageRun};
@@ -39,9 +39,6 @@ pub enum PreparerError {
     /// Tiles cannot be had.
     #[error(transparent)]
     Await(#[from] AwaitError),
-    /// The loader cannot be started.
-    #[error(transparent)]
-    Load(#[from] LoadError),
     /// A frame cannot be made.
     #[error("frame {frame} cannot be prepared: {source}")]
     Frame {
@@ -73,7 +70,6 @@ impl StageError for PreparerError {
     fn is_stopping(&self) -> bool {
         let wait = match self {
             Self::Wait(wait)
-            | Self::Load(LoadError::Wait(wait))
             | Self::Await(AwaitError::Load(LoadError::Wait(wait)))
             | Self::Frame { source: FrameError::Wait(wait), .. } => wait,
             _ => return false,
@@ -82,7 +78,7 @@ impl StageError for PreparerError {
     }
 }
 
-/// The preparer's ends of the segments, but for the pools, which are the loader's.
+/// The preparer's ends of the segments, but for the loader's.
 #[derive(Debug)]
 pub struct Ports {
     /// The control block.
@@ -129,7 +125,7 @@ pub struct Preparer<L> {
 }
 
 impl<L: TileLoader> Preparer<L> {
-    /// A preparer of a run over a world, with the top levels of the database loaded and locked.
+    /// A preparer of a run over a world. Waits for the top levels of the database.
     ///
     /// # Errors
     /// [`PreparerError`].
@@ -150,9 +146,7 @@ impl<L: TileLoader> Preparer<L> {
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             sequence: 0,
         };
-        let Ports { control, events, .. } = ports;
-        let tell = |loaded: &Loaded| tell_loaded(control, events, loaded);
-        preparer.wait.lock_top_levels(&mut preparer.loader, control, tell)?;
+        preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         Ok(preparer)
     }
 
@@ -174,9 +168,7 @@ impl<L: TileLoader> Preparer<L> {
         };
         let started = monotonic_nanos();
         let unavailable =
-            self.wait.settle_frame(self.tree.wanted(), &mut self.loader, frame, self.sequence, control, |loaded| {
-                tell_loaded(control, events, loaded)
-            })?;
+            self.wait.settle_frame(self.tree.wanted(), &mut self.loader, frame, self.sequence, control)?;
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
@@ -222,31 +214,6 @@ fn check_header(header: &TreeHeader, frame: u64) -> Result<(), PreparerError> {
     Ok(())
 }
 
-fn tell_loaded(control: &Control, events: &mut Events, loaded: &Loaded) {
-    let node = loaded.tile.node.pack();
-    let span = Event {
-        kind: EventKind::Span as u32,
-        thread: loaded.thread,
-        frame: loaded.frame,
-        start_nanos: loaded.start_nanos,
-        duration_nanos: loaded.duration_nanos,
-        value: SpanName::LoadTile as u64,
-        node,
-    };
-    events.tell(control, span);
-    let Some(code) = loaded.code else {
-        control.count(Counter::TilesLoaded, 1);
-        return;
-    };
-    let layer = match loaded.tile.layer {
-        Layer::Elevation => 0,
-        Layer::Color => 1,
-    };
-    let kind = EventKind::TileUnavailable as u32;
-    events.tell(control, Event { kind, value: layer + 256 * u64::from(code), duration_nanos: 0, thread: 0, ..span });
-    control.count(Counter::TilesUnavailable, 1);
-}
-
 /// The rings as a frame's output.
 struct Rings<'a> {
     ring: &'a mut Producer<Slot>,
@@ -288,14 +255,12 @@ impl FrameOutput for Rings<'_> {
 pub fn run(run: &StageRun) -> Result<(), PreparerError> {
     let mut ports = Ports::open(run)?;
     let config = run.config();
-    let elevation = PoolWriter::open(run.id(), SegmentKind::ElevationPool)?;
-    let color = PoolWriter::open(run.id(), SegmentKind::ColorPool)?;
-    let database = Arc::new(Database::open(&config.world)?);
-    let world = *database.world();
-    let loader = LocalLoader::new(database, elevation, color, config.loader_threads)?;
+    let world = read_world(&config.world)?;
+    let loader = WantedTiles::open(run.id())?;
     let mut preparer = Preparer::new(&world, config, loader, &mut ports)?;
     for _ in config.frames[0]..config.frames[1] {
         preparer.frame(&mut ports)?;
     }
+    preparer.loader.close();
     Ok(())
 }

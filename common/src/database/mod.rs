@@ -220,24 +220,38 @@ pub struct Database {
     color: Archive,
 }
 
+/// The manifest of the database in a folder, and its geometry: all that a process needs that reads no tiles.
+fn read_manifest(path: &Path) -> Result<(Manifest, World), DatabaseError> {
+    let manifest_path = path.join(MANIFEST_FILE);
+    let text = match manifest::read_text(&manifest_path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound || e.kind() == io::ErrorKind::NotADirectory => {
+            return Err(DatabaseError::NotADatabase { path: path.to_owned() });
+        }
+        Err(source) => return Err(DatabaseError::Read { source, path: manifest_path }),
+    };
+    let manifest =
+        Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
+    let world = World::new(manifest.world)
+        .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
+    Ok((manifest, world))
+}
+
+/// The geometry of the database in a folder, for a process that reads no tiles.
+///
+/// # Errors
+/// [`DatabaseError`]: not there, not finished, of another version, damaged.
+pub fn read_world(path: &Path) -> Result<World, DatabaseError> {
+    read_manifest(path).map(|(_, world)| world)
+}
+
 impl Database {
     /// Opens the database in a folder and checks everything but the tiles themselves.
     ///
     /// # Errors
     /// [`DatabaseError`]: not there, not finished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
-        let manifest_path = path.join(MANIFEST_FILE);
-        let text = match manifest::read_text(&manifest_path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == io::ErrorKind::NotFound || e.kind() == io::ErrorKind::NotADirectory => {
-                return Err(DatabaseError::NotADatabase { path: path.to_owned() });
-            }
-            Err(source) => return Err(DatabaseError::Read { source, path: manifest_path }),
-        };
-        let manifest =
-            Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
-        let world = World::new(manifest.world)
-            .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
+        let (manifest, world) = read_manifest(path)?;
         let open = |name, record: &ArchiveRecord| {
             let path = path.join(name);
             Archive::open(&path, record).map_err(|source| DatabaseError::Archive { source, path })
@@ -274,7 +288,11 @@ impl Database {
         &self.ranges
     }
 
-    fn payload<'s>(&self, layer: Layer, node: NodeId, scratch: &'s mut Vec<u8>) -> Result<&'s [u8], TileError> {
+    /// A tile as it is stored, read into `scratch`.
+    ///
+    /// # Errors
+    /// [`TileError`]. Whether the bytes are what was written shows when they are decoded.
+    pub fn payload<'s>(&self, layer: Layer, node: NodeId, scratch: &'s mut Vec<u8>) -> Result<&'s [u8], TileError> {
         let (archive, has_place, limit) = match layer {
             Layer::Elevation => {
                 (&self.elevation, self.world.has_elevation(node), elevation::max_payload_bytes(&self.world))

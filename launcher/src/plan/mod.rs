@@ -21,7 +21,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use terravision_common::database::Database;
-use terravision_common::run::{RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{PrefetchConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 
 /// Where `--path orbit` is meant, unless a file has that name.
@@ -301,6 +301,7 @@ impl<'a> Draft<'a> {
                 measure: picture.measure.into(),
                 exaggeration,
                 loader_threads,
+                prefetch: PrefetchConfig::EXACT,
                 render: RenderConfig {
                     sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
                     samples: picture.samples.unwrap_or(samples),
