@@ -25,7 +25,7 @@ const HAND_OVERS: u64 = 2_000;
 /// Of those with a pause: some milliseconds each.
 const SLEEPS: u64 = 150;
 const PAUSE: Duration = Duration::from_millis(3);
-/// The wish of issue 2.
+/// What a hand-over may cost: a thousandth of a frame or so.
 const HAND_OVER: Target = Target::AtMost(20.0);
 
 /// The two queues that are measured.

@@ -55,6 +55,8 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         if wants("stages") {
             stages::generator_and_preparer(&recorded, &mut found);
             stages::renderer(&settings, &alone, &mut found);
+            let floors = stages::floors(&settings).context("the floor of the device")?;
+            stages::floor(&settings, &floors, &alone, &mut found);
         }
         if wants("replay") {
             let whole = stages::fly_whole(&settings, &flight)?;

@@ -10,6 +10,7 @@ use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
 use terravision_common::run::{PrefetchConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
+use terravision_common::stage::STAGE_ENVIRONMENT;
 
 /// How a flight is flown.
 #[derive(Debug, Clone)]
@@ -119,7 +120,13 @@ impl Session {
         let program = sibling(&format!("terravision-{stage}"))?;
         let config = serde_json::to_string(&self.config).context("cannot write the run down")?;
         let mut command = Command::new(&program);
-        command.arg("--run").arg(config).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+            .envs(STAGE_ENVIRONMENT)
+            .arg("--run")
+            .arg(config)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
         self.stages.push((stage, child));
         Ok(())

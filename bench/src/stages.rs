@@ -5,11 +5,14 @@ use crate::measurement::{Measurement, Target, median, quantile};
 use crate::plot::Curve;
 use crate::recording::{RecordedFrames, RecordedTrees, record_frames, record_trees};
 use crate::report::Found;
-use crate::session::{EventLog, Session, Settings};
-use anyhow::Context;
+use crate::session::{EventLog, Session, Settings, sibling};
+use anyhow::{Context, ensure};
+use serde::Deserialize;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, monotonic_nanos};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunId, RunState, SegmentKind, Stage};
+use terravision_common::stage::STAGE_ENVIRONMENT;
 
 /// What stages and replay share: the recorded round.
 #[derive(Debug)]
@@ -168,6 +171,56 @@ pub fn fly_whole(settings: &Settings, flight: &Flight) -> anyhow::Result<Flown> 
 pub fn fly_recorded(settings: &Settings, flight: &Flight, frames: &RecordedFrames) -> anyhow::Result<Flown> {
     fly(settings, flight, &[Stage::Renderer], |run, control| frames.play(run, control, flight, 2))
         .context("the renderer alone")
+}
+
+/// What the device can do at best, from the renderer's own `--floor-json`.
+#[derive(Debug, Deserialize)]
+pub struct Floors {
+    /// One full-screen grid each, coarse to fine; the last has 33 thousand triangles.
+    passes: Vec<FloorPass>,
+}
+
+#[derive(Debug, Deserialize)]
+struct FloorPass {
+    triangles: u64,
+    cpu_ms_per_frame: f64,
+    wall_ms_per_frame: f64,
+}
+
+/// Draws the floor of the device: full-screen grids, textured and depth-tested.
+///
+/// # Errors
+/// When the renderer cannot.
+pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
+    let [width, height] = settings.size;
+    let arguments = ["--floor-json".to_owned(), format!("{width}x{height}"), FLOOR_FRAMES.to_string()];
+    let mut command = Command::new(sibling("terravision-renderer")?);
+    let output = command.envs(STAGE_ENVIRONMENT).args(arguments).stdin(Stdio::null()).output()?;
+    ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr).trim());
+    serde_json::from_slice(&output.stdout).context("the renderer's floor is no JSON")
+}
+
+/// Frames of each grid of the floor.
+const FLOOR_FRAMES: u32 = 60;
+
+/// Figures of the floor, and of the renderer against it.
+pub fn floor(settings: &Settings, floors: &Floors, alone: &Flown, found: &mut Found) {
+    let [Some(pass), Some(full)] = [floors.passes.first(), floors.passes.last()] else { return };
+    let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
+    let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
+        let measurement = Measurement::new("stages", name, value, unit, FLOOR_FRAMES.into());
+        found.measurements.push(Measurement { target, ..measurement });
+    };
+    add("full-screen textured pass", pixels / pass.wall_ms_per_frame / 1e3, "Mpix/s", None);
+    let (cpu, wall) = (full.cpu_ms_per_frame, full.wall_ms_per_frame);
+    add("floor: triangles of a frame", full.triangles as f64, "triangles", None);
+    add("floor: triangles", full.triangles as f64 / wall * 1e3, "triangles/s", None);
+    add("floor: time of a frame", wall, "ms", None);
+    add("floor: processor time of a frame", cpu, "ms", None);
+    let ratio = 1e3 / alone.frames_per_second / wall;
+    add("renderer: time of a frame against the floor", ratio, "ratio", Some(Target::AtMost(1.5)));
+    let ratio = alone.cpu_ms[2] / cpu;
+    add("renderer: processor time of a frame against the floor", ratio, "ratio", Some(Target::AtMost(1.5)));
 }
 
 /// Figures of the renderer alone.

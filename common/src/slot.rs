@@ -32,7 +32,7 @@ pub struct FrameMarker {
 
 /// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.
 ///
-/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, is elevation `[j][i]` of the array (row 0 is the southern
+/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, both multiples of `1 << grid_snap`, is elevation `[j][i]` of the array (row 0 is the southern
 /// one), at lattice point `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
 /// diagonal from south west to north east.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -59,11 +59,14 @@ pub struct TileSlot {
     pub elevation_level: u8,
     /// Level of the node whose colour tile is used.
     pub color_level: u8,
-    /// log2 of the vertices that collapse on the west, east, south and north edge of the *elevation array*, because
-    /// the neighbour there is that many levels coarser: on the edge, index `k` is drawn at `k & !((1 << snap) - 1)`.
+    /// log2 of the posts from vertex to vertex on the west, east, south and north edge of the *elevation array*, because
+    /// the neighbour there is drawn that many levels coarser: on the edge, index `k` is drawn at `k & !((1 << snap) - 1)`.
+    /// At least `grid_snap`.
     pub edge_snap: [u8; 4],
+    /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are multiples of that step.
+    pub grid_snap: u8,
     /// Zero.
-    pub reserved: [u8; 2],
+    pub reserved: u8,
 }
 
 /// Closes a frame.

@@ -18,6 +18,11 @@ pub const BAD_USAGE: u8 = 2;
 /// Exit code of a stage whose run was stopped.
 pub const INTERRUPTED: u8 = 130;
 
+/// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes in every frame; glibc
+/// would give them back to the kernel each time, and the page faults of getting them again are a tenth of the frame.
+pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
+    [("MALLOC_TRIM_THRESHOLD_", "268435456"), ("MALLOC_MMAP_THRESHOLD_", "33554432")];
+
 /// Why a command line is no run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -120,6 +125,11 @@ impl StageRun {
 pub trait StageError: std::error::Error {
     /// Whether this is the orderly end of a stopped run.
     fn is_stopping(&self) -> bool;
+
+    /// Whether the same command would fail again: it asks for what cannot be (exit code 2 in place of 1).
+    fn is_bad_input(&self) -> bool {
+        false
+    }
 }
 
 /// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an exit code of the
@@ -136,7 +146,7 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
     match run(&stage_run) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
-        Err(error) => fail(&error, 1),
+        Err(error) => fail(&error, if error.is_bad_input() { BAD_USAGE } else { 1 }),
     }
 }
 

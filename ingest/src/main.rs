@@ -72,5 +72,5 @@ fn print_note(note: Note) {
 }
 
 fn print_error(error: &IngestError) {
-    writeln!(io::stderr(), "error: {error}").ok();
+    writeln!(io::stderr(), "terravision: {error}").ok();
 }

@@ -2,6 +2,7 @@
 
 use crate::frame_tree::{FrameTree, TreeError};
 use crate::heights::{Heights, TileVanished};
+use crate::thinning::Thinning;
 use crate::trim::Trim;
 use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation};
 use bytemuck::Zeroable;
@@ -78,6 +79,7 @@ pub struct FrameMaker {
     world: World,
     truncation: Truncation,
     heights: Heights,
+    thinning: Thinning,
     trim: Trim,
     is_trimmed: bool,
 }
@@ -90,6 +92,7 @@ impl FrameMaker {
             world: *world,
             truncation: Truncation::new(world, nodes),
             heights: Heights::new(world),
+            thinning: Thinning::new(world, nodes),
             trim: Trim::new(world),
             is_trimmed: true,
         }
@@ -128,9 +131,11 @@ impl FrameMaker {
             r_c_px: header.r_c_px,
             ..FrameMarker::zeroed()
         }))?;
+        self.thinning.thin(&self.truncation, level, tiles, &mut self.heights)?;
         self.trim.look(&header.camera);
         let mut tile_count = 0;
-        for leaf in self.truncation.elevation_leaves() {
+        for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
+            let snaps = self.thinning.snaps(at, leaf);
             let (heights, trim, origin) = (&mut self.heights, &mut self.trim, self.world.node_origin(leaf.node));
             let position = out.array(&mut |values| {
                 heights.make(level, tiles, leaf, values)?;
@@ -139,7 +144,7 @@ impl FrameMaker {
             })?;
             let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
             for color in &self.truncation.color_leaves()[range] {
-                let mut slot = tile_slot(&self.world, leaf, color, position);
+                let mut slot = tile_slot(&self.world, leaf, color, position, snaps);
                 if !self.is_trimmed || self.trim.trim(&mut slot) {
                     out.slot(&SlotContent::Tile(slot))?;
                     tile_count += 1;
@@ -167,16 +172,21 @@ impl FrameMaker {
 }
 
 /// The slot of one colour leaf.
-fn tile_slot(world: &World, leaf: &ElevationLeaf, color: &ColorLeaf, elevation_position: u64) -> TileSlot {
+fn tile_slot(
+    world: &World,
+    leaf: &ElevationLeaf,
+    color: &ColorLeaf,
+    elevation_position: u64,
+    (grid_snap, edge_snap): (u8, [u8; 4]),
+) -> TileSlot {
     let q = leaf.node.q();
     let below = q - color.node.q();
     let side = world.elevation_tile() >> below;
     let inside = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
     let start = [inside(color.node.m(), leaf.node.m()), inside(color.node.n(), leaf.node.n())];
     let origin = world.node_origin(leaf.node);
-    let edge_snap = leaf.seams.edges.map(|level| level - q);
     // Vertices beyond the extent collapse onto it: facets past the first of them are nothing, unless an edge snaps, which
-    // needs the vertices that it snaps to.
+    // needs the vertices that it snaps to. An edge's step is never finer than that of the leaf.
     let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
     let end = [0, 1].map(|axis| {
         let cells = (u64::from(world.extent()[axis]) - origin[axis]).div_ceil(1 << q);
@@ -195,7 +205,8 @@ fn tile_slot(world: &World, leaf: &ElevationLeaf, color: &ColorLeaf, elevation_p
         elevation_level: q,
         color_level: color.color.node.q(),
         edge_snap,
-        reserved: [0; 2],
+        grid_snap,
+        reserved: 0,
     }
 }
 

@@ -120,6 +120,34 @@ impl Heights {
         Ok(highest)
     }
 
+    /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth row is looked at:
+    /// levels change by far less than one from row to row.
+    ///
+    /// # Errors
+    /// [`TileVanished`] when the tile with the smooth elevation is not there.
+    pub fn lowest_level(
+        &mut self,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        node: NodeId,
+    ) -> Result<u8, TileVanished> {
+        self.place(node);
+        let smooth = ancestor_tile(&self.world, tiles, node, smooth_level(&self.world, node.q()))?;
+        self.enter(smooth.0);
+        let posts = self.columns.len();
+        let mut lowest = f64::from(self.world.root().q());
+        for j in (0..posts).step_by(4) {
+            self.interpolate_row(&smooth, j);
+            for z in &mut self.row {
+                *z *= level.exaggeration();
+            }
+            let levels = &mut self.levels[..posts];
+            level.elevation_levels(&self.xs, self.ys[j], &self.row, levels);
+            lowest = levels.iter().copied().fold(lowest, f64::min);
+        }
+        Ok((lowest.max(0.0) as u8).max(node.q()))
+    }
+
     fn make_heights(&mut self, tiles: &impl Tiles, node: NodeId, highest: f64) -> Result<(), TileVanished> {
         let posts = self.columns.len();
         self.sums.fill(0.0);

@@ -3,7 +3,8 @@
 //! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
 //!   [`loader`] has brought into the pools by the prefetcher.
 //! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays, with no
-//!   cracks between leaves. [`trim`] leaves out what is beside the picture. [`frame`] puts it all into the rings.
+//!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] out what is beside the picture.
+//!   [`frame`] puts it all into the rings.
 //! * [`stage`] connects these with the segments of a run.
 
 pub mod await_tiles;
@@ -12,6 +13,7 @@ pub mod frame_tree;
 pub mod heights;
 pub mod loader;
 pub mod stage;
+pub mod thinning;
 pub mod trim;
 pub mod truncation;
 

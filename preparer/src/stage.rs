@@ -76,6 +76,11 @@ impl StageError for PreparerError {
         };
         wait.is_stopping()
     }
+
+    fn is_bad_input(&self) -> bool {
+        let too_much = |error: &AwaitError| !matches!(error, AwaitError::Load(_));
+        matches!(self, Self::Await(error) if too_much(error))
+    }
 }
 
 /// The preparer's ends of the segments, but for the loader's.

@@ -253,8 +253,16 @@ impl Truncation {
         self.is_blocked[index] = true;
     }
 
+    /// The elevation leaves across the west, east, south and north edge of one, by index, where they are no finer than
+    /// it is.
+    #[must_use]
+    pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
+        [(-1, 0), (1, 0), (0, -1), (0, 1)].map(|(east, north)| self.leaf_at(node, east, north))
+    }
+
     fn seams(&self, node: NodeId) -> Seams {
-        let level = |east, north| self.leaf_level(node, east, north).unwrap_or(0).max(node.q());
+        let leaves = &self.elevation_leaves;
+        let level = |east, north| self.leaf_at(node, east, north).map_or(node.q(), |at| leaves[at as usize].node.q());
         let edges = [level(-1, 0), level(1, 0), level(0, -1), level(0, 1)];
         let [west, east, south, north] = edges;
         let corners = [
@@ -266,13 +274,12 @@ impl Truncation {
         Seams { edges, corners }
     }
 
-    /// Level of the elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or
-    /// none.
-    fn leaf_level(&self, node: NodeId, east: i32, north: i32) -> Option<u8> {
+    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or none.
+    fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
         let mut id = neighbor_in(&self.world, node, east, north)?;
         loop {
-            if self.table.get(id).is_some() {
-                return Some(id.q());
+            if let Some(at) = self.table.get(id) {
+                return Some(at);
             }
             if id.q() + 1 >= self.world.levels() {
                 return None;

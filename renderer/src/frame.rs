@@ -87,8 +87,8 @@ pub enum TileFault {
     /// The colour tile does not cover the block.
     #[error("its colour tile does not cover its block")]
     Cover,
-    /// More vertices would collapse than an edge has.
-    #[error("more vertices collapse than an edge has")]
+    /// More vertices would collapse than an edge has, or fewer than inside of it.
+    #[error("more vertices collapse than an edge has, or fewer than inside")]
     Snap,
     /// The colour slot is not one of the pool's.
     #[error("its colour slot is not one of the pool's")]
@@ -134,8 +134,12 @@ pub fn check_tile(tile: &TileSlot, world: &World, color_slots: u32) -> Result<()
     if !is_covered(0) || !is_covered(1) {
         return Err(TileFault::Cover);
     }
-    if tile.edge_snap.iter().any(|&snap| u32::from(snap) > intervals.ilog2()) {
+    if tile.edge_snap.iter().any(|&snap| u32::from(snap) > intervals.ilog2() || snap < tile.grid_snap) {
         return Err(TileFault::Snap);
+    }
+    let is_between = |post: u16| u32::from(post) & ((1 << tile.grid_snap) - 1) != 0;
+    if tile.start.into_iter().chain(tile.end).any(is_between) {
+        return Err(TileFault::Block);
     }
     if tile.color_slot >= color_slots {
         return Err(TileFault::ColorSlot);

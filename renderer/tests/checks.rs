@@ -34,6 +34,14 @@ fn a_good_tile_passes_and_each_fault_is_named() {
     assert_eq!(check(&|t| t.color_origin = [16, 0]), Err(TileFault::Cover));
     assert_eq!(check(&|t| t.color_level = 0), Err(TileFault::Cover));
     assert_eq!(check(&|t| t.edge_snap[2] = 4), Err(TileFault::Snap));
+    assert_eq!(check(&|t| t.grid_snap = 1), Err(TileFault::Snap));
+    let thin = |t: &mut TileSlot| (t.grid_snap, t.edge_snap) = (1, [1, 1, 2, 1]);
+    assert_eq!(check(&thin), Ok(()));
+    let between = |t: &mut TileSlot| {
+        thin(t);
+        t.end[0] -= 1;
+    };
+    assert_eq!(check(&between), Err(TileFault::Block));
     assert_eq!(check(&|t| t.color_slot = 4), Err(TileFault::ColorSlot));
 }
 

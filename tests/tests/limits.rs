@@ -7,7 +7,7 @@ use terravision_tests::process::{Terravision, pss_kib};
 use terravision_tests::shot::read_report;
 use terravision_tests::worlds::synth_world;
 
-/// Issue 2, "Memory": all processes together stay below --memory + 300 MB at 1280 x 720.
+/// All processes together stay below --memory + 300 MB at 1280 x 720.
 #[test]
 fn all_processes_together_stay_within_the_memory_they_were_given() {
     let world = synth_world(1024);
@@ -42,4 +42,19 @@ fn all_processes_together_stay_within_the_memory_they_were_given() {
         assert!(peak > 20 << 10, "the processes were seen");
         assert!(peak * 1024 <= (memory_mib << 20) + 300_000_000, "{} KiB with --memory {memory_mib}MiB", peak);
     }
+}
+
+/// A frame that can never fit is refused with what it would take, and the exit code of bad input.
+#[test]
+fn a_frame_that_needs_more_than_its_memory_is_refused() {
+    let world = synth_world(1024);
+    let folder = TestFolder::new("too-little-memory");
+    let finished = Terravision::verb("fly")
+        .arg(world.database())
+        .args(["--path", "orbit", "--frames", "0..2", "--size", "1280x720", "--texel-px", "0.2"])
+        .args(["--facet-px", "2", "--memory", "128MiB", "-o"])
+        .arg(folder.join("a/"))
+        .run();
+    finished.assert_told(2);
+    assert!(finished.stderr.contains("allow more"), "{}", finished.stderr);
 }

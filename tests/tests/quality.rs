@@ -26,7 +26,7 @@ fn limits(view: &str) -> [(f64, f64); 2] {
     }
 }
 
-/// Issue 2, "Right picture": the kind of data and the sizes named there.
+/// Large enough that a view has what real data has: more posts and texels than pixels.
 #[test]
 fn oblique_views_of_large_data_reach_28_db_by_default_and_31_db_at_best() {
     let world = synth_world(4096);

@@ -201,5 +201,5 @@ pub(crate) fn error_line(output: &Output) -> String {
     assert!(!text.contains("panicked"), "{text}");
     let errors: Vec<&str> = text.lines().filter(|l| !l.starts_with("note: ") && !l.starts_with("warning: ")).collect();
     assert_eq!(errors.len(), 1, "{text}");
-    errors[0].strip_prefix("error: ").unwrap_or_else(|| panic!("no error line in {text}")).to_owned()
+    errors[0].strip_prefix("terravision: ").unwrap_or_else(|| panic!("no error line in {text}")).to_owned()
 }

@@ -10,6 +10,7 @@ use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use terravision_common::shm::Stage;
+use terravision_common::stage::STAGE_ENVIRONMENT;
 
 /// Lines of a stage's standard error that are kept.
 const KEPT_LINES: usize = 20;
@@ -78,7 +79,7 @@ impl StageProcess {
     pub fn start(stage: Stage, programs: &Path, run: &str, has_stdout: bool) -> Result<Self, StartError> {
         let program = programs.join(format!("terravision-{stage}"));
         let mut command = Command::new(&program);
-        command.arg("--run").arg(run).stdin(Stdio::null()).stderr(Stdio::piped());
+        command.envs(STAGE_ENVIRONMENT).arg("--run").arg(run).stdin(Stdio::null()).stderr(Stdio::piped());
         command.stdout(if has_stdout { Stdio::inherit() } else { Stdio::null() });
         let mut child = command.spawn().map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },

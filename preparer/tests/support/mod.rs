@@ -205,9 +205,11 @@ impl Mesh {
                 };
                 (at(0, i), at(1, j), array[(j * (last + 1) + i) as usize].to_bits())
             };
-            for j in tile.start[1].into()..u32::from(tile.end[1]) {
-                for i in tile.start[0].into()..u32::from(tile.end[0]) {
-                    let [sw, se, nw, ne] = [vertex(i, j), vertex(i + 1, j), vertex(i, j + 1), vertex(i + 1, j + 1)];
+            let step = 1 << tile.grid_snap;
+            for j in (tile.start[1].into()..u32::from(tile.end[1])).step_by(step as usize) {
+                for i in (tile.start[0].into()..u32::from(tile.end[0])).step_by(step as usize) {
+                    let (e, n) = (i + step, j + step);
+                    let [sw, se, nw, ne] = [vertex(i, j), vertex(e, j), vertex(i, n), vertex(e, n)];
                     mesh.triangles.extend([[sw, se, ne], [sw, ne, nw]].into_iter().filter(|t| area(t) != 0));
                 }
             }

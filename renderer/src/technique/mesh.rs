@@ -92,8 +92,9 @@ impl Technique for MeshTechnique {
             self.tiles.push(tile_parameters(tile, &self.world, cell, start));
             let start = tile.start.map(u32::from);
             let size = [0, 1].map(|axis| u32::from(tile.end[axis]) - start[axis]);
-            self.blocks.push(Block { start, size });
-            self.triangles += 2 * u64::from(size[0]) * u64::from(size[1]);
+            let snap = u32::from(tile.grid_snap);
+            self.blocks.push(Block { start, size, snap });
+            self.triangles += 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
         }
         self.pass.prepare(recording, elevation, &self.tiles)
     }

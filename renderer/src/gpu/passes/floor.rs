@@ -43,7 +43,7 @@ impl FloorPass {
         let shape =
             PipelineShape { vertex: c"vertex", fragment: Some(c"fragment"), samples: target.samples(), name: "floor" };
         let pipeline = pipeline::pipeline(device, &module, &layout, &shape)?;
-        let indices: Vec<u32> = grid_indices(columns, rows, columns + 1).collect();
+        let indices: Vec<u32> = grid_indices(columns, rows, [1, columns + 1]).collect();
         let indices = Buffer::with_indices(device, &indices, "floor indices")?;
         let grid = Grid { columns, rows, column_reciprocal: 1.0 / (columns + 1) as f32, layer: 0 };
         Ok(Self { pipeline, layout, indices, grid })

@@ -104,12 +104,13 @@ pub(super) fn pipeline(
 }
 
 /// Indices of a grid's triangles, two a cell, split from south west to north east, row by row from row 0.
-/// `stride` vertices lie between two rows.
-pub(super) fn grid_indices(columns: u32, rows: u32, stride: u32) -> impl Iterator<Item = u32> {
+/// `steps`: from a vertex to the next one east, and north.
+pub(super) fn grid_indices(columns: u32, rows: u32, steps: [u32; 2]) -> impl Iterator<Item = u32> {
+    let [east, north] = steps;
     (0..rows).flat_map(move |row| {
         (0..columns).flat_map(move |column| {
-            let sw = row * stride + column;
-            let (se, nw, ne) = (sw + 1, sw + stride, sw + stride + 1);
+            let sw = row * north + column * east;
+            let (se, nw, ne) = (sw + east, sw + north, sw + north + east);
             [sw, se, ne, sw, ne, nw]
         })
     })

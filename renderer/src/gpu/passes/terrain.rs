@@ -71,13 +71,15 @@ pub struct TileParameters {
 
 const _: () = assert!(size_of::<ViewParameters>() == 80 && size_of::<TileParameters>() == 48);
 
-/// Columns and rows of a block, in facets' sides: `start` within the array, `size` at least 1.
+/// Columns and rows of a block, in posts: `start` within the array, `size` at least 1, both multiples of `1 << snap`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
     /// First column and row.
     pub start: [u32; 2],
     /// Columns and rows.
     pub size: [u32; 2],
+    /// log2 of the posts from vertex to vertex.
+    pub snap: u32,
 }
 
 /// Which sides of the ground are drawn.
@@ -121,8 +123,8 @@ pub struct TerrainPass {
     _descriptors: Owned<vk::DescriptorPool>,
     slots: Vec<SlotInputs>,
     indices: Buffer,
-    /// First index of the section whose rows have `1 << k` columns.
-    sections: Vec<u32>,
+    /// By snap: first index of the section whose rows have `1 << k` facets' sides.
+    sections: Vec<Vec<u32>>,
     posts: u32,
 }
 
@@ -242,17 +244,18 @@ impl TerrainPass {
         let room = slot.tiles.len() / size_of::<TileParameters>() as u64;
         for (instance, block) in view.blocks.iter().enumerate().take(room as usize) {
             let draw = |indices: u32, first: u32, row: u32| {
-                let vertex = (block.start[1] + row) * self.posts + block.start[0];
+                let vertex = (block.start[1] + (row << block.snap)) * self.posts + block.start[0];
                 // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the
                 // array: `Block`s were checked against its size, and `robustBufferAccess` is on.
                 unsafe {
                     device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance as u32);
                 }
             };
-            let [columns, rows] = block.size.map(|n| n.min(self.posts - 1));
+            let Some(sections) = self.sections.get(block.snap as usize) else { continue };
+            let [columns, rows] = block.size.map(|n| n.min(self.posts - 1) >> block.snap);
             if columns.is_power_of_two() {
-                draw(columns * rows * 6, self.sections[columns.ilog2() as usize], 0);
-            } else if let Some(&widest) = self.sections.last() {
+                draw(columns * rows * 6, sections[columns.ilog2() as usize], 0);
+            } else if let Some(&widest) = sections.last() {
                 // No section has rows of this width: the beginnings of wider rows, one by one.
                 (0..rows).for_each(|row| draw(columns * 6, widest, row));
             }
@@ -260,16 +263,20 @@ impl TerrainPass {
     }
 }
 
-/// Index sections for rows of 1, 2, 4, … columns; a block of fewer rows uses the first part of a section.
-fn index_sections(posts: u32) -> (Vec<u32>, Vec<u32>) {
+/// Index sections by snap, for rows of 1, 2, 4, … facets' sides; a block of fewer rows uses the first part of a section.
+fn index_sections(posts: u32) -> (Vec<u32>, Vec<Vec<u32>>) {
     let intervals = posts - 1;
-    let (mut indices, mut sections) = (Vec::new(), Vec::new());
-    let mut columns = 1;
-    while columns <= intervals {
-        sections.push(indices.len() as u32);
-        indices.extend(grid_indices(columns, intervals, posts));
-        columns *= 2;
-    }
+    let mut indices = Vec::new();
+    let sections = (0..=intervals.ilog2()).map(|snap| {
+        let rows = intervals >> snap;
+        let sections = (0..=rows.ilog2()).map(|log_columns| {
+            let first = indices.len() as u32;
+            indices.extend(grid_indices(1 << log_columns, rows, [1 << snap, posts << snap]));
+            first
+        });
+        sections.collect()
+    });
+    let sections = sections.collect();
     (indices, sections)
 }
 
@@ -316,12 +323,16 @@ mod tests {
     #[test]
     fn sections_cover_their_blocks_with_facets_split_from_south_west_to_north_east() {
         let (indices, sections) = index_sections(5);
-        assert_eq!(sections.len(), 3);
-        let full = &indices[sections[2] as usize..];
+        assert_eq!(sections.iter().map(Vec::len).collect::<Vec<_>>(), [3, 2, 1]);
+        let full = &indices[sections[0][2] as usize..sections[1][0] as usize];
         assert_eq!(full.len(), 4 * 4 * 6);
         assert_eq!(&full[..6], [0, 1, 6, 0, 6, 5]);
-        let narrow = &indices[sections[1] as usize..sections[2] as usize];
+        let narrow = &indices[sections[0][1] as usize..sections[0][2] as usize];
         assert_eq!(narrow.len(), 2 * 4 * 6);
         assert!(narrow.iter().all(|index| index % 5 <= 2 && *index < 25));
+        let thin = &indices[sections[1][1] as usize..sections[2][0] as usize];
+        assert_eq!(thin.len(), 2 * 2 * 6);
+        assert_eq!(&thin[..6], [0, 2, 12, 0, 12, 10]);
+        assert_eq!(&indices[sections[2][0] as usize..], [0, 4, 24, 0, 24, 20]);
     }
 }
