@@ -323,7 +323,8 @@ impl Desk {
         }
         let epoch = self.epoch;
         let is_left = |load: &Load| load.epoch != epoch && !matches!(load.state, State::Decoding);
-        let left: Vec<Tile> = self.loads.iter().filter(|(_, load)| is_left(load)).map(|(tile, _)| *tile).collect();
+        let mut left: Vec<Tile> = self.loads.iter().filter(|(_, load)| is_left(load)).map(|(tile, _)| *tile).collect();
+        left.sort_unstable_by_key(|tile| tile.pack());
         for tile in left {
             if let Some(cycle) = self.give_up(tile, control, crew) {
                 self.window.cancelled(cycle);
@@ -547,6 +548,7 @@ impl Desk {
                 late.push(*tile);
             }
         }
+        late.sort_unstable_by_key(|tile: &Tile| tile.pack());
         for tile in late {
             // For the window it is lost: it did not come.
             self.give_up(tile, control, crew);
