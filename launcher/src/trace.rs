@@ -100,7 +100,7 @@ mod tests {
         let trace: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
         let events = trace["traceEvents"].as_array().unwrap();
         let named = |name: &str| events.iter().filter(|event| event["name"] == name).count();
-        assert_eq!((named("process_name"), named("generate"), named("prepare"), named("record")), (3, 3, 3, 3));
+        assert_eq!((named("process_name"), named("generate"), named("prepare"), named("record")), (4, 3, 3, 3));
         let first = events.iter().find(|event| event["name"] == "record").unwrap();
         // 102 ms on the clock, 15 ms of it before the program.
         assert_eq!(

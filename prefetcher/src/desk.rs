@@ -32,7 +32,7 @@ pub const CYCLE_NANOS: u64 = 200_000_000;
 /// Payloads of a layer that wait for a slot or a decoder, at most: more are not asked for before these are through.
 const HELD: usize = 64;
 /// A request that has no answer for this long is made again...
-const FIRST_PATIENCE_NANOS: u64 = 1_000_000_000;
+const FIRST_PATIENCE_NANOS: u64 = 600_000_000;
 /// ... and after so many times left to its source, which knows when to give up.
 const IMPATIENT_TRIES: u32 = 5;
 /// A tile that could not be had is left alone for this long, where it is tried again at all ...
@@ -565,6 +565,6 @@ impl Desk {
     /// How long the first request for a tile waits for its answer.
     fn patience_nanos(&self) -> u64 {
         let usual = self.window.latency_nanos().unwrap_or(0);
-        FIRST_PATIENCE_NANOS.max(usual.saturating_mul(8))
+        FIRST_PATIENCE_NANOS.max(usual.saturating_mul(4))
     }
 }

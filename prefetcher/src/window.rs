@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 const LEAST: f64 = 8.0;
 /// N is never more: no link has more of our tiles on its way at a time.
 const MOST: f64 = 512.0;
-/// N at first.
+/// N at first; and N is not less while what comes, comes as fast as on an idle link: then it is not N that loses the rest.
 const FIRST: f64 = 32.0;
 /// Below this share of requests that came N goes down.
 const LOW_SHARE: f64 = 0.9;
@@ -138,8 +138,7 @@ impl Window {
     /// A cycle is over: judges those before it that have had their time.
     pub fn end_cycle(&mut self) {
         // What was asked for at the end of a cycle has one cycle more, and what the empty link takes.
-        let shortest = self.latencies.iter().min().copied().filter(|nanos| *nanos < u64::MAX).unwrap_or(0);
-        let time = 1 + shortest.div_ceil(self.cycle_nanos).min(64) as usize;
+        let time = 1 + self.shortest_latency().div_ceil(self.cycle_nanos).min(64) as usize;
         while self.cycles.len() > time {
             let number = self.first;
             self.first += 1;
@@ -154,6 +153,16 @@ impl Window {
         }
     }
 
+    /// How long an answer takes when none is before it, as far as known.
+    fn shortest_latency(&self) -> u64 {
+        self.latencies.iter().min().copied().filter(|nanos| *nanos < u64::MAX).unwrap_or(0)
+    }
+
+    /// Whether answers do not wait in line.
+    fn is_idle(&self) -> bool {
+        self.latency_nanos.is_some_and(|nanos| nanos <= 2.0 * self.shortest_latency() as f64)
+    }
+
     fn judge(&mut self, number: u64, cycle: Cycle) {
         let asked = cycle.asked - cycle.cancelled.min(cycle.asked);
         if asked == 0 {
@@ -164,7 +173,8 @@ impl Window {
             return;
         }
         if self.share < LOW_SHARE {
-            self.n = (self.n * self.share.max(0.5)).max(LEAST);
+            let least = if self.is_idle() { FIRST.min(self.n) } else { LEAST };
+            self.n = (self.n * self.share.max(0.5)).max(least);
             self.judge_from = self.first + self.cycles.len() as u64;
         } else if self.share >= FULL_SHARE && cycle.is_full {
             self.n = (self.n + (self.n * GROWTH).max(1.0)).min(MOST);
