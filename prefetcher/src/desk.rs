@@ -504,7 +504,11 @@ impl Desk {
                     self.lists[wish as usize].at += 1;
                     continue;
                 }
-                let Some(cycle) = self.window.ask() else { return };
+                let mut place = self.window.ask();
+                if place.is_none() && wish == Wish::Now && self.give_up_predicted(control, crew) {
+                    place = self.window.ask();
+                }
+                let Some(cycle) = place else { return };
                 self.lists[wish as usize].at += 1;
                 if wish == Wish::Ahead {
                     self.room_ahead[tile.layer as usize] -= 1;
@@ -519,6 +523,20 @@ impl Desk {
                 crew.fetch(ticket, tile);
             }
         }
+    }
+
+    /// Gives up the predicted tile that was asked for last, for one that is needed now; `false` when there is none.
+    fn give_up_predicted(&mut self, control: &Control, crew: &mut impl Crew) -> bool {
+        let ticket_of = |load: &Load| match load.state {
+            State::Fetching { ticket, .. } if load.wish == Wish::Ahead => Some(ticket),
+            _ => None,
+        };
+        let last = self.loads.iter().filter_map(|(tile, load)| Some((ticket_of(load)?, *tile))).max_by_key(|l| l.0);
+        let Some((_, tile)) = last else { return false };
+        if let Some(cycle) = self.give_up(tile, control, crew) {
+            self.window.cancelled(cycle);
+        }
+        true
     }
 
     /// The next tile of a list that has to be asked for; the list then stands at it.

@@ -65,6 +65,18 @@ fn a_predicted_tile_that_is_wanted_is_asked_for_once_and_then_urgent() {
 }
 
 #[test]
+fn a_tile_that_is_needed_now_takes_the_place_of_the_predicted_one_asked_for_last() {
+    let mut office = Office::warmed(200, false);
+    let ahead: Vec<Tile> = (0..60).map(|m| support::tile(Layer::Color, m, 0)).collect();
+    office.expect(&ahead);
+    let n = office.desk.window().n() as usize;
+    office.want(1, &[elevation(1), elevation(2)]);
+    let open = office.crew.open();
+    assert_eq!(open[..n - 2], ahead[..n - 2]);
+    assert_eq!(open[n - 2..], [elevation(1), elevation(2)]);
+}
+
+#[test]
 fn outcomes_are_told_when_a_tile_ends_and_again_for_every_list_that_names_it() {
     let mut office = Office::warmed(64, false);
     office.want(1, &[color(1), color(2), elevation(1)]);

@@ -58,9 +58,8 @@ fn all(link: LinkFields) -> [(&'static str, Flown); 4] {
 
 fn print(flown: &[(&'static str, Flown)]) {
     for (name, flight) in flown {
-        let part = |from: usize, to: usize| {
-            flight.sharp[from * 30..to * 30].iter().sum::<f64>() / ((to - from) * 30) as f64
-        };
+        let part =
+            |from: usize, to: usize| flight.sharp[from * 30..to * 30].iter().sum::<f64>() / ((to - from) * 30) as f64;
         println!(
             "{name:>9}: sharp {:.4} (straight {:.4}, turns {:.4}, stop {:.4}); {:.1} MB, {} given up, N {:?}, {} missing",
             flight.mean(),
@@ -107,8 +106,8 @@ fn prediction_pays_over_a_link_that_carries_little_more_than_what_is_wanted() {
 fn a_third_of_requests_lost_costs_sharpness_for_a_while_and_nothing_for_ever() {
     let flown = all(LinkFields { loses_one_in: 3, ..LINK });
     print(&flown);
-    let [(_, off), (_, linear), ..] = &flown;
-    assert!(linear.mean() > off.mean());
-    assert!(linear.n.iter().min() < linear.n.first(), "N went down: {:?}", linear.n);
-    assert!(flown.iter().all(|(_, flight)| flight.missing_at_end == 0));
+    for (name, flight) in &flown {
+        assert_eq!(flight.missing_at_end, 0, "{name}");
+        assert!(flight.n.iter().all(|n| *n <= 64), "{name}: N does not grow while requests are lost: {:?}", flight.n);
+    }
 }

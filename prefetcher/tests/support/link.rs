@@ -167,8 +167,7 @@ fn world() -> World {
     .expect("valid")
 }
 
-pub const RESOLUTION: Resolution =
-    Resolution { r_z_px: 12.0, r_c_px: 1.5, exaggeration: 1.0, measure: Measure::Area };
+pub const RESOLUTION: Resolution = Resolution { r_z_px: 12.0, r_c_px: 1.5, exaggeration: 1.0, measure: Measure::Area };
 
 /// A flight of `secs` seconds along `path`, 30 frames a second. The oracle asks the path itself.
 pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight: Foresight) -> Flown {
@@ -193,11 +192,8 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
             let camera = at(now);
             track.see(&camera, now);
             let wanted = eye.tiles(&camera, &RESOLUTION);
-            let missing: Vec<Tile> = wanted
-                .iter()
-                .copied()
-                .filter(|tile| !pools[tile.layer as usize].keep(tile.node, frame))
-                .collect();
+            let missing: Vec<Tile> =
+                wanted.iter().copied().filter(|tile| !pools[tile.layer as usize].keep(tile.node, frame)).collect();
             flown.sharp.push(sharp_share(&world, &camera, wanted, &missing));
             flown.missing_at_end = missing.len();
             // Three frames are in flight.
@@ -281,8 +277,8 @@ fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]
         let path = (0..world.levels()).map(|q| finest.ancestor(q));
         let Some(leaf) = path.clone().find(|node| is_leaf_of.contains_key(node)) else { continue };
         ground += 1;
-        let is_sharp = !path.skip(usize::from(leaf.q()) + 1).any(|above| blocked.contains(&above))
-            && !lacking.contains(&leaf);
+        let is_sharp =
+            !path.skip(usize::from(leaf.q()) + 1).any(|above| blocked.contains(&above)) && !lacking.contains(&leaf);
         sharp += u32::from(is_sharp);
     }
     f64::from(sharp) / f64::from(ground.max(1))
