@@ -42,7 +42,7 @@ fi
 is_fresh() {
   local program
   [[ -e $1 && $1 -nt $world/manifest.json ]] || return 1
-  for program in terravision terravision-generator terravision-preparer terravision-renderer; do
+  for program in terravision terravision-generator terravision-prefetcher terravision-preparer terravision-renderer; do
     [[ $1 -nt $target/$program ]] || return 1
   done
 }

@@ -85,7 +85,7 @@ pub fn record_trees(settings: &Settings, flight: &Flight, rounds: u64) -> anyhow
     Ok(recorded)
 }
 
-/// Runs the preparer alone, twice over the recorded round: what it does in the second, when all tiles are there, is
+/// Runs the preparer alone (with the prefetcher, which has nothing to do in the second round), twice over the recorded round: what it does in the second, when all tiles are there, is
 /// measured and kept.
 ///
 /// # Errors
@@ -99,6 +99,7 @@ pub fn record_frames(settings: &Settings, flight: &Flight, trees: &RecordedTrees
     let mut ring = Consumer::<Slot>::open(&run, SegmentKind::Ring)?;
     let mut elevation = ElevationReader::open(&run)?;
     let mut events = Consumer::<Event>::open(&run, Stage::Preparer.events())?;
+    session.start(Stage::Prefetcher)?;
     session.start(Stage::Preparer)?;
     let control = Control::open(&run)?;
     let mut recorded = RecordedFrames { array_len: elevation.array_f32() as usize, ..RecordedFrames::default() };

@@ -86,8 +86,8 @@ pub struct Flown {
     pub frames_per_second: f64,
     /// Frames per second of the first round, with loading.
     pub first_round: f64,
-    /// Processor milliseconds per frame of the second round: generator, preparer, renderer (0 for one not started).
-    pub cpu_ms: [f64; 3],
+    /// Processor milliseconds per frame of the second round: generator, preparer, renderer, prefetcher (0 for one not started).
+    pub cpu_ms: [f64; 4],
     /// What the stages told.
     pub log: EventLog,
 }
@@ -111,7 +111,7 @@ fn fly(
     }
     let mut log = EventLog::default();
     // Of each stage at the end of either round. A stage that has left keeps what it had when it was last seen.
-    let mut cpu = [[0.0f64; 3]; 2];
+    let mut cpu = [[0.0f64; 4]; 2];
     let started = monotonic_nanos();
     std::thread::scope(|scope| {
         let driving = scope.spawn(|| drive(&run, &control));

@@ -62,7 +62,7 @@ pub enum SpanName {
     AwaitTiles = 2,
     /// Preparer: truncation, elevation arrays, slots.
     Prepare = 3,
-    /// Preparer's loader: read and decode of one tile.
+    /// Prefetcher: decoding of one tile, straight into its slot.
     LoadTile = 4,
     /// Renderer: reading the ring, recording commands.
     Record = 5,
@@ -72,11 +72,13 @@ pub enum SpanName {
     Draw = 7,
     /// Renderer's sink: encoding and writing.
     Encode = 8,
+    /// Prefetcher: from the request for a tile until its bytes are there.
+    FetchTile = 9,
 }
 
 impl SpanName {
     /// All of them, in the order in which a frame passes through them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Generate,
         Self::AwaitTiles,
         Self::Prepare,
@@ -85,6 +87,7 @@ impl SpanName {
         Self::Upload,
         Self::Draw,
         Self::Encode,
+        Self::FetchTile,
     ];
 
     /// The name with this number; `None` for a number that is none (it came from shared memory).
@@ -105,6 +108,7 @@ impl SpanName {
             Self::Upload => "upload",
             Self::Draw => "draw",
             Self::Encode => "encode",
+            Self::FetchTile => "fetch-tile",
         }
     }
 }

@@ -2,12 +2,12 @@
 //!
 //! * [`node`]: the id of a quad tree node. [`world`]: how nodes, elevation posts and colour texels lie in the plane.
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
-//! * [`tree`], [`slot`], [`event`]: what travels through shared memory from process to process, byte for byte.
+//! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
-//! * [`synthetic`]: a terrain for tests and benches.
+//! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
 pub mod camera;
@@ -17,6 +17,7 @@ pub mod facet;
 pub mod level;
 pub mod node;
 pub mod node_table;
+pub mod outcome;
 pub mod rate;
 pub mod run;
 pub mod shm;
@@ -25,6 +26,7 @@ pub mod slot;
 pub mod stage;
 pub mod sync;
 pub mod synthetic;
+pub mod top_levels;
 pub mod traversal;
 pub mod tree;
 pub mod world;

@@ -35,8 +35,10 @@ pub struct RunConfig {
     pub measure: Measure,
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
-    /// Threads that load and decode tiles in the preparer.
+    /// Threads that decode tiles in the prefetcher.
     pub loader_threads: u32,
+    /// What the prefetcher does beyond what frames ask of it.
+    pub prefetch: PrefetchConfig,
     /// What the renderer draws and where frames go.
     pub render: RenderConfig,
     /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits for all its tiles.
@@ -103,6 +105,36 @@ impl DatabaseConfig {
             parallel_requests: 1,
         }
     }
+}
+
+/// The prefetcher's part of a [`RunConfig`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrefetchConfig {
+    /// How the view is predicted, to have its tiles before it comes.
+    pub prediction: Prediction,
+    /// Whether a tile that could not be had is tried again after a while. A run that waits for its tiles does not: what
+    /// it draws must not depend on when a tile came.
+    pub has_retries: bool,
+}
+
+impl PrefetchConfig {
+    /// For a run that waits for every tile that it wants.
+    pub const EXACT: Self = Self { prediction: Prediction::Off, has_retries: false };
+    /// For a flight against the clock.
+    pub const REALTIME: Self = Self { prediction: Prediction::Linear, has_retries: true };
+}
+
+/// How the view is predicted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Prediction {
+    /// Not at all.
+    Off,
+    /// The camera goes on and turns as it does.
+    Linear,
+    /// It also goes on to gain or lose speed as it does: better in long bends, worse when the path is jerky.
+    Quadratic,
 }
 
 /// The renderer's part of a [`RunConfig`].

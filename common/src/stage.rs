@@ -220,6 +220,7 @@ mod tests {
                 "location": "/w.tv", "cache": null, "cache_bytes": 0, "is_offline": false, "request_timeout_ms": 1,
                 "parallel_requests": 1,
             },
+            "prefetch": { "prediction": "off", "has_retries": false },
             "render": {
                 "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
                 "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,

@@ -5,7 +5,7 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{DatabaseConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -43,6 +43,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
         measure: Measure::Area,
         exaggeration: 1.0,
         loader_threads: 1,
+        prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {
             sky_rgb: [0; 3],
             samples: 1,

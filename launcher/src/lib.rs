@@ -3,7 +3,7 @@
 //! * [`cli`]: the command line as typed; [`plan`]: the validated plan that is made of it.
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`input`]: poses that another program sends while the flight goes on.
-//! * [`flight`]: runs the three stages: starts them, flies the camera, watches, collects, cleans up.
+//! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`] (of a flight against the clock also [`realtime_report`]), [`trace`]: what a run says about itself afterwards;
 //!   [`output`]: files that appear whole or not at all.
 //! * [`world`]: the terrain database that a command is about, wherever it is.

@@ -338,7 +338,7 @@ pub(crate) mod tests {
     use terravision_common::event::{Event, EventKind};
     use terravision_common::level::Measure;
     use terravision_common::node::NodeId;
-    use terravision_common::run::{DatabaseConfig, RenderConfig, SinkConfig};
+    use terravision_common::run::{DatabaseConfig, PrefetchConfig, RenderConfig, SinkConfig};
 
     pub(crate) fn config() -> RunConfig {
         RunConfig {
@@ -354,6 +354,7 @@ pub(crate) mod tests {
             measure: Measure::Area,
             exaggeration: 1.0,
             loader_threads: 2,
+            prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 sky_rgb: [1, 2, 3],
                 samples: 1,
@@ -402,7 +403,7 @@ pub(crate) mod tests {
             shared_memory_bytes: 1 << 20,
             collector,
             memory: MemoryPeaks::default(),
-            pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13)],
+            pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
         }
     }
 

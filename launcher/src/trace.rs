@@ -42,7 +42,7 @@ pub fn write(writer: &mut impl Write, figures: &RunFigures) -> io::Result<()> {
                 let name = SpanName::from_number(event.value).map_or("unknown", SpanName::as_str);
                 let duration = event.duration_nanos as f64 / 1e3;
                 let mut args = json!({"frame": frame});
-                if let (SpanName::LoadTile, Some(node)) =
+                if let (SpanName::LoadTile | SpanName::FetchTile, Some(node)) =
                     (SpanName::from_number(event.value).unwrap_or(SpanName::Draw), NodeId::unpack(event.node))
                 {
                     args["node"] = json!(node.to_string());
@@ -100,7 +100,7 @@ mod tests {
         let trace: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
         let events = trace["traceEvents"].as_array().unwrap();
         let named = |name: &str| events.iter().filter(|event| event["name"] == name).count();
-        assert_eq!((named("process_name"), named("generate"), named("prepare"), named("record")), (3, 3, 3, 3));
+        assert_eq!((named("process_name"), named("generate"), named("prepare"), named("record")), (4, 3, 3, 3));
         let first = events.iter().find(|event| event["name"] == "record").unwrap();
         // 102 ms on the clock, 15 ms of it before the program.
         assert_eq!(

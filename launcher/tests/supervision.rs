@@ -16,7 +16,7 @@ struct Programs(PathBuf);
 
 impl Programs {
     /// Each stage is a shell script.
-    fn new(scripts: [(Stage, &str); 3]) -> Self {
+    fn new(scripts: [(Stage, &str); 4]) -> Self {
         static SERIAL: AtomicU32 = AtomicU32::new(0);
         let serial = SERIAL.fetch_add(1, Ordering::Relaxed);
         let folder = std::env::temp_dir().join(format!("terravision-stages-{}-{serial}", std::process::id()));
@@ -96,11 +96,16 @@ impl Flight {
 }
 
 const WAIT: &str = "exec sleep 600";
-use Stage::{Generator, Preparer, Renderer};
+use Stage::{Generator, Prefetcher, Preparer, Renderer};
 
 #[test]
 fn stages_that_end_in_good_order_are_a_finished_run() {
-    let programs = Programs::new([(Generator, "exit 0"), (Preparer, "exit 0"), (Renderer, "sleep 0.2; exit 0")]);
+    let programs = Programs::new([
+        (Generator, "exit 0"),
+        (Preparer, "exit 0"),
+        (Renderer, "sleep 0.2; exit 0"),
+        (Prefetcher, "exit 0"),
+    ]);
     let flight = Flight::new();
     assert_eq!(flight.watch(programs.start(), || false, |_| ()), Ending::Finished);
     assert_eq!(flight.control.state(), RunState::Running);
@@ -109,8 +114,8 @@ fn stages_that_end_in_good_order_are_a_finished_run() {
 
 #[test]
 fn a_killed_stage_is_named_and_the_others_are_ended() {
-    for victim in 0..3 {
-        let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT)]);
+    for victim in 0..Stage::ALL.len() {
+        let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
         let flight = Flight::new();
         let stages = programs.start();
         let pid = rustix::process::Pid::from_raw(stages[victim].pid().cast_signed()).unwrap();
@@ -128,7 +133,7 @@ fn a_killed_stage_is_named_and_the_others_are_ended() {
 #[test]
 fn a_stage_that_gives_up_is_quoted() {
     let says = "echo 'loading'; echo 'warming up' >&2; echo 'there is no room for the picture' >&2; exit 1";
-    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, says)]);
+    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, says), (Prefetcher, WAIT)]);
     let ending = Flight::new().watch(programs.start(), || false, |_| ());
     let Ending::Died { stage, how, words, is_bad_input } = ending else { panic!("not noticed") };
     assert_eq!((stage, is_bad_input), (Renderer, false));
@@ -137,7 +142,12 @@ fn a_stage_that_gives_up_is_quoted() {
 
 #[test]
 fn a_stage_that_finds_bad_input_says_so_by_its_exit_code() {
-    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, "echo 'too large' >&2; exit 2")]);
+    let programs = Programs::new([
+        (Generator, WAIT),
+        (Preparer, WAIT),
+        (Renderer, "echo 'too large' >&2; exit 2"),
+        (Prefetcher, WAIT),
+    ]);
     let ending = Flight::new().watch(programs.start(), || false, |_| ());
     assert!(matches!(ending, Ending::Died { stage: Renderer, is_bad_input: true, .. }), "{ending:?}");
 }
@@ -148,9 +158,10 @@ fn a_stage_that_was_killed_is_blamed_before_those_that_gave_up_over_it() {
         (Generator, "echo 'the preparer is gone' >&2; exit 1"),
         (Preparer, "kill -9 $$"),
         (Renderer, "echo 'the preparer is gone' >&2; exit 1"),
+        (Prefetcher, "echo 'the preparer is gone' >&2; exit 1"),
     ]);
     let stages = programs.start();
-    // All three are dead before the first look.
+    // All four are dead before the first look.
     let end = Instant::now() + Duration::from_secs(60);
     while stages.iter().any(|stage| !is_zombie(stage.pid())) {
         assert!(Instant::now() < end, "they do not end");
@@ -168,7 +179,7 @@ fn is_zombie(pid: u32) -> bool {
 #[test]
 fn an_interruption_ends_stages_that_will_not_listen() {
     let deaf = "trap '' TERM INT; while :; do sleep 0.05; done";
-    let programs = Programs::new([(Generator, WAIT), (Preparer, deaf), (Renderer, WAIT)]);
+    let programs = Programs::new([(Generator, WAIT), (Preparer, deaf), (Renderer, WAIT), (Prefetcher, WAIT)]);
     let flight = Flight::new();
     let ticks = std::cell::Cell::new(0);
     let ending = flight.watch(programs.start(), || ticks.get() > 3, |_| ticks.set(ticks.get() + 1));
@@ -179,7 +190,7 @@ fn an_interruption_ends_stages_that_will_not_listen() {
 
 #[test]
 fn a_stage_that_hears_of_an_interruption_first_is_not_blamed() {
-    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 130"), (Renderer, WAIT)]);
+    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 130"), (Renderer, WAIT), (Prefetcher, WAIT)]);
     let ticks = std::cell::Cell::new(0);
     let ending = Flight::new().watch(programs.start(), || ticks.get() > 3, |_| ticks.set(ticks.get() + 1));
     assert_eq!(ending, Ending::Interrupted);
@@ -189,7 +200,7 @@ fn a_stage_that_hears_of_an_interruption_first_is_not_blamed() {
 
 #[test]
 fn a_stage_that_lingers_after_the_renderer_is_ended_without_harm() {
-    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 0"), (Renderer, "exit 0")]);
+    let programs = Programs::new([(Generator, WAIT), (Preparer, "exit 0"), (Renderer, "exit 0"), (Prefetcher, WAIT)]);
     assert_eq!(Flight::new().watch(programs.start(), || false, |_| ()), Ending::Finished);
 }
 
@@ -197,7 +208,7 @@ fn a_stage_that_lingers_after_the_renderer_is_ended_without_harm() {
 fn a_panic_is_quoted_whole() {
     let panics = "echo \"thread 'main' panicked at a.rs:1:2:\" >&2; echo 'out of tiles' >&2; \
                   echo 'note: run with RUST_BACKTRACE=1' >&2; exit 101";
-    let programs = Programs::new([(Generator, panics), (Preparer, WAIT), (Renderer, WAIT)]);
+    let programs = Programs::new([(Generator, panics), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
     let Ending::Died { words, .. } = Flight::new().watch(programs.start(), || false, |_| ()) else {
         panic!("not noticed")
     };

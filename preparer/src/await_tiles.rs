@@ -1,14 +1,11 @@
 //! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be unavailable.
 
 use crate::frame_tree::Tile;
-use crate::loader::{LoadError, Loaded, TileLoader, TileState};
+use crate::loader::{LoadError, TileLoader, TileState};
 use terravision_common::database::Layer;
-use terravision_common::node::NodeId;
 use terravision_common::shm::{Control, Layout, WaitError};
+use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
-
-/// Nodes of the top levels that are kept in the pools for ever: two levels below a root, 1 + 4 + 16.
-const LOCKED_NODES: u64 = 21;
 
 /// Why a frame cannot have its tiles.
 #[derive(Debug, thiserror::Error)]
@@ -72,27 +69,19 @@ impl TileWait {
         Self { world: *world, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
     }
 
-    /// Loads the top levels of both pyramids and keeps them for ever, so that there always is a picture.
+    /// Waits until the top levels of both pyramids, which the prefetcher keeps for ever, are there: from then on there
+    /// always is a picture.
     ///
     /// # Errors
     /// [`AwaitError`].
-    pub fn lock_top_levels(
-        &mut self,
-        loader: &mut impl TileLoader,
-        control: &Control,
-        tell: impl FnMut(&Loaded),
-    ) -> Result<(), AwaitError> {
+    pub fn settle_top_levels(&mut self, loader: &mut impl TileLoader, control: &Control) -> Result<(), AwaitError> {
         self.pending.clear();
         self.pending.extend_from_slice(&self.locked);
-        self.settle(loader, 0, 0, control, tell)?;
-        for tile in &self.locked {
-            loader.lock(*tile);
-        }
+        self.settle(loader, 0, 0, control)?;
         Ok(())
     }
 
-    /// Waits until each wanted tile is resident, and returns how many are unavailable instead. `tell` hears of every load
-    /// that ended.
+    /// Waits until each wanted tile is resident, and returns how many are unavailable instead.
     ///
     /// # Errors
     /// [`AwaitError`]; at once when the pools cannot hold what is wanted, however long one waits.
@@ -103,12 +92,11 @@ impl TileWait {
         frame: u64,
         sequence: u64,
         control: &Control,
-        tell: impl FnMut(&Loaded),
     ) -> Result<u32, AwaitError> {
         self.check_room(wanted, loader, frame)?;
         self.pending.clear();
         self.pending.extend_from_slice(wanted);
-        self.settle(loader, frame, sequence, control, tell)
+        self.settle(loader, frame, sequence, control)
     }
 
     fn settle(
@@ -117,13 +105,12 @@ impl TileWait {
         frame: u64,
         sequence: u64,
         control: &Control,
-        mut tell: impl FnMut(&Loaded),
     ) -> Result<u32, AwaitError> {
         let mut unavailable = 0;
         loop {
             let completed = control.completed_sequence();
             let mut without_room = None;
-            loader.drain(&mut tell);
+            loader.drain()?;
             self.pending.retain(|tile| match loader.want(*tile, frame, sequence, control) {
                 TileState::Resident => false,
                 TileState::Unavailable => {
@@ -136,8 +123,8 @@ impl TileWait {
                     true
                 }
             });
+            loader.ask(frame, sequence);
             if self.pending.is_empty() {
-                loader.drain(&mut tell);
                 return Ok(unavailable);
             }
             match without_room {
@@ -189,62 +176,5 @@ impl TileWait {
             (Some(needed_mib), Some(given_mib)) => AwaitError::TooLittleMemory { frame, needed_mib, given_mib },
             _ => AwaitError::TooManyTiles { frame, layer, needed, capacity },
         }
-    }
-}
-
-/// Tiles of the top levels, and the level below them.
-fn top_levels(world: &World) -> (Vec<Tile>, i32) {
-    let mut tiles = Vec::new();
-    let mut count = 0;
-    for q in (0..world.levels()).rev() {
-        let [columns, rows] = world.nodes_at(q);
-        count += u64::from(columns) * u64::from(rows);
-        if count > LOCKED_NODES {
-            return (tiles, i32::from(q));
-        }
-        for node in (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))) {
-            if world.has_elevation(node) {
-                tiles.push(Tile { layer: Layer::Elevation, node });
-            }
-            if world.has_color(node) {
-                tiles.push(Tile { layer: Layer::Color, node });
-            }
-        }
-    }
-    (tiles, -1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use terravision_common::world::WorldFields;
-
-    fn world(extent: [u32; 2], levels: u8, finest_color_level: u8) -> World {
-        World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 1.0,
-            extent,
-            elevation_tile: 4,
-            color_tile: 16,
-            levels,
-            finest_elevation_level: 0,
-            finest_color_level,
-        })
-        .expect("valid")
-    }
-
-    #[test]
-    fn three_full_levels_are_locked_and_more_where_nodes_are_few() {
-        let (tiles, first) = top_levels(&world([256, 256], 7, 0));
-        assert_eq!((tiles.len(), first), (42, 3));
-        // A strip: 1 + 1 + 2 + 4 + 8 nodes, then 16.
-        let (tiles, first) = top_levels(&world([128, 1], 7, 0));
-        assert_eq!((tiles.len(), first), (32, 1));
-        // All of a small world.
-        let (tiles, first) = top_levels(&world([16, 16], 3, 0));
-        assert_eq!((tiles.len(), first), (42, -1));
-        // Colour ends at level 5 of 7.
-        let (tiles, first) = top_levels(&world([256, 256], 7, 5));
-        assert_eq!((tiles.len(), first), (21 + 5, 3));
     }
 }

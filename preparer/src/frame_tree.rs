@@ -1,6 +1,7 @@
 //! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed from here on.
 
 use terravision_common::database::Layer;
+pub use terravision_common::database::Tile;
 use terravision_common::node::NodeId;
 use terravision_common::traversal::deepest_color_below;
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
@@ -68,15 +69,6 @@ pub enum TreeError {
         /// Arrays.
         capacity: u32,
     },
-}
-
-/// A tile of one of the two pyramids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Tile {
-    /// The pyramid.
-    pub layer: Layer,
-    /// The node.
-    pub node: NodeId,
 }
 
 /// One node, checked.

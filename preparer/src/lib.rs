@@ -1,7 +1,7 @@
 //! The preparer: from the truncated quad tree to what the renderer draws.
 //!
 //! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
-//!   [`loader`] brings into the pools.
+//!   [`loader`] has brought into the pools by the prefetcher.
 //! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays, with no
 //!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] out what is beside the picture.
 //!   [`frame`] puts it all into the rings.

@@ -4,24 +4,22 @@ use crate::await_tiles::{AwaitError, TileWait};
 use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
-use crate::loader::local::LocalLoader;
-use crate::loader::{LoadError, Loaded, TileLoader};
-use crate::there::ThereTiles;
+use crate::loader::wanted::WantedTiles;
+use crate::loader::{LoadError, TileLoader};
+use crate::there::take_what_is_there;
 use bytemuck::Zeroable;
-use std::io::Write;
 use std::sync::Arc;
-use terravision_common::database::Layer;
+use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
-    Control, Counter, ElevationWriter, PoolWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
+    Control, Counter, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
 };
 use terravision_common::slot::{Slot, SlotContent};
 use terravision_common::stage::{Events, StageError, StageRun};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
-use terravision_store::{Location, LocationError, Store, StoreError, StoreOptions};
 
 /// Slots that are kept before they go into the ring together.
 const SLOTS_AT_ONCE: usize = 1024;
@@ -30,12 +28,9 @@ const SLOTS_AT_ONCE: usize = 1024;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PreparerError {
-    /// The database is nowhere.
-    #[error(transparent)]
-    Location(#[from] LocationError),
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] StoreError),
+    Database(#[from] DatabaseError),
     /// A segment cannot be opened.
     #[error(transparent)]
     Shm(#[from] ShmError),
@@ -45,9 +40,6 @@ pub enum PreparerError {
     /// Tiles cannot be had.
     #[error(transparent)]
     Await(#[from] AwaitError),
-    /// The loader cannot be started.
-    #[error(transparent)]
-    Load(#[from] LoadError),
     /// A frame cannot be made.
     #[error("frame {frame} cannot be prepared: {source}")]
     Frame {
@@ -79,7 +71,6 @@ impl StageError for PreparerError {
     fn is_stopping(&self) -> bool {
         let wait = match self {
             Self::Wait(wait)
-            | Self::Load(LoadError::Wait(wait))
             | Self::Await(AwaitError::Load(LoadError::Wait(wait)))
             | Self::Frame { source: FrameError::Wait(wait), .. } => wait,
             _ => return false,
@@ -93,7 +84,7 @@ impl StageError for PreparerError {
     }
 }
 
-/// The preparer's ends of the segments, but for the pools, which are the loader's.
+/// The preparer's ends of the segments, but for the loader's.
 #[derive(Debug)]
 pub struct Ports {
     /// The control block.
@@ -138,11 +129,10 @@ pub struct Preparer<L> {
     slots: Vec<Slot>,
     sequence: u64,
     next_frame: u64,
-    there: ThereTiles,
 }
 
 impl<L: TileLoader> Preparer<L> {
-    /// A preparer of a run over a world, with the top levels of the database loaded and locked.
+    /// A preparer of a run over a world. Waits for the top levels of the database.
     ///
     /// # Errors
     /// [`PreparerError`].
@@ -163,11 +153,8 @@ impl<L: TileLoader> Preparer<L> {
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             sequence: 0,
             next_frame: config.frames[0],
-            there: ThereTiles::new(2 * nodes as usize),
         };
-        let Ports { control, events, .. } = ports;
-        let tell = |loaded: &Loaded| tell_loaded(control, events, loaded);
-        preparer.wait.lock_top_levels(&mut preparer.loader, control, tell)?;
+        preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         Ok(preparer)
     }
 
@@ -192,24 +179,20 @@ impl<L: TileLoader> Preparer<L> {
         let frame = header.frame;
         self.next_frame = frame + 1;
         let started = monotonic_nanos();
-        let (wanted, tell) = (self.tree.wanted(), |loaded: &Loaded| tell_loaded(control, events, loaded));
+        let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            self.there.look(wanted, &mut self.loader, frame, self.sequence, control, tell)
+            let taken = take_what_is_there(wanted, &mut self.loader, frame, self.sequence, control);
+            taken.map_err(AwaitError::from)?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, frame, self.sequence, control, tell)?
+            self.wait.settle_frame(wanted, &mut self.loader, frame, self.sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
         let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots };
-        let made = if is_realtime {
-            let tiles = self.there.of(&self.loader);
-            self.maker.make(&header, &level, &self.tree, &tiles, unavailable, &mut output)
-        } else {
-            self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output)
-        };
+        let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
         let counts = made.map_err(|source| PreparerError::Frame { frame, source })?;
         let finished = events.span(control, SpanName::Prepare, frame, settled);
         control.set_prepare_nanos(finished.saturating_sub(started));
@@ -263,31 +246,6 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     Ok(())
 }
 
-fn tell_loaded(control: &Control, events: &mut Events, loaded: &Loaded) {
-    let node = loaded.tile.node.pack();
-    let span = Event {
-        kind: EventKind::Span as u32,
-        thread: loaded.thread,
-        frame: loaded.frame,
-        start_nanos: loaded.start_nanos,
-        duration_nanos: loaded.duration_nanos,
-        value: SpanName::LoadTile as u64,
-        node,
-    };
-    events.tell(control, span);
-    let Some(code) = loaded.code else {
-        control.count(Counter::TilesLoaded, 1);
-        return;
-    };
-    let layer = match loaded.tile.layer {
-        Layer::Elevation => 0,
-        Layer::Color => 1,
-    };
-    let kind = EventKind::TileUnavailable as u32;
-    events.tell(control, Event { kind, value: layer + 256 * u64::from(code), duration_nanos: 0, thread: 0, ..span });
-    control.count(Counter::TilesUnavailable, 1);
-}
-
 /// The rings as a frame's output.
 struct Rings<'a> {
     ring: &'a mut Producer<Slot>,
@@ -329,26 +287,13 @@ impl FrameOutput for Rings<'_> {
 pub fn run(run: &StageRun) -> Result<(), PreparerError> {
     let mut ports = Ports::open(run)?;
     let config = run.config();
-    let elevation = PoolWriter::open(run.id(), SegmentKind::ElevationPool)?;
-    let color = PoolWriter::open(run.id(), SegmentKind::ColorPool)?;
-    let database = Arc::new(open_database(config)?);
-    let world = *database.world();
-    let loader = LocalLoader::new(Arc::clone(&database) as _, elevation, color, config.loader_threads)?;
+    let world = read_world(&config.world)?;
+    let loader = WantedTiles::open(run.id())?;
     let mut preparer = Preparer::new(&world, config, loader, &mut ports)?;
     let mut flown = Ok(());
     while flown.is_ok() && preparer.has_next() {
         flown = preparer.frame(&mut ports).map(drop);
     }
-    for news in database.errors().take_news() {
-        // Standard error is the launcher's; without a launcher there is nobody to tell.
-        drop(writeln!(std::io::stderr(), "{news}"));
-    }
+    preparer.loader.close();
     flown
-}
-
-/// The run's database: its index is here already, and checked.
-fn open_database(config: &RunConfig) -> Result<Store, PreparerError> {
-    let location = Location::parse(&config.database.location)?;
-    let options = StoreOptions { index: Some(config.world.clone()), ..StoreOptions::of(&config.database) };
-    Ok(Store::open(&location, &options)?)
 }

@@ -3,45 +3,31 @@
 
 mod support;
 
-use std::collections::HashSet;
 use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
-use terravision_common::database::Layer;
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{EventKind, SpanName};
 use terravision_common::node::NodeId;
 use terravision_common::shm::RunState;
 use terravision_common::stage::StageError;
 use terravision_common::traversal::Traversal;
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeHeader, TreeNode};
 use terravision_preparer::PreparerError;
-use terravision_preparer::frame_tree::Tile;
 use terravision_preparer::stage::Preparer;
 
 fn frames_of(flight: &Flight) -> Vec<Frame> {
     flight.fly().expect("a flight").0
 }
 
-fn unavailable(events: &[Event]) -> Vec<Tile> {
-    let failed = events.iter().filter(|e| e.kind == EventKind::TileUnavailable as u32);
-    failed
-        .map(|e| {
-            assert_eq!(e.value >> 8, 1, "missing");
-            let layer = if e.value & 255 == 0 { Layer::Elevation } else { Layer::Color };
-            Tile { layer, node: NodeId::unpack(e.node).expect("an id") }
-        })
-        .collect()
-}
-
 #[test]
-fn frames_are_the_same_for_any_threads_and_any_memory_that_suffices() {
+fn frames_are_the_same_for_any_order_of_tiles_and_any_memory_that_suffices() {
     let flight = Flight::new();
     let frames = frames_of(&flight);
     assert_eq!(frames.len(), 40);
     assert!(frames.windows(2).all(|w| w[0].tiles != w[1].tiles), "the path shows something new in each frame");
     assert!(frames.iter().all(|f| f.end.unavailable_count == 0 && f.tiles.len() > 20));
     let most = most_wanted(&frames);
-    for (threads, slots, in_flight) in [(1, 1500, 1), (4, 1500, 3), (3, most * 2 / 3, 1), (2, most * 2 / 3, 3)] {
-        let other = Flight { threads, color_slots: slots, elevation_slots: slots, in_flight, ..flight.clone() };
-        assert!(frames_of(&other) == frames, "{threads} threads, {slots} slots, {in_flight} frames in flight");
+    for (rotation, slots, in_flight) in [(1, 1500, 1), (40, 1500, 3), (3, most * 2 / 3, 1), (77, most * 2 / 3, 3)] {
+        let other = Flight { rotation, color_slots: slots, elevation_slots: slots, in_flight, ..flight.clone() };
+        assert!(frames_of(&other) == frames, "rotated by {rotation}, {slots} slots, {in_flight} frames in flight");
     }
 }
 
@@ -54,16 +40,12 @@ fn a_flight_in_two_parts_has_the_frames_of_the_whole() {
 }
 
 #[test]
-fn missing_tiles_are_told_once_counted_in_each_frame_and_drawn_from_their_parents() {
+fn missing_tiles_are_counted_in_each_frame_and_drawn_from_their_parents() {
     let flight = Flight { source: Source::new(20), ..Flight::new() };
-    let (frames, events) = flight.fly().expect("a flight");
-    let failed = unavailable(&events);
-    let distinct: HashSet<Tile> = failed.iter().copied().collect();
-    assert!(!failed.is_empty() && distinct.len() == failed.len(), "each once");
-    assert!(distinct.iter().all(|tile| flight.source.is_missing(*tile)));
+    let frames = frames_of(&flight);
     assert!(frames.iter().any(|f| f.end.unavailable_count > 0));
     // That the slots name resident tiles of the right nodes is what the renderer of these flights checks.
-    let other = Flight { threads: 1, in_flight: 1, ..flight };
+    let other = Flight { rotation: 5, in_flight: 1, ..flight };
     assert!(frames_of(&other) == frames);
 }
 
@@ -77,8 +59,6 @@ fn every_frame_is_told_with_its_spans_and_what_it_wanted() {
         let told = of(EventKind::FrameWanted).map(|e| e.value).collect::<Vec<_>>();
         assert_eq!(told, [u64::from(frame.end.wanted_count) | u64::from(frame.end.node_count) << 32]);
     }
-    let loads = events.iter().filter(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::LoadTile as u64);
-    assert!(loads.clone().count() > 42 && loads.clone().all(|e| e.thread > 0 && NodeId::unpack(e.node).is_some()));
 }
 
 #[test]

@@ -39,7 +39,7 @@ fn kill_stage(stage: &str) {
     let folder = TestFolder::new(&format!("kill-{stage}"));
     let mut running = long_flight(&folder);
     let stages: Vec<u32> = running.children().into_iter().map(|(pid, _)| pid).collect();
-    assert_eq!(stages.len(), 3, "three stages run: {:?}", running.children());
+    assert_eq!(stages.len(), 4, "four stages run: {:?}", running.children());
     assert!(!segments_of_launcher(running.pid()).is_empty(), "the run has segments");
     let victim = running.stage(stage);
     let killed = Instant::now();
@@ -59,6 +59,11 @@ fn a_killed_generator_ends_the_run_with_a_message() {
 #[test]
 fn a_killed_preparer_ends_the_run_with_a_message() {
     kill_stage("preparer");
+}
+
+#[test]
+fn a_killed_prefetcher_ends_the_run_with_a_message() {
+    kill_stage("prefetcher");
 }
 
 #[test]

@@ -58,6 +58,14 @@ impl Index {
     }
 }
 
+/// The geometry of the database in a folder, for a process that reads no tiles.
+///
+/// # Errors
+/// [`DatabaseError`]: not there, not finished, of another version, damaged.
+pub fn read_world(path: &Path) -> Result<World, DatabaseError> {
+    open_manifest(path).map(|(_, world)| world)
+}
+
 /// Reads the manifest in a folder, and the geometry in it.
 pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseError> {
     let manifest_path = path.join(MANIFEST_FILE);

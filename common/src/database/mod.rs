@@ -24,17 +24,19 @@ mod ground;
 mod index;
 mod manifest;
 mod ranges;
+mod tile;
 
 pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
 pub use archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
 pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
 pub use elevation::{ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_tile, encode_elevation_tile};
 pub use ground::ground_height;
-pub use index::Index;
+pub use index::{Index, read_world};
 pub use manifest::{
     ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, Manifest, ManifestError, NodesRecord, Source,
 };
 pub use ranges::{NodeRanges, RangesError};
+pub use tile::Tile;
 
 use crate::node::NodeId;
 use crate::world::World;

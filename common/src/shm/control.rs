@@ -2,7 +2,7 @@
 
 use super::bell::{Bell, Slept};
 use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords, TIMING_WORDS};
-pub use super::control_words::{Counter, RunState};
+pub use super::control_words::{Counter, Gauge, RunState};
 use super::error::{ShmError, WaitError};
 use super::header::Segment;
 use super::kind::{SegmentKind, Stage};
@@ -316,6 +316,40 @@ impl Control {
     #[must_use]
     pub fn counters(&self) -> [u64; COUNTERS] {
         std::array::from_fn(|i| self.words().counters[i].load(Ordering::Relaxed))
+    }
+
+    /// Sets a number that stands for now.
+    pub fn set_gauge(&self, gauge: Gauge, value: u64) {
+        // Relaxed: a number for displays.
+        self.words().gauges[gauge as usize].store(value, Ordering::Relaxed);
+    }
+
+    /// A number that stands for now.
+    #[must_use]
+    pub fn gauge(&self, gauge: Gauge) -> u64 {
+        self.words().gauges[gauge as usize].load(Ordering::Relaxed)
+    }
+
+    /// Whether the stage has come, and no longer lives. Costs a system call or several.
+    #[must_use]
+    pub fn is_stage_dead(&self, stage: Stage) -> bool {
+        self.process_of(stage).is_some_and(|process| !process.is_alive())
+    }
+
+    /// Sleeps on `bell` once, at most for `bound` and [`WAIT_BOUND`], unless `attempt` yields something. `None` when it
+    /// did not. Looks at the state of the run before, and after a full sleep whether the launcher lives.
+    pub(crate) fn wait_once<R>(
+        &self,
+        bell: &Bell,
+        bound: Duration,
+        attempt: impl FnOnce() -> Result<Option<R>, ShmError>,
+    ) -> Result<Option<R>, WaitError> {
+        self.check_running()?;
+        match bell.sleep_unless(bound.min(WAIT_BOUND), attempt)? {
+            Slept::NotAtAll(found) => Ok(Some(found)),
+            Slept::Fully if !self.launcher.is_alive() => Err(WaitError::LauncherGone),
+            Slept::Fully | Slept::UntilRung => Ok(None),
+        }
     }
 
     /// Waits until `attempt` yields something: a short backoff, then sleeps on `bell` of at most [`WAIT_BOUND`] each.

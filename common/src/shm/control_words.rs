@@ -57,11 +57,19 @@ pub enum Counter {
     TreesCutShort,
     /// Slots that the renderer refused because a number in them could not be.
     SlotsRejected,
+    /// Tiles that were asked of the database.
+    TilesRequested,
+    /// Tiles that the database gave, whatever was in them.
+    TilesReceived,
+    /// Requests that were given up because nothing wanted the tile any more, or because nothing came.
+    TilesCancelled,
+    /// Bytes of the tiles that the database gave.
+    BytesReceived,
 }
 
 impl Counter {
     /// All counters.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 16] = [
         Self::TilesWanted,
         Self::TilesLoaded,
         Self::TilesEvicted,
@@ -74,8 +82,34 @@ impl Counter {
         Self::FramesUnsettled,
         Self::TreesCutShort,
         Self::SlotsRejected,
+        Self::TilesRequested,
+        Self::TilesReceived,
+        Self::TilesCancelled,
+        Self::BytesReceived,
     ];
 }
+
+/// Numbers that stand for now, for metrics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Gauge {
+    /// N of design §9: tiles that the prefetcher asks for at a time.
+    PrefetchWindow = 0,
+    /// Tiles that are asked for and have not come.
+    TilesInFlight,
+    /// Tiles that the newest frame wants and that are not there.
+    TilesMissing,
+    /// Tiles that the predicted view wants and that are not there, as far as they were listed.
+    TilesPredicted,
+    /// How long a tile takes from its request until it is there, nanoseconds, smoothed.
+    TileLatencyNanos,
+    /// How far ahead the view is predicted, nanoseconds; 0 when it is not.
+    PredictedAheadNanos,
+    /// Share of the tiles asked for that came in time, in millionths, of the last cycle that asked for any.
+    ReceivedPerMillion,
+}
+
+pub(crate) const GAUGES: usize = 16;
 
 pub(crate) const COUNTERS: usize = 32;
 const _: () = assert!(Counter::ALL.len() <= COUNTERS);
@@ -99,7 +133,7 @@ pub(crate) struct StageWords {
 pub(crate) struct ControlWords {
     /// [`RunState`]; 0 is taken for running.
     pub(crate) state: Padded<AtomicU32>,
-    pub(crate) stages: [StageWords; 3],
+    pub(crate) stages: [StageWords; 4],
     /// All frames up to this sequence are drawn; written by the renderer.
     pub(crate) completed_sequence: Padded<AtomicU64>,
     pub(crate) completed_bell: Padded<Bell>,
@@ -118,13 +152,14 @@ pub(crate) struct ControlWords {
     pub(crate) timing: Padded<SeqLock<TIMING_WORDS>>,
     /// What the preparer took for its newest frame.
     pub(crate) prepare_nanos: Padded<AtomicU64>,
+    pub(crate) gauges: [AtomicU64; GAUGES],
 }
 
 // SAFETY: atomics alone (padding between them is never read), repr(C), aligned to 128.
 unsafe impl SharedWords for ControlWords {}
 
 const _: () = {
-    assert!(size_of::<ControlWords>() == 15 * 128 + COUNTERS * 8);
+    assert!(size_of::<ControlWords>() == 16 * 128 + (COUNTERS + GAUGES) * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
     assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
 };

@@ -12,11 +12,13 @@ pub enum Stage {
     Preparer = 1,
     /// Draws.
     Renderer = 2,
+    /// Reads tiles into the pools.
+    Prefetcher = 3,
 }
 
 impl Stage {
-    /// All stages, in the order of the data's flow.
-    pub const ALL: [Self; 3] = [Self::Generator, Self::Preparer, Self::Renderer];
+    /// All stages: those that a frame passes in their order, then the prefetcher, which works beside them.
+    pub const ALL: [Self; 4] = [Self::Generator, Self::Preparer, Self::Renderer, Self::Prefetcher];
 
     /// Its name in messages and file names.
     #[must_use]
@@ -25,6 +27,7 @@ impl Stage {
             Self::Generator => "generator",
             Self::Preparer => "preparer",
             Self::Renderer => "renderer",
+            Self::Prefetcher => "prefetcher",
         }
     }
 
@@ -35,6 +38,7 @@ impl Stage {
             Self::Generator => SegmentKind::EventsGenerator,
             Self::Preparer => SegmentKind::EventsPreparer,
             Self::Renderer => SegmentKind::EventsRenderer,
+            Self::Prefetcher => SegmentKind::EventsPrefetcher,
         }
     }
 }
@@ -69,11 +73,18 @@ pub enum SegmentKind {
     EventsPreparer = 9,
     /// [`crate::event::Event`]s of the renderer, to the launcher.
     EventsRenderer = 10,
+    /// The tiles that the newest frame wants and lacks, preparer to prefetcher: [`super::WantListWriter`],
+    /// [`super::WantListReader`].
+    WantList = 11,
+    /// [`crate::outcome::TileOutcome`]s, prefetcher to preparer.
+    TileOutcomes = 12,
+    /// [`crate::event::Event`]s of the prefetcher, to the launcher.
+    EventsPrefetcher = 13,
 }
 
 impl SegmentKind {
     /// All kinds.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 13] = [
         Self::Control,
         Self::PingPong,
         Self::Ring,
@@ -84,6 +95,9 @@ impl SegmentKind {
         Self::EventsGenerator,
         Self::EventsPreparer,
         Self::EventsRenderer,
+        Self::WantList,
+        Self::TileOutcomes,
+        Self::EventsPrefetcher,
     ];
 
     /// The last part of the segment's name.
@@ -100,6 +114,9 @@ impl SegmentKind {
             Self::EventsGenerator => "events-generator",
             Self::EventsPreparer => "events-preparer",
             Self::EventsRenderer => "events-renderer",
+            Self::WantList => "want-list",
+            Self::TileOutcomes => "tile-outcomes",
+            Self::EventsPrefetcher => "events-prefetcher",
         }
     }
 
@@ -109,8 +126,9 @@ impl SegmentKind {
         match self {
             Self::Control | Self::CameraRing => None,
             Self::PingPong | Self::EventsGenerator => Some(Stage::Generator),
-            Self::Ring | Self::ElevationRing | Self::ColorPool | Self::ElevationPool | Self::EventsPreparer => {
-                Some(Stage::Preparer)
+            Self::Ring | Self::ElevationRing | Self::WantList | Self::EventsPreparer => Some(Stage::Preparer),
+            Self::ColorPool | Self::ElevationPool | Self::TileOutcomes | Self::EventsPrefetcher => {
+                Some(Stage::Prefetcher)
             }
             Self::EventsRenderer => Some(Stage::Renderer),
         }
@@ -120,11 +138,12 @@ impl SegmentKind {
     #[must_use]
     pub const fn reader(self) -> Option<Stage> {
         match self {
-            Self::Control | Self::ElevationPool => None,
-            Self::EventsGenerator | Self::EventsPreparer | Self::EventsRenderer => None,
+            Self::Control | Self::ColorPool => None,
+            Self::EventsGenerator | Self::EventsPreparer | Self::EventsRenderer | Self::EventsPrefetcher => None,
             Self::CameraRing => Some(Stage::Generator),
-            Self::PingPong => Some(Stage::Preparer),
-            Self::Ring | Self::ElevationRing | Self::ColorPool => Some(Stage::Renderer),
+            Self::PingPong | Self::ElevationPool | Self::TileOutcomes => Some(Stage::Preparer),
+            Self::Ring | Self::ElevationRing => Some(Stage::Renderer),
+            Self::WantList => Some(Stage::Prefetcher),
         }
     }
 }

@@ -5,6 +5,7 @@ use super::geometry::{Geometry, half_bytes};
 use super::kind::SegmentKind;
 use crate::camera::Camera;
 use crate::event::Event;
+use crate::outcome::TileOutcome;
 use crate::slot::Slot;
 use crate::world::{COLOR_MIPS, World};
 
@@ -43,6 +44,10 @@ pub struct Layout {
     pub camera_slots: u32,
     /// Events of each stage's event ring.
     pub event_slots: u32,
+    /// Tiles that a want list holds; what a frame wants beyond that is asked for when these are there.
+    pub want_tiles: u32,
+    /// Outcomes in the ring of tile outcomes.
+    pub outcome_slots: u32,
 }
 
 /// Layers that an image array has on every Vulkan device that we know; a colour slot is a layer.
@@ -87,6 +92,8 @@ impl Layout {
             elevation_slot_bytes,
             camera_slots: 256,
             event_slots: 16384,
+            want_tiles: 16384,
+            outcome_slots: 16384,
         })
     }
 
@@ -104,6 +111,8 @@ impl Layout {
             elevation_slot_bytes: 128,
             camera_slots: 16,
             event_slots: 64,
+            want_tiles: 64,
+            outcome_slots: 64,
         }
     }
 
@@ -123,9 +132,12 @@ impl Layout {
             SegmentKind::ColorPool => (self.color_slots.into(), self.color_slot_bytes),
             SegmentKind::ElevationPool => (self.elevation_slots.into(), self.elevation_slot_bytes),
             SegmentKind::CameraRing => (self.camera_slots.into(), size_of::<CameraRecord>() as u64),
-            SegmentKind::EventsGenerator | SegmentKind::EventsPreparer | SegmentKind::EventsRenderer => {
-                (self.event_slots.into(), size_of::<Event>() as u64)
-            }
+            SegmentKind::EventsGenerator
+            | SegmentKind::EventsPreparer
+            | SegmentKind::EventsRenderer
+            | SegmentKind::EventsPrefetcher => (self.event_slots.into(), size_of::<Event>() as u64),
+            SegmentKind::WantList => (self.want_tiles.into(), 8),
+            SegmentKind::TileOutcomes => (self.outcome_slots.into(), size_of::<TileOutcome>() as u64),
         };
         Geometry::new(kind, capacity, item_bytes)
     }

@@ -11,6 +11,8 @@ use super::pool::{PoolReader, PoolWriter};
 use super::process::ProcessId;
 use super::region::Region;
 use super::ring::{Consumer, Producer};
+use super::want_list::{WantListReader, WantListWriter};
+use crate::outcome::TileOutcome;
 use bytemuck::Pod;
 use std::sync::Arc;
 
@@ -64,4 +66,22 @@ pub fn elevation_ring(arrays: u32, array_f32: u32) -> Result<(ElevationWriter, E
 pub fn pool(slots: u32, slot_bytes: u64) -> Result<(PoolWriter, PoolReader), ShmError> {
     let segment = segment(SegmentKind::ColorPool, slots.into(), slot_bytes)?;
     Ok((PoolWriter::attach(&segment)?, PoolReader::attach(&segment)?))
+}
+
+/// Both ends of a want list of up to `tiles` tiles.
+///
+/// # Errors
+/// When `tiles` is 0.
+pub fn want_list(tiles: u32) -> Result<(WantListWriter, WantListReader), ShmError> {
+    let segment = segment(SegmentKind::WantList, tiles.into(), 8)?;
+    Ok((WantListWriter::attach(&segment)?, WantListReader::attach(&segment)?))
+}
+
+/// Both ends of a ring of `capacity` tile outcomes.
+///
+/// # Errors
+/// When `capacity` is no power of two.
+pub fn outcomes(capacity: u32) -> Result<(Producer<TileOutcome>, Consumer<TileOutcome>), ShmError> {
+    let segment = segment(SegmentKind::TileOutcomes, capacity.into(), size_of::<TileOutcome>() as u64)?;
+    Ok((Producer::attach(&segment)?, Consumer::attach(&segment)?))
 }

@@ -7,8 +7,10 @@
 //! | ping-pong buffer: [`TreeWriter`], [`TreeReader`] | generator | preparer | the generator waits |
 //! | ring: [`Producer`]/[`Consumer`] of [`crate::slot::Slot`] | preparer | renderer | the preparer waits |
 //! | elevation ring: [`ElevationWriter`], [`ElevationReader`] | preparer | renderer | the preparer waits |
-//! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | preparer | renderer, preparer | `allocate` says so |
-//! | three event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
+//! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | prefetcher | renderer, preparer | `allocate` says so |
+//! | want list: [`WantListWriter`], [`WantListReader`] | preparer | prefetcher | the newest replaces the one before |
+//! | tile outcomes: [`Producer`]/[`Consumer`] of [`crate::outcome::TileOutcome`] | prefetcher | preparer | dropped; told again for the next list |
+//! | four event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
 //!
 //! | frame ring: [`FrameRing`], [`FrameRingWriter`], [`FrameRingReader`] | renderer | other programs | the newest wins |
 //! | poses: [`PoseInbox`], [`PoseSender`] | another program | launcher | the newest wins |
@@ -38,7 +40,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`], [`slot_words`]) know nothing of mappings, so
+//! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`], [`slot_words`], [`want_core`]) know nothing of mappings, so
 //! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
 #![cfg_attr(
     loom,
@@ -58,6 +60,7 @@ mod ring_core;
 mod run_id;
 mod seqlock;
 mod slot_words;
+mod want_core;
 
 #[cfg(not(loom))]
 mod control;
@@ -85,6 +88,8 @@ mod region;
 mod ring;
 #[cfg(not(loom))]
 mod segments;
+#[cfg(not(loom))]
+mod want_list;
 
 #[cfg(test)]
 #[cfg(loom)]
@@ -94,7 +99,7 @@ mod loom_tests;
 mod tests;
 
 #[cfg(not(loom))]
-pub use control::{Control, Counter, RunState, WAIT_BOUND};
+pub use control::{Control, Counter, Gauge, RunState, WAIT_BOUND};
 #[cfg(not(loom))]
 pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
@@ -109,7 +114,7 @@ pub use named::SharedName;
 #[cfg(not(loom))]
 pub use ping_pong::{TreeGuard, TreeHalf, TreeReader, TreeWriter};
 #[cfg(not(loom))]
-pub use pool::{FillGuard, PoolBytes, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
+pub use pool::{FillGuard, PoolBytes, PoolIndex, PoolReader, PoolWriter, Residency, SlotInfo, SlotState};
 #[cfg(not(loom))]
 pub use poses::{PoseAnswers, PoseInbox, PoseRecord, PoseSender};
 #[cfg(not(loom))]
@@ -117,3 +122,5 @@ pub use ring::{Consumer, Producer};
 pub use run_id::RunId;
 #[cfg(not(loom))]
 pub use segments::{RunSegments, SegmentMemory, free_bytes, reap_dead_runs};
+#[cfg(not(loom))]
+pub use want_list::{WantBell, WantHead, WantListReader, WantListWriter};

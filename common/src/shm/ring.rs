@@ -54,6 +54,7 @@ fn typed<T: Pod>(segment: &Arc<Segment>) -> Result<SegmentItems<T>, ShmError> {
             | SegmentKind::ElevationRing
             | SegmentKind::ColorPool
             | SegmentKind::ElevationPool
+            | SegmentKind::WantList
     );
     if !is_ring {
         return Err(ShmError::WrongKind { name: kind.name().to_owned(), kind });
@@ -192,6 +193,19 @@ impl<T: Pod> Consumer<T> {
         let segment = Arc::clone(&end.items.segment);
         let positions: &Positions = segment.words();
         control.wait_for(positions.readable(), self.writer, || end.try_pop())
+    }
+
+    /// Waits until there is an item, at most [`super::WAIT_BOUND`]; whether there is one.
+    ///
+    /// # Errors
+    /// The run ended, or the writer wrote what cannot be.
+    pub fn wait(&mut self, control: &Control) -> Result<bool, WaitError> {
+        let end = &mut self.end;
+        let segment = Arc::clone(&end.items.segment);
+        let positions: &Positions = segment.words();
+        let waited =
+            control.wait_once(positions.readable(), super::WAIT_BOUND, || Ok((end.len()? > 0).then_some(())))?;
+        Ok(waited.is_some() || end.len()? > 0)
     }
 
     /// Takes the next item out, if there is one.

@@ -11,7 +11,7 @@ pub(crate) struct SeqLock<const N: usize> {
 }
 
 /// Looks at a value that keeps changing before a reader gives up. A writer takes some 20 ns for a write.
-const LOOKS: u32 = if cfg!(loom) { 2 } else { 64 };
+pub(crate) const LOOKS: u32 = if cfg!(loom) { 2 } else { 64 };
 
 impl<const N: usize> SeqLock<N> {
     #[cfg(loom)]
@@ -70,11 +70,11 @@ impl<const N: usize> SeqLock<N> {
 }
 
 #[cfg(not(loom))]
-fn relax() {
+pub(crate) fn relax() {
     std::hint::spin_loop();
 }
 
 #[cfg(loom)]
-fn relax() {
+pub(crate) fn relax() {
     loom::thread::yield_now();
 }

@@ -37,9 +37,9 @@ Messages go to standard error, results to standard output.";
 /// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films, stills, depth and
 /// ground positions, on a GPU or on none.
 ///
-/// Three processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
-/// sees, the preparer makes elevation without cracks, the renderer draws it with Vulkan. This program starts them,
-/// flies the camera, watches over them and cleans up after them.
+/// Four processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
+/// sees, the prefetcher brings tiles into memory, the preparer makes elevation without cracks, the renderer draws it
+/// with Vulkan. This program starts them, flies the camera, watches over them and cleans up after them.
 #[derive(Debug, Parser)]
 #[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
 #[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]

@@ -199,8 +199,8 @@ mod tests {
     #[test]
     fn events_become_figures_of_their_frame() {
         let mut collector = Collector::new(10, 2, true);
-        collector.take(Stage::Preparer, event(EventKind::Span, 11, 5, 7, SpanName::LoadTile as u64));
-        collector.take(Stage::Preparer, event(EventKind::Span, 11, 9, 3, SpanName::LoadTile as u64));
+        collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 5, 7, SpanName::LoadTile as u64));
+        collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 9, 3, SpanName::LoadTile as u64));
         collector.take(Stage::Renderer, event(EventKind::Span, 11, 20, 3, SpanName::Record as u64));
         collector.take(Stage::Renderer, event(EventKind::FrameDone, 11, 40, 0, 1234));
         collector.take(Stage::Renderer, event(EventKind::FrameWritten, 11, 50, 2, 1));

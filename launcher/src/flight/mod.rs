@@ -1,4 +1,4 @@
-//! Runs the pipeline: starts the three stages, flies the camera, watches, collects, cleans up.
+//! Runs the pipeline: starts the four stages, flies the camera, watches, collects, cleans up.
 //!
 //! ```text
 //! segments made ─▶ stages started ─▶ pilot flies ─▶ stages end, renderer last ─▶ files get their names

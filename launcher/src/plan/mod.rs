@@ -26,7 +26,7 @@ use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
-use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, PrefetchConfig, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
@@ -339,6 +339,7 @@ impl<'a> Draft<'a> {
                 measure: picture.measure.into(),
                 exaggeration,
                 loader_threads,
+                prefetch: if realtime.is_some() { PrefetchConfig::REALTIME } else { PrefetchConfig::EXACT },
                 render: RenderConfig {
                     sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
                     samples: picture.samples.unwrap_or(samples),

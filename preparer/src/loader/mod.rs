@@ -1,20 +1,21 @@
-//! Loading tiles into the pools.
+//! Tiles, as the preparer asks for them.
 //!
-//! What a frame wants is asked of a [`TileLoader`], tile by tile, until each is there or known to be unavailable. The one
-//! here, [`local::LocalLoader`], reads a database with threads of this process; another may leave the work to another
-//! process. A tile's states, as the frame sees them:
+//! What a frame wants is asked of a [`TileLoader`], tile by tile; what is not there is asked of the prefetcher, all of a
+//! frame together. [`wanted::WantedTiles`] is the loader of a run; tests have others. A tile's states, as the frame sees
+//! them:
 //!
 //! ```text
-//!             want: a slot is free                  read, decoded
-//!   NoRoom ───────────────────────▶ Loading ───────────────────────▶ Resident
-//!     ▲  wait: a frame completes      │                                 │
-//!     │                               │ missing, corrupt, unreadable    │ a later frame needs the slot
-//!   (absent) ◀────────────────────────┼─────────────────────────────────┘
-//!                                     ▼
-//!                              Unavailable (for the rest of the run)
+//!               asked, in flight, undecoded
+//!   (absent) ──────────▶ Loading ──────────────────▶ Resident
+//!     ▲  ▲                │  │  outcome: resident        │
+//!     │  └── NoRoom ◀─────┘  │ outcome: unavailable      │ no later frame wants it, another tile needs the slot
+//!     │   until a frame      ▼                           │
+//!     │   completes     Unavailable (the prefetcher      │
+//!     │                 may try again, and tell)         │
+//!     └──────────────────────────────────────────────────┘
 //! ```
 
-pub mod local;
+pub mod wanted;
 
 use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
@@ -25,29 +26,12 @@ use terravision_common::shm::{Control, WaitError};
 pub enum TileState {
     /// It is in its pool, and stays until the frame that wanted it is completed.
     Resident,
-    /// It is on its way.
+    /// It is on its way, or about to be asked for.
     Loading,
     /// Every slot of its pool is named by a frame in flight.
     NoRoom,
     /// It cannot be had.
     Unavailable,
-}
-
-/// A tile that was loaded, or found to be unavailable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Loaded {
-    /// The tile.
-    pub tile: Tile,
-    /// Why there is none; `None` for a tile that is there.
-    pub code: Option<u8>,
-    /// The frame that wanted it first.
-    pub frame: u64,
-    /// The thread that loaded it, from 1.
-    pub thread: u32,
-    /// When it began, nanoseconds of the monotonic clock.
-    pub start_nanos: u64,
-    /// How long it took.
-    pub duration_nanos: u64,
 }
 
 /// Why tiles cannot be waited for.
@@ -57,39 +41,35 @@ pub enum LoadError {
     /// The run ended.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// A thread of the loader has died.
-    #[error("a thread that loads tiles has died; this is a bug in the decoder of a tile")]
-    ThreadDied,
-    /// Threads cannot be started.
-    #[error("cannot start a thread that loads tiles: {source}")]
-    Thread {
-        /// Why.
-        #[source]
-        source: std::io::Error,
-    },
 }
 
-/// Brings tiles into the pools. Used by the preparer's one thread.
+/// Has tiles brought into the pools. Used by the preparer's one thread.
 pub trait TileLoader: Tiles {
-    /// Frame `frame`, the `sequence`-th of the run, wants a tile: begins to load it when it is absent, and keeps it.
-    /// Does not block.
+    /// Frame `frame`, the `sequence`-th of the run, wants a tile: keeps it when it is there, and remembers to ask for it
+    /// when it is not. Does not block.
     fn want(&mut self, tile: Tile, frame: u64, sequence: u64, control: &Control) -> TileState;
 
-    /// Waits until a tile that is being loaded has come or failed, or a moment has passed.
+    /// All tiles of the frame have been wanted: asks for those that are not there. Does not block.
+    fn ask(&mut self, frame: u64, sequence: u64);
+
+    /// Waits until a tile that was asked for has come or failed, or a moment has passed.
     ///
     /// # Errors
     /// [`LoadError`].
     fn wait(&mut self, control: &Control) -> Result<(), LoadError>;
 
-    /// Keeps a resident tile for ever.
-    fn lock(&mut self, tile: Tile);
+    /// Takes in what became of tiles that were asked for, before they are wanted again.
+    ///
+    /// # Errors
+    /// [`LoadError`].
+    fn drain(&mut self) -> Result<(), LoadError>;
 
-    /// Gives each load that ended since the last call to `tell`.
-    fn drain(&mut self, tell: impl FnMut(&Loaded));
-
-    /// Number of tiles that are being loaded.
+    /// Number of tiles that the frame has found to be loading since the last [`TileLoader::drain`].
     fn in_flight(&self) -> usize;
 
     /// Slots of the pool of a layer.
     fn capacity(&self, layer: terravision_common::database::Layer) -> u32;
+
+    /// The run's frames are all prepared: nothing will be wanted any more.
+    fn close(&mut self);
 }

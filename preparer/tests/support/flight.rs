@@ -1,6 +1,7 @@
 //! A whole flight through a preparer, over memory of this process: the test writes trees as the generator does, and
 //! reads the rings as the renderer does.
 
+use super::server::{Desk, Server};
 use bytemuck::Zeroable;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::run::{DatabaseConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };
@@ -23,7 +24,7 @@ use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
 use terravision_preparer::PreparerError;
 use terravision_preparer::frame_tree::Tile;
-use terravision_preparer::loader::local::LocalLoader;
+use terravision_preparer::loader::wanted::WantedTiles;
 use terravision_preparer::stage::{Ports, Preparer};
 
 pub const NODES: u32 = 4096;
@@ -103,7 +104,8 @@ pub struct Frame {
 #[derive(Debug, Clone)]
 pub struct Flight {
     pub source: Source,
-    pub threads: u32,
+    /// See [`Desk::rotation`].
+    pub rotation: usize,
     pub color_slots: u32,
     pub elevation_slots: u32,
     /// Frames that the renderer keeps before it calls the oldest completed.
@@ -118,7 +120,7 @@ impl Flight {
     pub fn new() -> Self {
         Self {
             source: Source::new(0),
-            threads: 2,
+            rotation: 0,
             color_slots: 1500,
             elevation_slots: 3000,
             in_flight: 2,
@@ -139,7 +141,9 @@ impl Flight {
     }
 
     fn fly_here(&self) -> Result<(Vec<Frame>, Vec<Event>), PreparerError> {
-        let Parts { control, mut ports, mut trees, mut ring, mut elevation, colors, mut events, loader } = self.parts();
+        let parts = self.parts();
+        let Parts { control, mut ports, mut trees, mut ring, mut elevation, colors, mut events, loader, server } =
+            parts;
         let world = small_world();
         std::thread::scope(|scope| {
             scope.spawn(|| self.generate(&control, &mut trees));
@@ -155,6 +159,7 @@ impl Flight {
                 control.set_state(RunState::Failed);
             }
             let frames = renderer.join().expect("no panic");
+            drop(server);
             let told = std::iter::from_fn(|| events.try_pop().expect("not corrupt")).collect();
             prepared.map(|()| (frames.expect("all frames"), told))
         })
@@ -169,10 +174,11 @@ impl Flight {
         let (slots, ring) = memory::ring::<Slot>(256).expect("valid");
         let (arrays, elevation) = memory::elevation_ring(ARRAYS, posts).expect("valid");
         let (told, events) = memory::ring::<Event>(1 << 15).expect("valid");
-        let (elevation_pool, _) = memory::pool(self.elevation_slots, u64::from(posts) * 4 + 28).expect("valid");
+        let (elevation_pool, heights) = memory::pool(self.elevation_slots, u64::from(posts) * 4 + 28).expect("valid");
         let (color_pool, colors) = memory::pool(self.color_slots, color_bytes).expect("valid");
-        let loader = LocalLoader::new(Arc::new(self.source.clone()), elevation_pool, color_pool, self.threads);
-        let loader = loader.expect("threads");
+        let (wants, wanted) = memory::want_list(2048).expect("valid");
+        let (told_outcomes, outcomes) = memory::outcomes(4096).expect("valid");
+        let loader = WantedTiles::new(heights, colors.clone(), wants, outcomes);
         // Two handles on one control block: the preparer's, and that of everyone else here.
         let control = Arc::new(memory::control().expect("a control block"));
         let ports = Ports {
@@ -182,7 +188,15 @@ impl Flight {
             elevation: arrays,
             events: Events::new(told),
         };
-        Parts { control, ports, trees, ring, elevation, colors, events, loader }
+        let server = Server::start(Desk {
+            control: Arc::clone(&control),
+            source: self.source.clone(),
+            pools: [elevation_pool, color_pool],
+            wants: wanted,
+            outcomes: told_outcomes,
+            rotation: self.rotation,
+        });
+        Parts { control, ports, trees, ring, elevation, colors, events, loader, server }
     }
 
     pub fn config(&self) -> RunConfig {
@@ -198,7 +212,8 @@ impl Flight {
             r_c_px: R_PX[1],
             measure: Measure::Area,
             exaggeration: 1.5,
-            loader_threads: self.threads,
+            loader_threads: 1,
+            prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 sky_rgb: [0; 3],
                 samples: 1,
@@ -326,7 +341,8 @@ pub struct Parts {
     pub elevation: ElevationReader,
     pub colors: PoolReader,
     pub events: Consumer<Event>,
-    pub loader: LocalLoader,
+    pub loader: WantedTiles,
+    pub server: Server,
 }
 
 /// The sum of pool slots that no frame of the flight can do without.

@@ -17,6 +17,7 @@ use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
 
 pub mod flight;
+pub mod server;
 
 pub const NODES: u32 = 20_000;
 

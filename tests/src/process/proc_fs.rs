@@ -2,7 +2,7 @@
 
 use std::fs;
 
-/// Process ids and names of the children of `parent`.
+/// Process ids and names of the children of `parent`: those of their programs, which the kernel cuts nowhere.
 #[must_use]
 pub fn children_of(parent: u32) -> Vec<(u32, String)> {
     let Ok(entries) = fs::read_dir("/proc") else { return Vec::new() };
@@ -12,9 +12,18 @@ pub fn children_of(parent: u32) -> Vec<(u32, String)> {
         .filter_map(|pid| {
             let (name, fields) = stat(pid)?;
             let state = fields.first()?;
-            (fields.get(1)?.parse::<u32>().ok()? == parent && state != "Z").then_some((pid, name))
+            (fields.get(1)?.parse::<u32>().ok()? == parent && state != "Z")
+                .then(|| (pid, program_of(pid).unwrap_or(name)))
         })
         .collect()
+}
+
+/// Name of the program that a process runs, as it was started.
+fn program_of(pid: u32) -> Option<String> {
+    let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let program = line.split(|byte| *byte == 0).next().filter(|program| !program.is_empty())?;
+    let name = program.rsplit(|byte| *byte == b'/').next()?;
+    Some(String::from_utf8_lossy(name).into_owned())
 }
 
 /// Name (at most 15 characters) and the fields from the state on.

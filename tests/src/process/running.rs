@@ -69,7 +69,7 @@ impl Running {
         self.child.id()
     }
 
-    /// Its children: process ids and names (the kernel keeps 15 characters of a name).
+    /// Its children: process ids and names of their programs.
     #[must_use]
     pub fn children(&self) -> Vec<(u32, String)> {
         children_of(self.pid())
@@ -81,7 +81,7 @@ impl Running {
     /// When it does not appear before the deadline.
     #[must_use]
     pub fn stage(&mut self, stage: &str) -> u32 {
-        let name: String = format!("terravision-{stage}").chars().take(15).collect();
+        let name = format!("terravision-{stage}");
         self.until(&format!("the {stage} to start"), |running| {
             running.children().into_iter().find(|(_, child)| *child == name).map(|(pid, _)| pid)
         })

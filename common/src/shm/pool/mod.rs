@@ -4,11 +4,13 @@
 //! it. A slot that a frame in flight names is not filled anew: its last frame has to be completed first (design §7).
 //! A full pool makes [`PoolWriter::allocate`] return `None`, and the caller waits for frames to complete.
 
+mod index;
 mod node_hasher;
 mod reader;
 mod writer;
 
 pub use super::slot_words::{SlotInfo, SlotState};
+pub use index::PoolIndex;
 pub use reader::{PoolBytes, PoolReader};
 pub use writer::{FillGuard, PoolWriter, Residency};
 

@@ -25,8 +25,12 @@ pub struct PoolWriter {
     slot_of: HashMap<u64, u32, BuildHasherDefault<NodeHasher>>,
     /// The node that [`PoolWriter::slot_of`] has for each slot.
     node_of: Vec<Option<NodeId>>,
+    /// Sequence at which each slot's tile was last expected ([`PoolWriter::expect`]).
+    expected_at: Vec<u64>,
     /// Slots to claim next, the least recently wanted last, with the sequence that they had.
     candidates: Vec<(u64, u32)>,
+    /// The completed sequence of that look.
+    looked_at: u64,
 }
 
 /// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other threads.
@@ -85,7 +89,14 @@ impl PoolWriter {
                 slot_of.insert(node.pack(), slot);
             }
         }
-        Ok(Self { place, slot_of, node_of, candidates: Vec::with_capacity(capacity) })
+        Ok(Self {
+            place,
+            slot_of,
+            node_of,
+            expected_at: vec![0; capacity],
+            candidates: Vec::with_capacity(capacity),
+            looked_at: 0,
+        })
     }
 
     /// Number of slots.
@@ -137,10 +148,23 @@ impl PoolWriter {
     ///
     /// Allocates no memory. The guard may be filled and published on any thread.
     pub fn allocate(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
+        self.fill(node, sequence, completed_sequence, u64::MAX)
+    }
+
+    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`. Takes a free slot,
+    /// else one that was neither wanted nor expected since before `sequence`. Nothing but that order protects the tile.
+    pub fn allocate_expected(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
+        let guard = self.fill(node, 0, completed_sequence, sequence)?;
+        self.expected_at[guard.slot as usize] = sequence;
+        Some(guard)
+    }
+
+    fn fill(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<FillGuard> {
         if self.residency(node) != Residency::Absent {
             return None;
         }
-        let (slot, generation) = self.claim(node, sequence, completed_sequence)?;
+        let (slot, generation) = self.claim(node, sequence, completed, limit)?;
+        self.expected_at[slot as usize] = 0;
         let before = self.node_of.get_mut(slot as usize)?.replace(node);
         if let Some(before) = before
             && self.slot_of.get(&before.pack()) == Some(&slot)
@@ -151,7 +175,36 @@ impl PoolWriter {
         Some(FillGuard { place: Arc::clone(&self.place), slot, generation, is_open: true })
     }
 
-    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64) -> Option<(u32, u32)> {
+    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that frame had wanted it.
+    /// Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing. Returns what it found.
+    pub fn expect(&mut self, node: NodeId, sequence: u64) -> Residency {
+        let residency = self.residency(node);
+        if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
+            let at = &mut self.expected_at[slot as usize];
+            *at = (*at).max(sequence);
+        }
+        residency
+    }
+
+    /// Slots that [`PoolWriter::allocate_expected`] would take. Looks through the whole table.
+    #[must_use]
+    pub fn unexpected_slots(&self, sequence: u64, completed_sequence: u64) -> u32 {
+        let slots = (0u32..).zip(table(&self.place.segment));
+        slots.filter(|(slot, words)| self.rank(*slot, words, completed_sequence).is_some_and(|r| r < sequence)).count()
+            as u32
+    }
+
+    /// The frame as of which a reusable slot's tile was last wanted or expected; 0 for a free slot.
+    fn rank(&self, slot: u32, words: &SlotWords, completed: u64) -> Option<u64> {
+        let usage = words.usage();
+        match usage.state {
+            super::SlotState::Free => Some(0),
+            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot as usize])),
+            _ => None,
+        }
+    }
+
+    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<(u32, u32)> {
         let mut looks = 0;
         loop {
             if self.candidates.is_empty() {
@@ -165,23 +218,36 @@ impl PoolWriter {
             let (seen, slot) = self.candidates.pop()?;
             let words = self.place.words(slot)?;
             // A candidate that was wanted since is none any more.
-            if words.usage().sequence == seen
-                && let Some(generation) = words.claim(node, sequence, completed)
-            {
+            if self.rank(slot, words, completed) != Some(seen) {
+                continue;
+            }
+            if looks == 0 && seen > self.looked_at && completed > self.looked_at {
+                // It is only expected, and frames that were completed since may have left slots that are not.
+                self.candidates.clear();
+                continue;
+            }
+            if seen >= limit {
+                // So are all others; but this one may be taken for a tile that is wanted.
+                self.candidates.push((seen, slot));
+                return None;
+            }
+            if let Some(generation) = words.claim(node, sequence, completed) {
                 return Some((slot, generation));
             }
         }
     }
 
-    /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these,
-    /// so the order over several looks is the order of one.
+    /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these
+    /// (but for the expected, of which `claim` takes care), so the order over several looks is the order of one.
     fn find_candidates(&mut self, completed: u64) {
+        self.looked_at = completed;
+        let mut candidates = std::mem::take(&mut self.candidates);
         for (slot, words) in (0u32..).zip(table(&self.place.segment)) {
-            let usage = words.usage();
-            if usage.is_reusable(completed) {
-                self.candidates.push((usage.sequence, slot));
+            if let Some(rank) = self.rank(slot, words, completed) {
+                candidates.push((rank, slot));
             }
         }
+        self.candidates = candidates;
         let newest_first = |a: &(u64, u32), b: &(u64, u32)| b.cmp(a);
         let surplus = self.candidates.len().saturating_sub(CANDIDATES);
         if surplus > 0 {

@@ -1,5 +1,6 @@
 //! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor hang.
 
+use crate::database::{Layer, Tile};
 use crate::shm::control::{Control, Counter};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
@@ -9,11 +10,13 @@ use crate::shm::header::{NotUsable, Segment};
 use crate::shm::kind::{SegmentKind, Stage};
 use crate::shm::memory::segment;
 use crate::shm::ping_pong::{TreeReader, TreeWriter};
-use crate::shm::pool::{PoolReader, PoolWriter};
+use crate::shm::pool::{PoolIndex, PoolReader, PoolWriter};
 use crate::shm::process::ProcessId;
 use crate::shm::region::Region;
 use crate::shm::ring::{Consumer, Producer};
-use crate::shm::{ShmError, memory};
+use crate::shm::want_core::WantWords;
+use crate::shm::want_list::{WantListReader, WantListWriter};
+use crate::shm::{ShmError, WantHead, memory};
 use crate::tree::TreeHeader;
 use bytemuck::Zeroable;
 use proptest::prelude::*;
@@ -42,7 +45,7 @@ proptest! {
     fn any_header_is_refused_or_fits_its_mapping(
         words in proptest::collection::vec((0u64..12, position()), 0..6),
         pages in 1u64..5,
-        kind in 0usize..10,
+        kind in 0usize..SegmentKind::ALL.len(),
     ) {
         let kind = SegmentKind::ALL[kind];
         let made = Geometry::checked(kind, 2, half_bytes(4)).unwrap();
@@ -172,6 +175,48 @@ proptest! {
     }
 
     #[test]
+    fn an_index_that_is_told_anything_gives_tiles_that_are_there(
+        table in bytes(4 * 32), told in proptest::collection::vec((0u32..6, 0u32..6, 0u32..4, 0u64..4), 0..20)
+    ) {
+        let segment = segment(SegmentKind::ElevationPool, 4, 100).unwrap();
+        let mut index = PoolIndex::new(PoolReader::attach(&segment).unwrap());
+        scribble(&segment, segment.geometry().table_offset, &table);
+        for (number, slot, generation, sequence) in told {
+            let node = crate::node::NodeId::new(number, 0, 0).unwrap();
+            let is_there = index.note(node, slot, generation);
+            prop_assert!(!is_there || slot < 4);
+            index.keep(node, sequence);
+            if let Some(tile) = index.bytes(node, sequence) {
+                prop_assert_eq!(tile.len(), 100);
+            }
+        }
+    }
+
+    #[test]
+    fn a_want_list_of_any_words_gives_at_most_its_capacity(
+        version in position(), head in prop::array::uniform4(position()), entries in bytes(8 * 8)
+    ) {
+        let segment = segment(SegmentKind::WantList, 8, 8).unwrap();
+        let mut reader = WantListReader::attach(&segment).unwrap();
+        scribble(&segment, segment.item_offset(0), &entries);
+        segment.words::<WantWords>().overwrite(version, head);
+        let mut tiles = Vec::new();
+        match reader.read(&mut tiles) {
+            Ok(Some(found)) => prop_assert!(head[3] <= 8 && tiles.len() <= 8 && found.sequence == head[0]),
+            Ok(None) => prop_assert!(tiles.is_empty()),
+            Err(error) => prop_assert!(head[3] > 8, "{}", error),
+        }
+        // A writer that takes it over is understood.
+        let tile = Tile { layer: Layer::Color, node: crate::node::NodeId::new(1, 0, 0).unwrap() };
+        let mut writer = WantListWriter::attach(&segment).unwrap();
+        for sequence in 1..3 {
+            writer.publish(WantHead { sequence, ..WantHead::default() }, &[tile; 9]);
+        }
+        prop_assert_eq!(reader.read(&mut tiles).unwrap().map(|head| head.sequence), Some(2));
+        prop_assert_eq!(tiles, vec![tile; 8]);
+    }
+
+    #[test]
     fn a_control_block_of_any_bytes_answers(garbage in bytes(size_of::<ControlWords>())) {
         let segment = segment(SegmentKind::Control, 1, 0).unwrap();
         scribble(&segment, WORDS_OFFSET, &garbage);
@@ -223,6 +268,8 @@ fn handles_refuse_segments_of_other_kinds_and_records_of_other_sizes() {
     assert!(TreeReader::attach(&ring).is_err());
     assert!(ElevationReader::attach(&ring).is_err());
     assert!(PoolReader::attach(&ring).is_err());
+    assert!(WantListReader::attach(&ring).is_err());
+    assert!(WantListWriter::attach(&segment(SegmentKind::WantList, 8, 16).unwrap()).is_err());
     assert!(Control::attach(&ring, ProcessId::own().unwrap()).is_err());
     let error = Consumer::<[u64; 2]>::attach(&ring).unwrap_err();
     assert!(error.to_string().contains("the size of a slot is 8"), "{error}");

@@ -7,6 +7,7 @@ mod processes;
 mod ring;
 mod segments;
 mod waits;
+mod want_list;
 
 use std::time::{Duration, Instant};
 

@@ -4,7 +4,7 @@ use super::within_deadline;
 use crate::node::NodeId;
 use crate::shm::kind::SegmentKind;
 use crate::shm::memory::{self, segment};
-use crate::shm::pool::{PoolReader, PoolWriter, Residency, SlotState};
+use crate::shm::pool::{PoolIndex, PoolReader, PoolWriter, Residency, SlotState};
 use proptest::prelude::*;
 use std::collections::HashMap;
 
@@ -189,4 +189,56 @@ fn decoding_threads_fill_slots_while_the_writer_goes_on() {
             assert!(reader.bytes(slot, generation).unwrap().iter().all(|&byte| byte == number as u8));
         }
     });
+}
+
+#[test]
+fn expected_tiles_take_only_what_nobody_wants_or_expects_and_are_evicted_in_one_order_with_the_wanted() {
+    let (mut writer, _) = memory::pool(4, 64).unwrap();
+    for number in 1..=3 {
+        writer.allocate(node(number), u64::from(number), 0).unwrap().publish();
+    }
+    let locked = writer.find(node(1)).unwrap().0;
+    assert!(writer.lock(locked));
+    // A free slot first.
+    assert_eq!(writer.unexpected_slots(5, 3), 3);
+    writer.allocate_expected(node(10), 5, 3).unwrap().publish();
+    // Tile 2 is expected at 5 too; tile 3 was last wanted by frame 3.
+    assert!(matches!(writer.expect(node(2), 5), Residency::Resident { .. }));
+    assert_eq!(writer.unexpected_slots(5, 3), 1);
+    assert!(writer.allocate_expected(node(11), 5, 2).is_none(), "frame 3 is not completed");
+    writer.allocate_expected(node(11), 5, 3).unwrap().publish();
+    assert_eq!(writer.find(node(3)), None);
+    assert!(writer.allocate_expected(node(12), 5, 9).is_none(), "all others are as much expected");
+    // A tile that is wanted now takes one of them, and expectation is no protection from it.
+    writer.allocate(node(20), 6, 5).unwrap().publish();
+    assert!(writer.find(node(1)).is_some());
+    assert_eq!([2, 10, 11].iter().filter(|number| writer.find(node(**number)).is_none()).count(), 1);
+    // What is expected later goes later than what was wanted before.
+    let left: Vec<u32> = [2, 10, 11].into_iter().filter(|number| writer.find(node(*number)).is_some()).collect();
+    writer.expect(node(left[0]), 8);
+    writer.allocate(node(21), 7, 6).unwrap().publish();
+    assert!(writer.find(node(left[0])).is_some() && writer.find(node(left[1])).is_none());
+}
+
+#[test]
+fn an_index_keeps_what_is_there_and_forgets_what_has_gone() {
+    let (mut writer, reader) = memory::pool(2, 64).unwrap();
+    writer.allocate(node(1), 1, 0).unwrap().publish();
+    let mut index = PoolIndex::new(reader);
+    // What was there before it; and for the frames that want it alone.
+    assert!(index.keep(node(1), 2));
+    assert!(index.kept(node(1), 2).is_some() && index.kept(node(1), 3).is_none());
+    let guard = writer.allocate(node(2), 2, 0).unwrap();
+    let (slot, generation) = (guard.slot(), guard.generation());
+    assert!(!index.note(node(2), slot, generation), "it is being filled");
+    guard.publish();
+    assert!(!index.note(node(3), slot, generation) && !index.note(node(2), slot, generation + 1));
+    assert!(!index.note(node(2), 7, generation) && !index.keep(node(2), 2));
+    assert!(index.note(node(2), slot, generation) && index.keep(node(2), 2));
+    assert!(index.bytes(node(2), 2).is_some());
+    // Kept for frame 2, both of them: nothing is evicted before it is completed.
+    assert!(writer.allocate(node(4), 3, 1).is_none());
+    let (other, generation) = writer.allocate(node(4), 3, 2).unwrap().publish();
+    assert!(!index.keep(node(1), 3) || !index.keep(node(2), 3));
+    assert!(index.note(node(4), other, generation) && index.keep(node(4), 3));
 }

@@ -1,0 +1,94 @@
+//! Where each node's tile is, as a reader of a pool is told; and which of them it holds on to.
+
+use super::node_hasher::NodeHasher;
+use super::reader::{PoolBytes, PoolReader};
+use crate::node::NodeId;
+use std::collections::HashMap;
+use std::hash::BuildHasherDefault;
+
+/// A reader with a map from node to slot. The map is made of what the reader was told, each time checked against the
+/// pool's table; an entry whose slot has been filled anew finds nothing. After it was made it allocates nothing.
+#[derive(Debug)]
+pub struct PoolIndex {
+    reader: PoolReader,
+    slot_of: HashMap<u64, u32, BuildHasherDefault<NodeHasher>>,
+    entries: Vec<Option<Entry>>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    node: NodeId,
+    generation: u32,
+    /// Sequence of the last frame that this reader keeps it for; `None` before the first.
+    kept_for: Option<u64>,
+}
+
+impl PoolIndex {
+    /// An index of what a pool holds now.
+    #[must_use]
+    pub fn new(reader: PoolReader) -> Self {
+        let capacity = reader.capacity() as usize;
+        // Twice the room: a map of this fill never grows, it only cleans itself in place.
+        let slot_of = HashMap::with_capacity_and_hasher(2 * capacity, BuildHasherDefault::default());
+        let mut index = Self { reader: reader.clone(), slot_of, entries: vec![None; capacity] };
+        for info in reader.slots() {
+            if let (Some(node), true) = (info.node, info.state.is_readable()) {
+                index.note(node, info.slot, info.generation);
+            }
+        }
+        index
+    }
+
+    /// The reader.
+    #[must_use]
+    pub fn reader(&self) -> &PoolReader {
+        &self.reader
+    }
+
+    /// A node's tile is said to be in a slot. `false` when it is not: it has gone again, or what was said cannot be.
+    pub fn note(&mut self, node: NodeId, slot: u32, generation: u32) -> bool {
+        let is_there = self
+            .reader
+            .info(slot)
+            .is_some_and(|info| info.node == Some(node) && info.generation == generation && info.state.is_readable());
+        let Some(entry) = self.entries.get_mut(slot as usize).filter(|_| is_there) else { return false };
+        let kept_for = entry.filter(|e| e.node == node && e.generation == generation).and_then(|e| e.kept_for);
+        let before = entry.replace(Entry { node, generation, kept_for });
+        if let Some(before) = before
+            && self.slot_of.get(&before.node.pack()) == Some(&slot)
+        {
+            self.slot_of.remove(&before.node.pack());
+        }
+        self.slot_of.insert(node.pack(), slot);
+        true
+    }
+
+    /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when it is not there.
+    pub fn keep(&mut self, node: NodeId, sequence: u64) -> bool {
+        let Some(&slot) = self.slot_of.get(&node.pack()) else { return false };
+        let Some(Some(entry)) = self.entries.get_mut(slot as usize) else { return false };
+        // The wish first, then the look: what is readable after the wish stays so.
+        let is_kept =
+            self.reader.touch(slot, entry.generation, sequence) && self.reader.bytes(slot, entry.generation).is_some();
+        if is_kept {
+            entry.kept_for = Some(sequence);
+        }
+        is_kept
+    }
+
+    /// Slot and generation of a node's tile, if it is kept for frame `sequence`. One that came after the frame looked
+    /// is not: it might go while the frame is drawn.
+    #[must_use]
+    pub fn kept(&self, node: NodeId, sequence: u64) -> Option<(u32, u32)> {
+        let slot = *self.slot_of.get(&node.pack())?;
+        let entry = self.entries.get(slot as usize)?.filter(|entry| entry.kept_for == Some(sequence))?;
+        Some((slot, entry.generation))
+    }
+
+    /// The bytes of a node's tile, if it is kept for frame `sequence`.
+    #[must_use]
+    pub fn bytes(&self, node: NodeId, sequence: u64) -> Option<PoolBytes<'_>> {
+        let (slot, generation) = self.kept(node, sequence)?;
+        self.reader.bytes(slot, generation)
+    }
+}

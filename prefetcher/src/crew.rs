@@ -1,0 +1,265 @@
+//! Who does the work: requests run on an async runtime, decoding on threads of its own, straight into pool slots.
+
+use crate::source::PayloadSource;
+use bytes::Bytes;
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use terravision_common::database::{
+    Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_tile,
+};
+use terravision_common::event::monotonic_nanos;
+use terravision_common::shm::{FillGuard, WantBell};
+use terravision_common::world::World;
+use tokio::runtime::Runtime;
+use tokio::task::AbortHandle;
+
+/// Threads that requests run on: they wait, mostly.
+const REQUEST_THREADS: usize = 2;
+/// Threads that wait for files.
+const FILE_THREADS: usize = 8;
+/// How long requests that do not end with the run are waited for.
+const PATIENCE_AT_END: Duration = Duration::from_millis(200);
+/// A payload whose bytes are not what was stored.
+const CORRUPT: u8 = 2;
+
+/// A payload to be decoded, and the slot that it goes into.
+#[derive(Debug)]
+pub struct DecodeJob {
+    /// The tile.
+    pub tile: Tile,
+    /// As it is stored.
+    pub payload: Bytes,
+    /// Where it goes.
+    pub guard: FillGuard,
+}
+
+/// Work that has ended.
+#[derive(Debug)]
+pub enum Ended {
+    /// A request.
+    Fetched {
+        /// Which.
+        ticket: u64,
+        /// The payload, or why there is none.
+        result: Result<Bytes, u8>,
+        /// When, nanoseconds of the monotonic clock.
+        at_nanos: u64,
+    },
+    /// A decoding.
+    Decoded {
+        /// The tile.
+        tile: Tile,
+        /// Slot and generation, or why there are none.
+        result: Result<(u32, u32), u8>,
+        /// The thread, from 1.
+        thread: u32,
+        /// When it began, nanoseconds of the monotonic clock.
+        start_nanos: u64,
+        /// How long it took.
+        duration_nanos: u64,
+    },
+}
+
+/// Does what the desk decides. Nothing here blocks.
+pub trait Crew {
+    /// Begins a request.
+    fn fetch(&mut self, ticket: u64, tile: Tile);
+    /// Gives a request up. It may have ended just now.
+    fn cancel(&mut self, ticket: u64);
+    /// Begins to decode.
+    fn decode(&mut self, job: DecodeJob);
+    /// Gives what has ended since the last call.
+    fn drain(&mut self, ended: &mut Vec<Ended>);
+}
+
+/// Decodes a tile into its slot and publishes it.
+///
+/// # Errors
+/// The cause as a code: the payload is damaged.
+pub fn decode(world: &World, job: DecodeJob, scratch: &mut TileScratch) -> Result<(u32, u32), u8> {
+    let DecodeJob { tile, payload, mut guard } = job;
+    let is_decoded = match tile.layer {
+        Layer::Elevation => {
+            let posts = world.elevation_posts();
+            guard.f32_mut().len() >= (posts * posts) as usize
+                && decode_elevation_tile(&payload, posts, guard.f32_mut(), scratch).is_ok()
+        }
+        Layer::Color => {
+            guard.bytes_mut().len() >= color_tile_bytes(world)
+                && decode_color_tile(&payload, world.color_stored(), guard.bytes_mut()).is_ok()
+        }
+    };
+    if is_decoded { Ok(guard.publish()) } else { Err(CORRUPT) }
+}
+
+#[derive(Default)]
+struct Queue {
+    jobs: VecDeque<DecodeJob>,
+    is_closed: bool,
+}
+
+struct Shared {
+    queue: Mutex<Queue>,
+    /// There are jobs, or the queue is closed.
+    work: Condvar,
+    ended: Mutex<Vec<Ended>>,
+    bell: WantBell,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // Nothing panics while it holds a lock; if it did, the lists are still lists.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    fn end(&self, ended: Ended) {
+        lock(&self.ended).push(ended);
+        self.bell.ring();
+    }
+}
+
+/// The crew cannot be set up.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot start the threads that load tiles: {source}")]
+pub struct CrewError {
+    /// Why.
+    #[from]
+    source: std::io::Error,
+}
+
+/// The crew of a run. Dropped, it gives up all requests, lets the threads finish their tile and joins them.
+pub struct Workers<S> {
+    source: Arc<S>,
+    runtime: Option<Runtime>,
+    requests: HashMap<u64, AbortHandle>,
+    shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl<S> std::fmt::Debug for Workers<S> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Workers")
+            .field("requests", &self.requests.len())
+            .field("threads", &self.threads.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<S: PayloadSource> Workers<S> {
+    /// Workers with `threads` threads (at least one) that decode tiles of `world`. They ring `bell` when work has ended.
+    ///
+    /// # Errors
+    /// [`CrewError`].
+    pub fn new(source: S, world: &World, threads: u32, bell: WantBell) -> Result<Self, CrewError> {
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(REQUEST_THREADS)
+            .max_blocking_threads(FILE_THREADS)
+            .thread_name("requests")
+            .enable_all()
+            .build()?;
+        let shared = Arc::new(Shared { queue: Mutex::default(), work: Condvar::new(), ended: Mutex::default(), bell });
+        let mut workers = Self {
+            source: Arc::new(source),
+            runtime: Some(runtime),
+            requests: HashMap::new(),
+            shared,
+            threads: Vec::new(),
+        };
+        for thread in 1..=threads.max(1) {
+            let (shared, world) = (Arc::clone(&workers.shared), *world);
+            let work = move || decode_tiles(&shared, &world, thread);
+            workers.threads.push(std::thread::Builder::new().name(format!("decoder-{thread}")).spawn(work)?);
+        }
+        Ok(workers)
+    }
+}
+
+impl<S> Workers<S> {
+    /// Whether all threads live: one that panicked has said so on standard error.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        !self.threads.iter().any(JoinHandle::is_finished)
+    }
+
+    /// What tells whether work has ended that was not drained.
+    pub fn has_ended(&self) -> impl Fn() -> bool + use<S> {
+        let shared = Arc::clone(&self.shared);
+        move || !lock(&shared.ended).is_empty()
+    }
+}
+
+impl<S: PayloadSource> Crew for Workers<S> {
+    fn fetch(&mut self, ticket: u64, tile: Tile) {
+        let Some(runtime) = &self.runtime else { return };
+        let (source, shared) = (Arc::clone(&self.source), Arc::clone(&self.shared));
+        let request = runtime.spawn(async move {
+            let result = source.payload(tile).await.map_err(|error| error.code());
+            shared.end(Ended::Fetched { ticket, result, at_nanos: monotonic_nanos() });
+        });
+        self.requests.insert(ticket, request.abort_handle());
+    }
+
+    fn cancel(&mut self, ticket: u64) {
+        if let Some(request) = self.requests.remove(&ticket) {
+            request.abort();
+        }
+    }
+
+    fn decode(&mut self, job: DecodeJob) {
+        lock(&self.shared.queue).jobs.push_back(job);
+        self.shared.work.notify_one();
+    }
+
+    fn drain(&mut self, ended: &mut Vec<Ended>) {
+        ended.append(&mut lock(&self.shared.ended));
+        for ended in ended.iter() {
+            if let Ended::Fetched { ticket, .. } = ended {
+                self.requests.remove(ticket);
+            }
+        }
+    }
+}
+
+impl<S> Drop for Workers<S> {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_timeout(PATIENCE_AT_END);
+        }
+        let jobs = {
+            let mut queue = lock(&self.shared.queue);
+            queue.is_closed = true;
+            std::mem::take(&mut queue.jobs)
+        };
+        self.shared.work.notify_all();
+        drop(jobs);
+        for thread in self.threads.drain(..) {
+            drop(thread.join());
+        }
+    }
+}
+
+/// What a thread does: tile after tile, until the queue is closed.
+fn decode_tiles(shared: &Shared, world: &World, thread: u32) {
+    let mut scratch = TileScratch::default();
+    loop {
+        let job = {
+            let mut queue = lock(&shared.queue);
+            loop {
+                if queue.is_closed {
+                    return;
+                }
+                if let Some(job) = queue.jobs.pop_front() {
+                    break job;
+                }
+                queue = shared.work.wait(queue).unwrap_or_else(PoisonError::into_inner);
+            }
+        };
+        let tile = job.tile;
+        let start_nanos = monotonic_nanos();
+        let result = decode(world, job, &mut scratch);
+        let duration_nanos = monotonic_nanos().saturating_sub(start_nanos);
+        shared.end(Ended::Decoded { tile, result, thread, start_nanos, duration_nanos });
+    }
+}

@@ -1,0 +1,75 @@
+//! The tiles that a view wants: the generator's own search, walked breadth first.
+
+use bytemuck::Zeroable;
+use std::collections::VecDeque;
+use terravision_common::camera::Camera;
+use terravision_common::database::{Layer, Tile};
+use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits};
+use terravision_common::tree::{COLOR_FROM_ANCESTOR, ELEVATION_LEAF, TreeNode};
+use terravision_common::world::World;
+
+/// How finely a view is looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Resolution {
+    /// Wanted screen resolution of facets, pixels.
+    pub r_z_px: f64,
+    /// Wanted screen resolution of texels, pixels.
+    pub r_c_px: f64,
+    /// Factor on all heights.
+    pub exaggeration: f64,
+    /// How screen resolution is measured.
+    pub measure: Measure,
+}
+
+/// Searches views; keeps its buffers.
+#[derive(Debug)]
+pub struct Lookahead<R> {
+    world: World,
+    ranges: R,
+    traversal: Traversal,
+    nodes: Vec<TreeNode>,
+    queue: VecDeque<(u32, bool)>,
+    tiles: Vec<Tile>,
+}
+
+impl<R: HeightRanges> Lookahead<R> {
+    /// For views of a world whose nodes have these ranges of height.
+    #[must_use]
+    pub fn new(world: &World, ranges: R, limits: TreeLimits) -> Self {
+        Self {
+            world: *world,
+            ranges,
+            traversal: Traversal::new(world, limits),
+            nodes: vec![TreeNode::zeroed(); limits.nodes as usize],
+            queue: VecDeque::new(),
+            tiles: Vec::new(),
+        }
+    }
+
+    /// Every tile that the view of a valid camera wants, coarse to fine; of a level, the near first.
+    pub fn tiles(&mut self, camera: &Camera, resolution: &Resolution) -> &[Tile] {
+        let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
+        let level = LevelFunction::new(camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let stats = self.traversal.build(camera, &level, &self.ranges, &mut self.nodes);
+        self.tiles.clear();
+        self.queue.clear();
+        if stats.node_count > 0 {
+            self.queue.push_back((0, false));
+        }
+        while let Some((index, is_below_elevation)) = self.queue.pop_front() {
+            let node = self.nodes[index as usize];
+            let Some(id) = node.id() else { continue };
+            if !is_below_elevation && self.world.has_elevation(id) {
+                self.tiles.push(Tile { layer: Layer::Elevation, node: id });
+            }
+            if node.flags & COLOR_FROM_ANCESTOR == 0 && self.world.has_color(id) {
+                self.tiles.push(Tile { layer: Layer::Color, node: id });
+            }
+            let is_below = is_below_elevation || node.flags & ELEVATION_LEAF != 0;
+            let children = node.children(index, stats.node_count).unwrap_or(0..0);
+            self.queue.extend(children.map(|child| (child, is_below)));
+        }
+        &self.tiles
+    }
+}

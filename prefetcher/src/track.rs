@@ -1,0 +1,125 @@
+//! Where the camera is going to be.
+
+use std::collections::VecDeque;
+use std::f64::consts::{FRAC_PI_2, PI};
+use terravision_common::camera::Camera;
+use terravision_common::run::Prediction;
+
+/// Poses that are remembered.
+const POSES: usize = 128;
+/// Speed is measured over this time: long enough that the jitter of poses means little, short enough to follow a bend.
+const BASE_SECS: f64 = 0.2;
+/// A camera that was not heard of for this long rests.
+const REST_SECS: f64 = 0.5;
+/// The field of view is widened by this much per second ahead: the path may bend.
+const WIDENING_RAD_PER_SEC: f64 = 0.2;
+/// The widest field of view, vertically.
+const WIDEST_RAD: f64 = 2.4;
+
+/// A pose as numbers that go on as they go: no angle jumps.
+type Pose = [f64; 6];
+
+/// The poses of late, and what follows from them.
+#[derive(Debug)]
+pub struct CameraTrack {
+    poses: VecDeque<(f64, Pose)>,
+    newest: Option<Camera>,
+}
+
+impl Default for CameraTrack {
+    fn default() -> Self {
+        Self { poses: VecDeque::with_capacity(POSES), newest: None }
+    }
+}
+
+fn secs(nanos: u64) -> f64 {
+    nanos as f64 / 1e9
+}
+
+impl CameraTrack {
+    /// Takes the newest camera, as it was seen at `now`. A camera without a time of its own is of that time.
+    pub fn see(&mut self, camera: &Camera, now_nanos: u64) {
+        if self.newest == Some(*camera) {
+            return;
+        }
+        let nanos = if camera.timestamp_nanos == 0 { now_nanos } else { camera.timestamp_nanos };
+        let time = secs(nanos);
+        let Camera { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, .. } = *camera;
+        let mut pose = [x, y, z, heading_rad, pitch_rad, roll_rad];
+        if let Some((before, last)) = self.poses.back() {
+            if time <= *before {
+                // Time runs forward; another flight, or another clock, begins anew.
+                self.poses.clear();
+            } else {
+                for angle in 3..6 {
+                    let turn = pose[angle] - last[angle];
+                    pose[angle] = last[angle] + turn - 2.0 * PI * (turn / (2.0 * PI)).round();
+                }
+            }
+        }
+        if self.poses.len() == POSES {
+            self.poses.pop_front();
+        }
+        self.poses.push_back((time, pose));
+        self.newest = Some(*camera);
+    }
+
+    /// The camera `ahead_secs` after `now`, with the field of view widened, at the same scale; `None` before the first.
+    #[must_use]
+    pub fn predict(&self, now_nanos: u64, ahead_secs: f64, prediction: Prediction) -> Option<Camera> {
+        let camera = self.newest?;
+        let &(time, pose) = self.poses.back()?;
+        let age = (secs(now_nanos) - time).max(0.0);
+        let ahead = if age > REST_SECS { 0.0 } else { age + ahead_secs };
+        let mut later = pose;
+        if let Some((speed, gain)) = self.motion(prediction) {
+            for axis in 0..6 {
+                later[axis] += speed[axis] * ahead + 0.5 * gain[axis] * ahead * ahead;
+            }
+        }
+        let [x, y, z, heading_rad, pitch_rad, roll_rad] = later;
+        let pitch_rad = pitch_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
+        let moved = Camera { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, ..camera };
+        let predicted = widened(&moved, WIDENING_RAD_PER_SEC * ahead_secs);
+        // A jump may throw the prediction out of all bounds.
+        Some(if predicted.is_valid() { predicted } else { widened(&camera, WIDENING_RAD_PER_SEC * ahead_secs) })
+    }
+
+    /// Speed now, and gain of speed, per second and per second squared.
+    fn motion(&self, prediction: Prediction) -> Option<(Pose, Pose)> {
+        let &(time, pose) = self.poses.back()?;
+        let before = |secs: f64| {
+            let old = self.poses.iter().rev().find(|(t, _)| time - t >= secs).or(self.poses.front())?;
+            (time - old.0 > 1e-3).then_some(*old)
+        };
+        let slope = |(t0, p0): (f64, Pose), (t1, p1): (f64, Pose)| {
+            std::array::from_fn::<f64, 6, _>(|axis| (p1[axis] - p0[axis]) / (t1 - t0))
+        };
+        let middle = before(BASE_SECS)?;
+        let late = slope(middle, (time, pose));
+        let resting = [0.0; 6];
+        match prediction {
+            Prediction::Off => None,
+            Prediction::Linear => Some((late, resting)),
+            Prediction::Quadratic => {
+                let old = before(2.0 * BASE_SECS).filter(|old| middle.0 - old.0 > 1e-3);
+                let Some(old) = old else { return Some((late, resting)) };
+                let early = slope(old, middle);
+                // Each slope is the speed in the middle of its time.
+                let between = 0.5 * (time - old.0);
+                let gain = std::array::from_fn(|axis| (late[axis] - early[axis]) / between);
+                let half = 0.5 * (time - middle.0);
+                Some((std::array::from_fn(|axis| late[axis] + gain[axis] * half), gain))
+            }
+        }
+    }
+}
+
+/// The camera with a wider field of view, and a picture as much larger: a pixel stays as wide as it was, so that the
+/// levels that are wanted stay the same.
+fn widened(camera: &Camera, by_rad: f64) -> Camera {
+    let vfov_rad = (camera.vfov_rad + by_rad.max(0.0)).min(WIDEST_RAD.max(camera.vfov_rad));
+    let factor = (0.5 * vfov_rad).tan() / (0.5 * camera.vfov_rad).tan();
+    let larger = |pixels: u32| (f64::from(pixels) * factor).round().clamp(1.0, 65536.0) as u32;
+    Camera { vfov_rad, width: larger(camera.width), height: larger(camera.height), ..*camera }
+}

@@ -1,0 +1,194 @@
+//! What the prefetcher's tests share: a world, and a crew that does what it is told when it is told.
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
+
+pub mod link;
+
+use bytes::Bytes;
+use terravision_common::database::{Layer, Tile};
+use terravision_common::node::NodeId;
+use terravision_common::outcome::Outcome;
+use terravision_common::shm::{Control, PoolReader, WantHead, memory};
+use terravision_common::world::{World, WorldFields};
+use terravision_prefetcher::crew::{Crew, DecodeJob, Ended};
+use terravision_prefetcher::desk::Desk;
+
+pub const MS: u64 = 1_000_000;
+pub const SLOT_BYTES: u64 = 64;
+
+pub fn world() -> World {
+    World::new(WorldFields {
+        origin: [0.0; 2],
+        lattice_unit_m: 10.0,
+        extent: [512, 512],
+        elevation_tile: 4,
+        color_tile: 64,
+        levels: 8,
+        finest_elevation_level: 0,
+        finest_color_level: 0,
+    })
+    .expect("valid")
+}
+
+pub fn tile(layer: Layer, m: u32, q: u8) -> Tile {
+    Tile { layer, node: NodeId::new(m, 1, q).expect("in range") }
+}
+
+/// A colour tile below the top levels.
+pub fn color(m: u32) -> Tile {
+    tile(Layer::Color, m, 2)
+}
+
+pub fn elevation(m: u32) -> Tile {
+    tile(Layer::Elevation, m, 2)
+}
+
+/// Requests stay open until the test answers them; decoding takes no time.
+#[derive(Debug, Default)]
+pub struct FakeCrew {
+    /// Every request that was made, in order.
+    pub requests: Vec<(u64, Tile)>,
+    pub cancelled: Vec<u64>,
+    /// Decodings are kept until [`FakeCrew::decode_all`].
+    pub is_decoding_held: bool,
+    pub jobs: Vec<DecodeJob>,
+    ended: Vec<Ended>,
+}
+
+impl FakeCrew {
+    /// Tiles that were asked for and neither answered nor given up.
+    pub fn open(&self) -> Vec<Tile> {
+        let is_open = |ticket: &u64| !self.cancelled.contains(ticket);
+        self.requests.iter().filter(|(ticket, _)| is_open(ticket)).map(|(_, tile)| *tile).collect()
+    }
+
+    pub fn asked(&self) -> Vec<Tile> {
+        self.requests.iter().map(|(_, tile)| *tile).collect()
+    }
+
+    fn close(&mut self, tile: Tile) -> u64 {
+        let at = self.requests.iter().rposition(|(_, t)| *t == tile).expect("it was asked for");
+        self.requests.remove(at).0
+    }
+
+    pub fn answer(&mut self, tile: Tile, at_nanos: u64) {
+        let ticket = self.close(tile);
+        self.ended.push(Ended::Fetched { ticket, result: Ok(Bytes::from_static(b"payload")), at_nanos });
+    }
+
+    pub fn refuse(&mut self, tile: Tile, code: u8, at_nanos: u64) {
+        let ticket = self.close(tile);
+        self.ended.push(Ended::Fetched { ticket, result: Err(code), at_nanos });
+    }
+
+    pub fn answer_all(&mut self, at_nanos: u64) {
+        for tile in self.open() {
+            self.answer(tile, at_nanos);
+        }
+    }
+
+    pub fn decode_all(&mut self, start_nanos: u64) {
+        for DecodeJob { tile, guard, .. } in self.jobs.drain(..) {
+            let result = Ok(guard.publish());
+            self.ended.push(Ended::Decoded { tile, result, thread: 1, start_nanos, duration_nanos: 0 });
+        }
+    }
+}
+
+impl Crew for FakeCrew {
+    fn fetch(&mut self, ticket: u64, tile: Tile) {
+        self.requests.push((ticket, tile));
+    }
+
+    fn cancel(&mut self, ticket: u64) {
+        assert!(self.requests.iter().any(|(t, _)| *t == ticket), "what was answered is not given up");
+        self.cancelled.push(ticket);
+    }
+
+    fn decode(&mut self, job: DecodeJob) {
+        self.jobs.push(job);
+        if !self.is_decoding_held {
+            self.decode_all(0);
+        }
+    }
+
+    fn drain(&mut self, ended: &mut Vec<Ended>) {
+        ended.append(&mut self.ended);
+    }
+}
+
+/// A desk with a fake crew, and what it told so far.
+pub struct Office {
+    pub desk: Desk,
+    pub crew: FakeCrew,
+    pub control: Control,
+    pub elevation: PoolReader,
+    pub colors: PoolReader,
+    pub now: u64,
+}
+
+impl Office {
+    pub fn new(slots: u32, has_retries: bool) -> Self {
+        let (elevation_writer, elevation) = memory::pool(slots, SLOT_BYTES).expect("valid");
+        let (color_writer, colors) = memory::pool(slots, SLOT_BYTES).expect("valid");
+        let desk = Desk::new(&world(), elevation_writer, color_writer, has_retries);
+        let control = memory::control().expect("a control block");
+        Self { desk, crew: FakeCrew::default(), control, elevation, colors, now: 1 }
+    }
+
+    /// With the top levels loaded, and nothing told of it.
+    pub fn warmed(slots: u32, has_retries: bool) -> Self {
+        let mut office = Self::new(slots, has_retries);
+        for _ in 0..4 {
+            office.step();
+            office.crew.answer_all(office.now);
+        }
+        office.step();
+        office.step();
+        assert!(office.crew.requests.is_empty(), "all of the top levels are there");
+        office.desk.outcomes.clear();
+        office.desk.news.clear();
+        office
+    }
+
+    pub fn want(&mut self, sequence: u64, tiles: &[Tile]) {
+        let head = WantHead { sequence, frame: 100 + sequence, is_last: false };
+        self.desk.want(head, tiles, self.now, &self.control, &mut self.crew);
+        self.step();
+    }
+
+    pub fn expect(&mut self, tiles: &[Tile]) {
+        self.desk.expect(tiles.iter().copied(), self.now, &self.control, &mut self.crew);
+        self.step();
+    }
+
+    pub fn step(&mut self) {
+        // Twice: a fake crew decodes at once, and the desk hears of it at its next step.
+        for _ in 0..2 {
+            self.desk.step(self.now, &self.control, &mut self.crew);
+        }
+    }
+
+    /// Time passes; cycles end.
+    pub fn pass(&mut self, cycles: u64) {
+        for _ in 0..cycles {
+            self.now += 200 * MS;
+            self.desk.end_cycle(self.now, &self.control, &mut self.crew);
+            self.step();
+        }
+    }
+
+    pub fn told(&mut self) -> Vec<(Tile, Outcome)> {
+        self.desk.outcomes.drain(..).map(|outcome| outcome.read().expect("it can be read")).collect()
+    }
+
+    pub fn reader(&self, layer: Layer) -> &PoolReader {
+        match layer {
+            Layer::Elevation => &self.elevation,
+            Layer::Color => &self.colors,
+        }
+    }
+
+    pub fn is_there(&self, tile: Tile) -> bool {
+        self.reader(tile.layer).find(tile.node).is_some()
+    }
+}

@@ -1,0 +1,100 @@
+//! A prefetcher small enough to be seen through: it serves want lists from a source that needs no waiting.
+
+use super::flight::Source;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use terravision_common::database::{Layer, Tile, TileScratch, TileSource};
+use terravision_common::outcome::{Outcome, TileOutcome};
+use terravision_common::shm::{
+    Control, PoolWriter, Producer, Residency, RunState, WAIT_BOUND, WantHead, WantListReader,
+};
+
+/// Serves on a thread of its own until the last list, or the end of the run; dropped, it ends the run.
+pub struct Server {
+    control: Arc<Control>,
+    thread: Option<JoinHandle<()>>,
+}
+
+pub struct Desk {
+    pub control: Arc<Control>,
+    pub source: Source,
+    /// Elevation, colour.
+    pub pools: [PoolWriter; 2],
+    pub wants: WantListReader,
+    pub outcomes: Producer<TileOutcome>,
+    /// A list is served from this place on, and then from its beginning: the order of tiles must not matter.
+    pub rotation: usize,
+}
+
+impl Server {
+    pub fn start(mut desk: Desk) -> Self {
+        let control = Arc::clone(&desk.control);
+        let thread = std::thread::spawn(move || {
+            let (mut tiles, mut scratch) = (vec![], TileScratch::default());
+            loop {
+                match desk.wants.read(&mut tiles).expect("not corrupt") {
+                    Some(head) if head.is_last => return,
+                    Some(head) => desk.serve(head, &mut tiles, &mut scratch),
+                    None => {}
+                }
+                if desk.wants.wait(&desk.control, WAIT_BOUND, || false).is_err() {
+                    return;
+                }
+            }
+        });
+        Self { control, thread: Some(thread) }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.control.set_state(RunState::Stopping);
+        let ended = self.thread.take().map(JoinHandle::join);
+        assert!(std::thread::panicking() || ended.is_none_or(|e| e.is_ok()), "the server panicked");
+    }
+}
+
+impl Desk {
+    fn serve(&mut self, head: WantHead, tiles: &mut [Tile], scratch: &mut TileScratch) {
+        if !tiles.is_empty() {
+            tiles.rotate_left(self.rotation % tiles.len());
+        }
+        let mut is_full = [false; 2];
+        for tile in tiles {
+            let outcome = match self.pools[tile.layer as usize].touch_node(tile.node, head.sequence) {
+                Residency::Resident { slot, generation } => Some(Outcome::Resident { slot, generation }),
+                Residency::Filling => unreachable!("one thread fills"),
+                Residency::Absent if self.source.is_missing(*tile) => Some(Outcome::Unavailable { code: 1 }),
+                Residency::Absent => self.load(*tile, head.sequence, &mut is_full, scratch),
+            };
+            if let Some(outcome) = outcome {
+                self.outcomes.push(&TileOutcome::new(*tile, outcome), &self.control).ok();
+            }
+        }
+    }
+
+    fn load(
+        &mut self,
+        tile: Tile,
+        sequence: u64,
+        is_full: &mut [bool; 2],
+        scratch: &mut TileScratch,
+    ) -> Option<Outcome> {
+        let layer = tile.layer as usize;
+        let completed = self.control.completed_sequence();
+        let Some(mut guard) = self.pools[layer].allocate(tile.node, sequence, completed) else {
+            return (!std::mem::replace(&mut is_full[layer], true)).then_some(Outcome::NoRoom { completed });
+        };
+        let read = match tile.layer {
+            Layer::Elevation => self.source.read_elevation(tile.node, guard.f32_mut(), scratch),
+            Layer::Color => self.source.read_color(tile.node, guard.bytes_mut(), scratch),
+        };
+        read.expect("always");
+        let (slot, generation) = guard.publish();
+        // The top levels stay for ever.
+        if sequence == 0 {
+            self.pools[layer].lock(slot);
+        }
+        Some(Outcome::Resident { slot, generation })
+    }
+}
