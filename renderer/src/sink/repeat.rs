@@ -70,7 +70,8 @@ mod tests {
         let mut sink = RepeatSink::new(Box::new(Log(Arc::clone(&log))));
         for frame in [5, 6, 9] {
             let rgba = [frame as u8; 4];
-            let picture = Picture { frame, size: [1, 1], rgba: &rgba, reversed_depth: None, camera: Camera::zeroed() };
+            let camera = Camera::zeroed();
+            let picture = Picture { frame, size: [1, 1], rgba: &rgba, reversed_depth: None, camera, is_settled: true };
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();
