@@ -7,6 +7,7 @@ pub mod geotiff;
 pub mod metrics;
 pub mod process;
 pub mod reference;
+pub mod s3;
 pub mod server;
 pub mod shot;
 pub mod worlds;
