@@ -145,7 +145,10 @@ impl Network {
         let permit = loop {
             if let Some(until) = self.transport.wire().held_until() {
                 if until >= end {
-                    return Err(fault(Cause::Throttled, "the server asks to be left alone for longer".to_owned()));
+                    return Err(fault(
+                        Cause::Throttled,
+                        "the server asks for fewer requests, and for a longer pause than a read may wait".to_owned(),
+                    ));
                 }
                 sleep_until(until).await;
             }

@@ -147,7 +147,7 @@ fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
 fn tiles_that_cannot_be_had_cost_resolution_and_nothing_else() {
     let (server, folder) = (serve(), TestFolder::new("remote-missing"));
     // The directory comes, then nothing but refusals.
-    server.misbehave([Rule::new(Fault::Status(404, None)).of("color.pmtiles").after(40)]);
+    server.misbehave([Rule::new(Fault::Status(404, None)).of("color.pmtiles").after(12)]);
     let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
     finished.assert_told(3);
     assert!(finished.stderr.contains("no such file"), "{}", finished.stderr);
@@ -159,7 +159,7 @@ fn tiles_that_cannot_be_had_cost_resolution_and_nothing_else() {
 #[test]
 fn a_server_that_dies_under_way_ends_the_flight_in_time() {
     let (server, folder) = (serve(), TestFolder::new("remote-dies"));
-    server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").after(30)]);
+    server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").after(12)]);
     let finished = still(&server.url("world.tv"), &folder, &["--timeout", "0.5"]);
     finished.assert_told(3);
     assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
