@@ -27,7 +27,7 @@ fn apply(tree: &mut [TreeNode], (at, what, value): (usize, u8, u64)) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 2000, max_global_rejects: 100_000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn a_damaged_tree_is_refused_or_drawn(case in case(), damages in prop::collection::vec(damage(), 1..4)) {
