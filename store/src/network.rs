@@ -119,7 +119,8 @@ impl Network {
             };
             self.note(&error);
             let wait = backoff(&self.retries, attempt, random());
-            let is_late = Instant::now() + wait >= end;
+            let is_held = self.transport.wire().held_until().is_some_and(|until| until >= end);
+            let is_late = is_held || Instant::now() + wait >= end;
             attempt += 1;
             if !error.is_passing() || attempt > request.retries || is_late || !lock(&self.budget).again() {
                 return Err(error);
