@@ -45,6 +45,7 @@ check_packages() {
   need mesa-vulkan-drivers 'a Vulkan device without a GPU: lavapipe (renderer)' has_vulkan_driver
   need ffmpeg 'makes films (fly -o film.mp4)' command -v ffmpeg
   if [[ $1 == tests ]]; then
+    need python3-venv 'an S3 server for the tests' python3 -c 'import venv, ensurepip'
     need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
     need python3-numpy 'reads and steers flights from Python (examples)' has_python_module numpy
     need python3-pil 'saves what flights from Python see (examples)' has_python_module PIL
@@ -95,6 +96,15 @@ check_rust() {
   fi
 }
 
+# An S3 server of Python, for the tests of buckets: in a folder of its own, beside what cargo builds.
+install_s3_server() {
+  local folder=${CARGO_TARGET_DIR:-$(dirname "${BASH_SOURCE[0]}")/../target}/s3-server
+  [[ -x $folder/bin/moto_server ]] && return
+  say "moto is missing: an S3 server for the tests, in $folder"
+  python3 -m venv "$folder" >&2
+  "$folder/bin/pip" install --quiet --disable-pip-version-check 'moto[s3,server]==5.2.5' >&2
+}
+
 main() {
   local purpose=flights
   case ${1:-} in
@@ -116,6 +126,10 @@ main() {
     fi
   fi
   check_rust
+  if [[ $purpose == tests ]]; then
+    # Without it the tests of buckets say so and pass.
+    install_s3_server || say 'moto cannot be installed: the tests of S3 buckets are skipped'
+  fi
 }
 
 main "$@"

@@ -119,7 +119,8 @@ impl Network {
             };
             self.note(&error);
             let wait = backoff(&self.retries, attempt, random());
-            let is_late = Instant::now() + wait >= end;
+            let is_held = self.transport.wire().held_until().is_some_and(|until| until >= end);
+            let is_late = is_held || Instant::now() + wait >= end;
             attempt += 1;
             if !error.is_passing() || attempt > request.retries || is_late || !lock(&self.budget).again() {
                 return Err(error);
@@ -145,7 +146,10 @@ impl Network {
         let permit = loop {
             if let Some(until) = self.transport.wire().held_until() {
                 if until >= end {
-                    return Err(fault(Cause::Throttled, "the server asks to be left alone for longer".to_owned()));
+                    return Err(fault(
+                        Cause::Throttled,
+                        "the server asks for fewer requests, and for a longer pause than a read may wait".to_owned(),
+                    ));
                 }
                 sleep_until(until).await;
             }

@@ -43,6 +43,9 @@ pub(crate) struct Transport {
 impl Transport {
     /// A client for a location that is not a folder; `None` for one that is.
     pub(crate) fn new(location: &Location, options: &StoreOptions) -> Result<Option<Self>, StoreError> {
+        if location.as_folder().is_some() {
+            return Ok(None);
+        }
         let wire = Arc::new(Wire::default());
         let connector = Connector::new(Arc::clone(&wire));
         // Retries, and the time that each request may take, are ours: see `network`.
@@ -141,7 +144,11 @@ fn install_crypto() {
 }
 
 fn chain<'e>(error: &'e (dyn Error + 'static)) -> impl Iterator<Item = &'e (dyn Error + 'static)> {
-    std::iter::successors(Some(error), |error| <dyn Error>::source(*error))
+    std::iter::successors(Some(error), |error| {
+        // An i/o error that was made of another one gives that one's source as its own, and so hides it.
+        let made_of = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
+        made_of.map(|inner| inner as &(dyn Error + 'static)).or_else(|| <dyn Error>::source(*error))
+    })
 }
 
 fn deepest<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
@@ -157,8 +164,12 @@ fn classify(error: &object_store::Error) -> (Cause, String) {
     if matches!(error, object_store::Error::NotSupported { .. }) {
         return (Cause::NoRanges, "the server does not honour byte ranges".to_owned());
     }
-    if let Some(tls) = chain(error).find_map(|e| e.downcast_ref::<rustls::Error>()) {
-        return (Cause::Certificate, format!("TLS with the server failed ({tls})"));
+    match chain(error).find_map(|e| e.downcast_ref::<rustls::Error>()) {
+        Some(rustls::Error::InvalidCertificate(reason)) => {
+            return (Cause::Certificate, format!("the server's certificate is not trusted ({reason})"));
+        }
+        Some(tls) => return (Cause::Certificate, format!("TLS with the server failed ({tls})")),
+        None => {}
     }
     let client = chain(error).find_map(|e| e.downcast_ref::<reqwest::Error>());
     let is_name = chain(error).any(|e| e.to_string().starts_with("dns error"));
@@ -171,11 +182,6 @@ fn classify(error: &object_store::Error) -> (Cause, String) {
         }
         if client.is_timeout() {
             return (Cause::Timeout, "no answer in time".to_owned());
-        }
-        // TLS failures of the platform's verifier come as i/o errors that hold them.
-        let inner = chain(error).find_map(|e| e.downcast_ref::<io::Error>()).and_then(io::Error::get_ref);
-        if let Some(tls) = inner.and_then(|e| e.downcast_ref::<rustls::Error>()) {
-            return (Cause::Certificate, format!("TLS with the server failed ({tls})"));
         }
         if client.is_connect() {
             return (Cause::Connect, format!("no connection ({why})"));

@@ -8,6 +8,7 @@ pub mod live;
 pub mod metrics;
 pub mod process;
 pub mod reference;
+pub mod s3;
 pub mod server;
 pub mod shot;
 pub mod worlds;

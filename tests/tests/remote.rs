@@ -3,9 +3,14 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpListener;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
@@ -142,7 +147,7 @@ fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
 fn tiles_that_cannot_be_had_cost_resolution_and_nothing_else() {
     let (server, folder) = (serve(), TestFolder::new("remote-missing"));
     // The directory comes, then nothing but refusals.
-    server.misbehave([Rule::new(Fault::Status(404, None)).of("color.pmtiles").after(40)]);
+    server.misbehave([Rule::new(Fault::Status(404, None)).of("color.pmtiles").after(12)]);
     let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
     finished.assert_told(3);
     assert!(finished.stderr.contains("no such file"), "{}", finished.stderr);
@@ -154,7 +159,7 @@ fn tiles_that_cannot_be_had_cost_resolution_and_nothing_else() {
 #[test]
 fn a_server_that_dies_under_way_ends_the_flight_in_time() {
     let (server, folder) = (serve(), TestFolder::new("remote-dies"));
-    server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").after(30)]);
+    server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").after(12)]);
     let finished = still(&server.url("world.tv"), &folder, &["--timeout", "0.5"]);
     finished.assert_told(3);
     assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
@@ -193,4 +198,38 @@ fn no_way_to_a_database_is_told_in_one_sentence() {
         assert!(finished.stderr.contains(words), "{words}: {}", finished.stderr);
         assert_eq!(finished.stderr.trim_end().lines().count(), 1, "{}", finished.stderr);
     }
+}
+
+#[test]
+fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let certificate = data.join("self-signed.pem");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("https://localhost:{}/world.tv", listener.local_addr().unwrap().port());
+    let chain = vec![CertificateDer::from_pem_file(&certificate).unwrap()];
+    let key = PrivateKeyDer::from_pem_file(data.join("self-signed.key")).unwrap();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ServerConfig::builder_with_provider(provider).with_safe_default_protocol_versions().unwrap();
+    let config = Arc::new(config.with_no_client_auth().with_single_cert(chain, key).unwrap());
+    // Whoever gets through is told that there is nothing.
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            let session = rustls::ServerConnection::new(Arc::clone(&config)).unwrap();
+            let mut tls = rustls::StreamOwned::new(session, stream);
+            if matches!(tls.read(&mut [0; 4096]), Ok(1..)) {
+                drop(tls.write_all(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"));
+                tls.conn.send_close_notify();
+                drop(tls.flush());
+            }
+        }
+    });
+    let folder = TestFolder::new("remote-tls");
+    let info =
+        || Terravision::verb("info").args([url.as_str(), "--timeout", "10", "--cache"]).arg(folder.join("cache"));
+    let finished = info().run();
+    finished.assert_told(1);
+    assert!(finished.stderr.contains("certificate is not trusted"), "{}", finished.stderr);
+    let finished = info().env("SSL_CERT_FILE", &certificate).run();
+    finished.assert_told(2);
+    assert!(finished.stderr.contains("no finished terrain database"), "{}", finished.stderr);
 }

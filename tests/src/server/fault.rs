@@ -84,7 +84,7 @@ impl Rule {
     pub(super) fn strikes(&self, number: u64) -> bool {
         let is_within = number >= self.skip && number - self.skip < self.most;
         // Fibonacci hashing spreads consecutive numbers evenly over 0..100.
-        let spread = (number.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) * 100 >> 32;
+        let spread = ((number.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) * 100) >> 32;
         is_within && spread < self.percent
     }
 }
