@@ -261,8 +261,14 @@ impl Flight {
                 continue;
             }
             let point = (*at, value.ln());
+            if let Some((until, last)) = extremes.last_mut()
+                && *last == point.1
+            {
+                // A move begins where the value stops being what it was.
+                *until = *at;
+                continue;
+            }
             match extremes[..] {
-                [.., (_, last)] if last == point.1 => continue,
                 [.., (_, before), (_, last)] if (last > before) == (point.1 > last) => {
                     extremes.pop();
                     extremes.push(point);

@@ -76,6 +76,10 @@ fn config() -> RunConfig {
         "run_id": "tv-1-2", "world": "/w.tv", "width": 640, "height": 360, "fps": 30.0, "frames": [0, 5],
         "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "loader_threads": 2,
         "prefetch": { "prediction": "linear", "has_retries": false },
+        "database": {
+            "location": "/w.tv", "cache": null, "cache_bytes": 0, "is_offline": false, "request_timeout_ms": 1,
+            "parallel_requests": 1,
+        },
         "render": {
             "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
             "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,
