@@ -2,10 +2,10 @@
 
 use crate::path::orbit::Extent;
 use crate::path::{Ground, Pose};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use terravision_common::database::{TileScratch, TileSource};
+use terravision_common::database::{NodeRanges, TileScratch, TileSource};
 use terravision_common::facet::facet_linear;
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
@@ -22,6 +22,7 @@ pub struct WorldGround<'a> {
     exaggeration: f64,
     /// Finest level that is read.
     level: u8,
+    ranges: Option<&'a NodeRanges>,
     cache: RefCell<Cache>,
 }
 
@@ -42,7 +43,20 @@ impl<'a> WorldGround<'a> {
     /// The ground at the finest level.
     #[must_use]
     pub fn finest(source: &'a dyn TileSource, world: &'a World, exaggeration: f64) -> Self {
-        Self { source, world, exaggeration, level: world.finest_elevation_level(), cache: RefCell::default() }
+        Self {
+            source,
+            world,
+            exaggeration,
+            level: world.finest_elevation_level(),
+            ranges: None,
+            cache: RefCell::default(),
+        }
+    }
+
+    /// With the ranges of height of the same world, which tell of most places that the ground is far below.
+    #[must_use]
+    pub fn bounded(self, ranges: &'a NodeRanges) -> Self {
+        Self { ranges: Some(ranges), ..self }
     }
 
     /// The ground at the coarsest level whose posts are not farther apart than `spacing_m` (or the finest level).
@@ -58,6 +72,20 @@ impl<'a> WorldGround<'a> {
     pub fn extent(&self) -> Extent {
         let low = DVec2::from_array(self.world.fields().origin);
         Extent { low, high: low + DVec2::from_array(self.world.extent_m()) }
+    }
+
+    /// A position from the world's origin, metres; `None` outside the world.
+    fn place(&self, x: f64, y: f64) -> Option<DVec2> {
+        let place = DVec2::new(x, y) - DVec2::from_array(self.world.fields().origin);
+        let extent = DVec2::from_array(self.world.extent_m());
+        (place.is_finite() && place.cmpge(DVec2::ZERO).all() && place.cmple(extent).all()).then_some(place)
+    }
+
+    /// The node of a level at a place.
+    fn node_at(&self, place: DVec2, q: u8) -> Option<NodeId> {
+        let side = self.world.node_side_m(q);
+        let [columns, rows] = self.world.nodes_at(q);
+        NodeId::new(((place.x / side) as u32).min(columns - 1), ((place.y / side) as u32).min(rows - 1), q)
     }
 
     /// Height at a place inside one node's square; `None` when the tile cannot be had.
@@ -86,26 +114,27 @@ impl<'a> WorldGround<'a> {
 
 impl Ground for WorldGround<'_> {
     fn height_m(&self, x: f64, y: f64) -> Option<f64> {
-        let place = DVec2::new(x, y) - DVec2::from_array(self.world.fields().origin);
-        let extent = DVec2::from_array(self.world.extent_m());
-        if !(place.is_finite() && place.cmpge(DVec2::ZERO).all() && place.cmple(extent).all()) {
-            return None;
-        }
+        let place = self.place(x, y)?;
         // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
-        (self.level..self.world.levels()).find_map(|q| {
-            let side = self.world.node_side_m(q);
-            let [columns, rows] = self.world.nodes_at(q);
-            let m = ((place.x / side) as u32).min(columns - 1);
-            let n = ((place.y / side) as u32).min(rows - 1);
-            Some(self.height_in(NodeId::new(m, n, q)?, place)? * self.exaggeration)
-        })
+        (self.level..self.world.levels())
+            .find_map(|q| Some(self.height_in(self.node_at(place, q)?, place)? * self.exaggeration))
+    }
+
+    fn bound_m(&self, x: f64, y: f64) -> Option<f64> {
+        let node = self.node_at(self.place(x, y)?, self.level)?;
+        Some(f64::from(self.ranges?.range(node)?[1]) * self.exaggeration)
     }
 }
 
 /// Lifts a pose that is below ground + [`CLEARANCE_M`]; `true` if it was.
 pub fn lift(pose: &mut Pose, ground: &dyn Ground) -> bool {
-    let Some(height) = ground.height_m(pose.position.x, pose.position.y) else { return false };
-    let is_low = pose.position.z < height + CLEARANCE_M;
+    let DVec3 { x, y, z } = pose.position;
+    // The ground may be in a database far away: it is read only where the pose may be below it.
+    if ground.bound_m(x, y).is_some_and(|bound| z >= bound + CLEARANCE_M) {
+        return false;
+    }
+    let Some(height) = ground.height_m(x, y) else { return false };
+    let is_low = z < height + CLEARANCE_M;
     if is_low {
         pose.position.z = height + CLEARANCE_M;
     }
@@ -115,7 +144,6 @@ pub fn lift(pose: &mut Pose, ground: &dyn Ground) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use terravision_common::database::{Layer, TileError};
     use terravision_common::world::WorldFields;
 
@@ -188,5 +216,34 @@ mod tests {
         assert!(lift(&mut low, &ground) && low.position.z == 102.0);
         assert!(!lift(&mut high, &ground) && high.position.z == 102.5);
         assert!(!lift(&mut outside, &ground) && outside.position.z == -5.0);
+    }
+
+    /// A source that may not be asked.
+    struct Untouched;
+
+    impl TileSource for Untouched {
+        fn read_elevation(&self, node: NodeId, _: &mut [f32], _: &mut TileScratch) -> Result<(), TileError> {
+            panic!("{node} was read");
+        }
+
+        fn read_color(&self, node: NodeId, _: &mut [u8], _: &mut TileScratch) -> Result<(), TileError> {
+            panic!("{node} was read");
+        }
+    }
+
+    #[test]
+    fn ground_is_read_only_where_a_pose_may_be_below_it() {
+        let world = world();
+        let count = |q| world.nodes_at(q).iter().product::<u32>() as usize;
+        let ranges = (0..world.levels()).map(|q| vec![[0.0, 700.0]; count(q)]).collect();
+        let ranges = NodeRanges::from_parts(&world, ranges).unwrap();
+        let position = DVec3::new(500_100.0, 4_000_000.0, 1402.0);
+        let mut pose = Pose { position, heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0 };
+        assert!(!lift(&mut pose, &WorldGround::finest(&Untouched, &world, 2.0).bounded(&ranges)));
+        assert_eq!(pose.position, position);
+        let source = Slope(world);
+        let ground = WorldGround::finest(&source, &world, 1.0).bounded(&ranges);
+        pose.position.z = 50.0;
+        assert!(lift(&mut pose, &ground) && pose.position.z == 102.0);
     }
 }

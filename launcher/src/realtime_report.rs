@@ -76,7 +76,9 @@ impl RealtimeReport {
             drawn.interval_ms.push(before.map_or(0.0, |before| ms(before.done_nanos)));
             let began = frame.draw_started_nanos.max(before.map_or(0, |before| before.done_nanos));
             drawn.renderer_ms.push(if frame.draw_started_nanos == 0 { 0.0 } else { ms(began) });
-            drawn.latency_ms.push(if frame.camera_nanos == 0 { 0.0 } else { ms(frame.camera_nanos) });
+            // A picture that shows the pose of the one before once more is of no new moment.
+            let is_new = frame.camera_nanos > before.map_or(0, |before| before.camera_nanos);
+            drawn.latency_ms.push(if is_new { ms(frame.camera_nanos) } else { 0.0 });
             drawn.r_z_px.push(finite(frame.r_px[0]));
             drawn.r_c_px.push(finite(frame.r_px[1]));
             drawn.triangles.push(frame.triangles);
@@ -88,7 +90,10 @@ impl RealtimeReport {
         let on_time = drawn.is_on_time.iter().filter(|is_on_time| **is_on_time).count() as u64;
         let count = drawn.frame.len() as u64;
         // The first frame waits for the start of the stages; no figure of pace counts it.
-        let of = |values: &[f64]| Percentiles::of(values.get(1..).unwrap_or_default());
+        let after_first = |values: &[f64]| values.get(1..).unwrap_or_default().to_vec();
+        let of = |values: &[f64]| Percentiles::of(&after_first(values));
+        let mut new_latencies = after_first(&drawn.latency_ms);
+        new_latencies.retain(|latency| *latency > 0.0);
         Some(Self {
             clock_start_nanos: start,
             target_ms: period / 1e6,
@@ -101,7 +106,7 @@ impl RealtimeReport {
             lacking: frames.iter().filter(|frame| frame.lacked > 0).count() as u64,
             interval_ms: of(&drawn.interval_ms),
             renderer_ms: of(&drawn.renderer_ms),
-            latency_ms: of(&drawn.latency_ms),
+            latency_ms: Percentiles::of(&new_latencies),
             drawn,
         })
     }

@@ -201,12 +201,12 @@ impl<'a> FrameLoop<'a> {
     /// back as soon as they are finished, because the preparer may be waiting for it: so it waits for the device, not for
     /// the ring.
     ///
-    /// In a flight without a known end the next frame may only come when somebody has seen this one, or never: sinks are
-    /// waited for, too, before the ring.
+    /// In a flight without a known end, unless the clock makes its frames, the next one may only come when somebody has
+    /// seen this one, or never: sinks are waited for, too, before the ring.
     fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
-        let is_open = self.source.shape().frames[1] == OPEN_END;
+        let awaits_frames = self.shape.frames[1] == OPEN_END && !self.shape.has_gaps;
         loop {
-            let awaits_sinks = is_open && self.with_lanes > 0;
+            let awaits_sinks = awaits_frames && self.with_lanes > 0;
             let read = self.reader.read(self.source, !self.engine.is_busy() && !awaits_sinks);
             if read.as_ref().is_err_and(|error| !matches!(error, FrameError::Source { .. })) {
                 self.source.count(Counter::SlotsRejected, 1);
@@ -338,7 +338,10 @@ impl<'a> FrameLoop<'a> {
     /// Waits until all frames are written.
     fn drain(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         while self.engine.is_busy() || self.with_lanes > 0 {
-            self.source.check()?;
+            match self.source.check().map_err(RunError::from) {
+                Err(error) if !error.is_finished() => return Err(error),
+                _goes_on => {}
+            }
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
             } else if let Some(written) = self.lanes.wait_written(TICK)? {

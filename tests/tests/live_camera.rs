@@ -9,7 +9,9 @@ use std::process::Command;
 use terravision_common::shm::{PoseRecord, SharedFrame, SharedName};
 use terravision_tests::flight::{Pose, read_png};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{end, example, left_of, reader, record, rgb, sender, shared_name, step, wait_attached};
+use terravision_tests::live::{
+    end, example, frame, left_of, reader, record, rgb, sender, shared_name, step, wait_attached,
+};
 use terravision_tests::process::{Running, Terravision, segments_of_launcher};
 use terravision_tests::shot::{Shot, read_report};
 use terravision_tests::worlds::synth_world;
@@ -70,6 +72,74 @@ fn in_lock_step_every_good_pose_has_its_frame_and_bad_ones_are_refused() {
     assert!(taken.rgb == rgb(&shared), "the last frame is the picture of its pose");
     assert!(poses.is_ended() && ring.is_ended());
     assert_nothing_left(&name, finished.pid);
+}
+
+#[test]
+fn against_the_clock_frames_go_on_without_poses_and_show_the_newest() {
+    let (folder, name) = (TestFolder::new("live-clock"), shared_name("live-clock"));
+    let mut flight = live_flight(&format!("shm:{name}"))
+        .args(["--mode", "realtime", "--fps", "10", "-o", &format!("shared:{name}"), "--report"])
+        .arg(folder.join("report.json"))
+        .spawn();
+    let poses = sender(&mut flight, &name);
+    let mut ring = reader(&mut flight, &name);
+    let mut shared = SharedFrame::default();
+    let mut frames = Vec::new();
+    for k in 0..3u64 {
+        let sent = record(&pose(k), 10.0 + k as f64);
+        let seen = step(&mut flight, &poses, &mut ring, &mut shared, &sent);
+        assert_eq!(seen.position, sent.position);
+        // Nobody sends, and the pictures go on.
+        let next = frame(&mut flight, &mut ring, &mut shared, |info| info.frame >= seen.frame + 2);
+        assert_eq!((next.pose_time_s, next.camera_nanos), (sent.time_s, seen.camera_nanos));
+        frames.extend([seen.frame, next.frame]);
+    }
+    assert_eq!(frames[0], 0);
+    assert!(frames.is_sorted_by(|a, b| a < b), "{frames:?}");
+    // What a pose shows when the camera rests is what it shows in exact mode, once all is there.
+    let settled = frame(&mut flight, &mut ring, &mut shared, |info| info.is_settled);
+    assert_eq!(settled.pose_time_s, 12.0);
+    end(&poses);
+    let finished = flight.wait();
+    finished.assert_code(0);
+    assert!(poses.is_ended() && ring.is_ended());
+    assert_nothing_left(&name, finished.pid);
+    let report = read_report(&folder);
+    let realtime = &report["realtime"];
+    let count = |key: &str| realtime[key].as_u64().unwrap();
+    assert_eq!((&report["mode"], &report["frames"]), (&"realtime".into(), &realtime["frames"]), "{report}");
+    assert!(count("frames") > settled.frame, "{report}");
+    assert_eq!(count("on_time") + count("late") + count("skipped"), count("frames"));
+    let latencies = realtime["drawn"]["latency_ms"].as_array().unwrap();
+    let new = latencies.iter().filter(|latency| latency.as_f64().unwrap() > 0.0).count();
+    assert_eq!(new, 3, "a latency for each pose, none for those who show it again: {realtime}");
+}
+
+#[test]
+fn a_flight_of_poses_against_the_clock_may_be_a_film() {
+    let (folder, name) = (TestFolder::new("live-clock-film"), shared_name("live-clock-film"));
+    let film = folder.join("a.mp4");
+    let mut flight = live_flight(&format!("shm:{name}"))
+        .args(["--mode", "realtime", "--fps", "10", "--share", &name.to_string(), "-o"])
+        .arg(&film)
+        .spawn();
+    let poses = sender(&mut flight, &name);
+    let mut ring = reader(&mut flight, &name);
+    poses.send(&record(&pose(0), 1.0));
+    let last = frame(&mut flight, &mut ring, &mut SharedFrame::default(), |info| info.frame >= 3);
+    terravision_tests::process::signal_process(flight.pid(), Signal::INT);
+    let finished = flight.wait();
+    finished.assert_code(0);
+    assert!(count_frames(&film) > last.frame, "a picture for each moment until the end");
+    assert_nothing_left(&name, finished.pid);
+}
+
+/// Pictures in a film.
+fn count_frames(film: &Path) -> u64 {
+    let mut probe = Command::new("ffprobe");
+    probe.args(["-v", "error", "-count_frames", "-show_entries", "stream=nb_read_frames", "-of", "csv=p=0"]).arg(film);
+    let probed = probe.output().unwrap();
+    String::from_utf8_lossy(&probed.stdout).trim().trim_end_matches(',').parse().unwrap()
 }
 
 /// The port that a process listens at.
@@ -161,10 +231,7 @@ fn an_interrupt_ends_a_live_flight_in_order_and_its_film_is_whole() {
     let finished = flight.wait();
     finished.assert_code(0);
     assert!(finished.stderr.contains("4 frames"), "{}", finished.stderr);
-    let mut probe = Command::new("ffprobe");
-    probe.args(["-v", "error", "-count_frames", "-show_entries", "stream=nb_read_frames", "-of", "csv=p=0"]).arg(&film);
-    let probed = probe.output().unwrap();
-    assert_eq!(String::from_utf8_lossy(&probed.stdout).trim().trim_end_matches(','), "4");
+    assert_eq!(count_frames(&film), 4);
     assert_nothing_left(&name, finished.pid);
 }
 

@@ -234,8 +234,13 @@ impl Run {
         }
         let (flown, words) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
-        self.asked_frames = flown.unwrap_or(self.asked_frames);
         drain(&mut self.events, &mut self.collector);
+        // Against the clock, a flight of poses has the frames that were drawn until it was ended.
+        let drawn = (is_live && flown.is_none()).then(|| self.control.written_frames());
+        if let Some(drawn) = drawn {
+            self.collector.frames.truncate(usize::try_from(drawn).unwrap_or(usize::MAX));
+        }
+        self.asked_frames = flown.or(drawn).unwrap_or(self.asked_frames);
         if ending == Ending::Finished {
             for stage in &stages {
                 for line in stage.lines() {

@@ -1,6 +1,6 @@
 //! The pilot: flies the camera. In exact mode it pushes the camera of every frame, in order, to the generator; cameras are
-//! those of the plan, or come from another program while it flies. In realtime mode it publishes where the camera is now,
-//! several times a frame, whether anybody looks or not.
+//! those of the plan, or come from another program while it flies. In realtime mode it publishes where the camera is now:
+//! several times a frame along a path, or whenever a pose comes, whether anybody looks or not.
 
 use super::interrupt;
 use crate::ground::WorldGround;
@@ -57,7 +57,10 @@ impl Pilot {
         let (tell, words) = channel();
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
         let thread = match plan.live.take() {
-            Some(live) => std::thread::spawn(move || Some(cockpit.fly_live(live, &tell))),
+            Some(live) => {
+                let is_realtime = period_nanos.is_some();
+                std::thread::spawn(move || cockpit.fly_live(live, is_realtime, &tell))
+            }
             None => {
                 let cameras = plan.cameras.clone();
                 std::thread::spawn(move || {
@@ -101,42 +104,54 @@ impl Cockpit {
         self.ring.push(&CameraRecord { frame, camera }, &self.control).is_ok()
     }
 
-    /// Flies poses as they come, until the sender, the user or the clock ends it; waits for their frames and ends the
-    /// run. Returns their number.
-    fn fly_live(mut self, live: LiveCamera, tell: &Sender<String>) -> u64 {
+    /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run. In exact mode each
+    /// pose is a frame: waits for them all and returns their number. In realtime mode the newest is the camera of now.
+    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &Sender<String>) -> Option<u64> {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
-        let ground = WorldGround::finest(&database, database.world(), exaggeration);
+        let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
         // Nobody listens any more when the run has ended.
         let mut say = |sentence: String| drop(tell.send(sentence));
-        let mut frame = self.first;
+        let mut poses = 0;
+        let mut newest_nanos = 0;
         let mut last_work = Instant::now();
         while interrupt::count() == 0 && self.control.check_running().is_ok() {
-            match input.next(TICK, &ground, &mut say) {
-                Incoming::Pose { camera, time_s } => {
-                    if let Some(times) = &self.times {
-                        times.note(frame, time_s);
+            if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > 0 {
+                self.control.start_clock(monotonic_nanos());
+            }
+            // Until its first frame is there, the clock waits for nothing but that.
+            let tick = if is_realtime && self.control.clock_start().is_none() { LOOK_EVERY } else { TICK };
+            match input.next(tick, &ground, &mut say) {
+                Incoming::Pose { mut camera, time_s } => {
+                    // Frames know their pose by its moment.
+                    camera.timestamp_nanos = camera.timestamp_nanos.max(newest_nanos + 1);
+                    newest_nanos = camera.timestamp_nanos;
+                    if let Some(times) = &mut self.times {
+                        times.note(newest_nanos, time_s);
                     }
-                    if !self.push(frame, camera) {
+                    if is_realtime {
+                        self.control.publish_camera(&camera);
+                    } else if !self.push(self.first + poses, camera) {
                         break;
                     }
-                    frame += 1;
+                    poses += 1;
                     last_work = Instant::now();
                 }
                 Incoming::End => break,
                 // A sender that waits for its frame is not idle.
-                Incoming::Nothing if self.control.written_frames() < frame - self.first => last_work = Instant::now(),
+                Incoming::Nothing if !is_realtime && self.control.written_frames() < poses => {
+                    last_work = Instant::now()
+                }
                 Incoming::Nothing => {}
             }
             if idle_timeout.is_some_and(|timeout| last_work.elapsed() >= timeout) {
                 break;
             }
         }
-        let flown = frame - self.first;
-        if self.control.wait_written(flown).is_ok() {
+        if is_realtime || self.control.wait_written(poses).is_ok() {
             self.control.set_state(RunState::Finished);
         }
         input.summary().into_iter().for_each(say);
-        flown
+        (!is_realtime).then_some(poses)
     }
 }
 

@@ -76,6 +76,11 @@ pub struct CameraPath {
 pub trait Ground {
     /// Height at a position in the world's CRS, metres; `None` outside the terrain.
     fn height_m(&self, x: f64, y: f64) -> Option<f64>;
+
+    /// A height that the ground at a position is surely not above, where one is known without reading the ground.
+    fn bound_m(&self, _x: f64, _y: f64) -> Option<f64> {
+        None
+    }
 }
 
 /// Why there is no camera path.

@@ -8,7 +8,7 @@ pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
-use crate::cli::{CourseArgs, FlyArgs, Mode, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
+use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
@@ -103,11 +103,6 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
-    if args.live.camera.is_some() && args.realtime.mode == Mode::Realtime {
-        return Err(Failure::bad_input(anyhow!(
-            "--camera and --mode realtime: poses of another program are flown one frame each, expected --mode exact"
-        )));
-    }
     let mut draft = if args.live.camera.is_some() {
         let mut draft =
             Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
@@ -287,7 +282,7 @@ impl<'a> Draft<'a> {
                 other => Failure::failed(other),
             })?;
 
-        let ground = WorldGround::finest(&database, world, exaggeration);
+        let ground = WorldGround::finest(&database, world, exaggeration).bounded(database.ranges());
         let mut warnings = Vec::new();
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut warnings)?;

@@ -40,7 +40,7 @@ impl FrameSink for SharedSink {
         let width = picture.size[0] as usize;
         let depth = reversed.iter().map(|&depth| depth_m(depth) as f32);
         let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
-        let ground = reversed.iter().enumerate().flat_map(|(index, &depth)| view.at(index, width, depth));
+        let ground = view.positions(reversed, width);
         let Picture { frame, camera, is_settled, .. } = picture;
         let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
         self.ring.write(&info, picture.rgba, depth, ground);

@@ -59,8 +59,7 @@ impl FrameSink for GroundSink {
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
         let width = picture.size[0] as usize;
         let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
-        let ground: Vec<f64> =
-            depths.iter().enumerate().flat_map(|(index, &depth)| view.at(index, width, depth)).collect();
+        let ground: Vec<f64> = view.positions(depths, width).flatten().collect();
         write_tiff(&self.path, |encoder| {
             encoder.write_image::<colortype::RGB64Float>(picture.size[0], picture.size[1], &ground)
         })
@@ -94,10 +93,18 @@ impl GroundView {
         Self { eye, axes, half_tangents, size, origin, exaggeration }
     }
 
-    /// Of the pixel of this index, in rows from the top; the ray is that of `Camera::ray_in_world`.
-    pub(super) fn at(&self, index: usize, width: usize, reversed: f32) -> [f64; 3] {
+    /// Of all pixels, in rows of `width` from the top.
+    pub(super) fn positions(&self, reversed: &[f32], width: usize) -> impl Iterator<Item = [f64; 3]> {
+        let rows = reversed.chunks(width.max(1)).enumerate();
+        rows.flat_map(move |(row, depths)| {
+            depths.iter().enumerate().map(move |(column, &depth)| self.at([column, row], depth))
+        })
+    }
+
+    /// Of a pixel; the ray is that of `Camera::ray_in_world`.
+    fn at(&self, [column, row]: [usize; 2], reversed: f32) -> [f64; 3] {
         let [right, up, forward] = self.axes;
-        let (px, py) = ((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        let (px, py) = (column as f64 + 0.5, row as f64 + 0.5);
         let x = (2.0 * px / self.size[0] - 1.0) * self.half_tangents[0];
         let y = (1.0 - 2.0 * py / self.size[1]) * self.half_tangents[1];
         let at = self.eye + (forward + right * x + up * y) * depth_m(reversed);
@@ -139,7 +146,7 @@ mod tests {
         };
         // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m north of the eye.
         let view = GroundView::new(&camera, [5e5, 4e6], 2.0);
-        let at = view.at(2, 4, (NEAR_M / 800.0) as f32);
+        let at = view.at([2, 0], (NEAR_M / 800.0) as f32);
         let ray = camera.eye() + camera.ray_in_world(2.5, 0.5) * depth_m((NEAR_M / 800.0) as f32);
         assert_eq!(at, [5e5 + ray.x, 4e6 + ray.y, ray.z / 2.0], "the camera's own ray");
         assert!((at[0] - 500_300.0).abs() < 1e-3 && (at[1] - 4_000_800.0).abs() < 1e-3, "{at:?}");

@@ -7,10 +7,10 @@ use crate::sync::{AtomicU32, AtomicU64, Ordering};
 /// Slots of a ring: one is written, so a reader has the time of this many frames, less one, to copy one.
 pub(super) const SLOTS: u32 = 4;
 const LARGEST_SIDE: u32 = 1 << 16;
-/// Entries of the table of pose times: more than frames can be under way at a time.
-pub(super) const POSE_TIMES: u64 = 8192;
+/// Entries of the table of pose times: more than poses can be under way at a time.
+pub(super) const POSE_TIMES: u64 = 1024;
 const POSE_TIMES_OFFSET: u64 = 4096;
-/// Bytes of an entry: frame + 1, time.
+/// Bytes of an entry: moment of the camera, time.
 pub(super) const POSE_TIME_BYTES: u64 = 16;
 /// Bytes of a slot before its pixels.
 pub(super) const SLOT_HEADER_BYTES: u64 = 256;
@@ -160,8 +160,8 @@ impl RingLayout {
         self.slots_offset + (number.wrapping_sub(1) % u64::from(self.slots)) * self.slot_bytes
     }
 
-    /// Offset of the table entry of a frame.
-    pub(super) fn pose_time_offset(frame: u64) -> u64 {
-        POSE_TIMES_OFFSET + (frame % POSE_TIMES) * POSE_TIME_BYTES
+    /// Offset of a table entry; they are used in turn.
+    pub(super) fn pose_time_offset(entry: u64) -> u64 {
+        POSE_TIMES_OFFSET + (entry % POSE_TIMES) * POSE_TIME_BYTES
     }
 }

@@ -20,7 +20,7 @@ use super::frame_core::{FrameSlot, newest};
 use super::named::{self, FRAMES, NamedSegment, SharedName};
 use super::region::Region;
 use crate::sync::{AtomicU64, Ordering};
-use layout::{RING_HEADER_OFFSET, RingHeader, RingLayout, SLOTS};
+use layout::{POSE_TIMES, RING_HEADER_OFFSET, RingHeader, RingLayout, SLOTS};
 use std::sync::Arc;
 
 /// A frame ring that this process has made; dropped, it is marked as ended and its name is removed.
@@ -56,28 +56,41 @@ impl FrameRing {
     /// Where the pilot notes the time of a pose.
     #[must_use]
     pub fn pose_times(&self) -> PoseTimes {
-        PoseTimes { region: Arc::clone(&self.segment.region) }
+        PoseTimes { region: Arc::clone(&self.segment.region), next: 0 }
     }
 }
 
 /// The times of poses, in the clock of who sent them, from the pilot to the frames that come of them.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct PoseTimes {
     region: Arc<Region>,
+    next: u64,
 }
 
 impl PoseTimes {
-    /// The pose of a frame has this time; to be said before its camera is sent.
-    pub fn note(&self, frame: u64, seconds: f64) {
-        let [of, time] = pose_time(&self.region, frame) else { return };
+    /// The pose that was made a camera at this moment has this time; to be said before the camera is sent.
+    pub fn note(&mut self, camera_nanos: u64, seconds: f64) {
+        let [of, time] = pose_time(&self.region, self.next) else { return };
+        self.next += 1;
         // Relaxed: the camera, which is sent later, brings it to the renderer (SYNC ring.publish and so on).
         time.store(seconds.to_bits(), Ordering::Relaxed);
-        of.store(frame.wrapping_add(1), Ordering::Relaxed);
+        of.store(camera_nanos, Ordering::Relaxed);
     }
 }
 
-fn pose_time(region: &Region, frame: u64) -> &[AtomicU64] {
-    region.words_slice(RingLayout::pose_time_offset(frame), 2)
+fn pose_time(region: &Region, entry: u64) -> &[AtomicU64] {
+    region.words_slice(RingLayout::pose_time_offset(entry), 2)
+}
+
+/// The time that was noted of a camera.
+fn noted_time(region: &Region, camera_nanos: u64) -> Option<f64> {
+    let entries = (0..POSE_TIMES).map(|entry| pose_time(region, entry));
+    let of_camera = |entry: &[AtomicU64]| match entry {
+        [of, time] if of.load(Ordering::Relaxed) == camera_nanos => Some(time.load(Ordering::Relaxed)),
+        _ => None,
+    };
+    // A moment of 0 is that of a path's camera.
+    entries.filter(|_| camera_nanos != 0).find_map(of_camera).map(f64::from_bits)
 }
 
 /// The renderer's end. One at a time; another one goes on behind the last frame that was published.
@@ -109,14 +122,14 @@ impl FrameRingWriter {
         Ok(Self { region, layout, next })
     }
 
-    /// Publishes a frame: `rgba` in rows from the top, `depth` one number a pixel, `ground` three; the latter two are
+    /// Publishes a frame: `rgba` in rows from the top, `depth` and `ground` by pixel; the latter two are
     /// looked at only when the ring has such a plane. Waits for nobody. Returns the number of the publication.
     pub fn write(
         &mut self,
         info: &FrameInfo,
         rgba: &[u8],
         depth: impl Iterator<Item = f32>,
-        ground: impl Iterator<Item = f64>,
+        ground: impl Iterator<Item = [f64; 3]>,
     ) -> u64 {
         let number = self.next;
         self.next += 1;
@@ -124,9 +137,7 @@ impl FrameRingWriter {
         let words: &[AtomicU64] = self.region.words_slice(offset, self.layout.slot_bytes / 8);
         let Some((sequence, words)) = words.split_first() else { return number };
         let slot = FrameSlot { sequence, words };
-        let [of, time] = pose_time(&self.region, info.frame) else { return number };
-        let is_noted = of.load(Ordering::Relaxed) == info.frame.wrapping_add(1);
-        let pose_time = if is_noted { f64::from_bits(time.load(Ordering::Relaxed)) } else { info.pose_time_s };
+        let pose_time = noted_time(&self.region, info.camera_nanos).unwrap_or(info.pose_time_s);
         slot.begin(number);
         slot::store(words, &self.layout, &FrameInfo { pose_time_s: pose_time, ..*info }, rgba, depth, ground);
         let header: &RingHeader = self.region.words(RING_HEADER_OFFSET);

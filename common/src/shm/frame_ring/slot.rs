@@ -93,7 +93,7 @@ pub(super) fn store(
     info: &FrameInfo,
     rgba: &[u8],
     mut depth: impl Iterator<Item = f32>,
-    ground: impl Iterator<Item = f64>,
+    ground: impl Iterator<Item = [f64; 3]>,
 ) {
     // Relaxed throughout: SYNC frame.begin and frame.end order them all.
     for (word, value) in words.iter().zip(info.words()) {
@@ -120,8 +120,11 @@ pub(super) fn store(
         }
     }
     if layout.shape.has_ground {
-        for (word, value) in plane(words, layout.ground, pixels * 24).iter().zip(ground) {
-            word.store(value.to_bits(), Ordering::Relaxed);
+        let (triples, _none) = plane(words, layout.ground, pixels * 24).as_chunks::<3>();
+        for (words, position) in triples.iter().zip(ground) {
+            for (word, value) in words.iter().zip(position) {
+                word.store(value.to_bits(), Ordering::Relaxed);
+            }
         }
     }
 }

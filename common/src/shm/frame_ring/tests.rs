@@ -19,7 +19,7 @@ fn info(frame: u64) -> FrameInfo {
     FrameInfo {
         frame,
         published_nanos: 10 * frame,
-        camera_nanos: 3,
+        camera_nanos: 1000 + frame,
         pose_time_s: f64::NAN,
         position: [frame as f64, 2.0, 3.0],
         heading_deg: 4.0,
@@ -34,7 +34,7 @@ fn info(frame: u64) -> FrameInfo {
 fn write(writer: &mut FrameRingWriter, frame: u64, pixels: usize) -> u64 {
     let rgba = vec![frame as u8; pixels * 4];
     let depth = std::iter::repeat_n(frame as f32, pixels);
-    let ground = std::iter::repeat_n(frame as f64, pixels * 3);
+    let ground = std::iter::repeat_n([frame as f64; 3], pixels);
     writer.write(&info(frame), &rgba, depth, ground)
 }
 
@@ -57,7 +57,7 @@ fn frames_come_out_as_they_went_in_and_the_newest_wins() {
     assert_eq!(reader.shape(), shape);
     assert!(!reader.read(&mut frame).unwrap() && reader.newest() == 0);
     let mut writer = FrameRingWriter::open(&name, shape).unwrap();
-    ring.pose_times().note(8, 12.5);
+    ring.pose_times().note(1008, 12.5);
     for number in 7..=9 {
         write(&mut writer, number, pixels);
         assert!(reader.read(&mut frame).unwrap());
