@@ -4,6 +4,7 @@ use crate::queues::Queue;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 use terravision_common::level::Measure;
+use terravision_common::run::Prediction;
 
 /// Measures the stages, the queues between them, the whole pipeline, and ingest.
 ///
@@ -33,6 +34,10 @@ pub enum Verb {
     Ingest,
     /// A flight against the clock, with and without feedback, while a process takes a core away in the middle
     Realtime(RealtimeArgs),
+    /// A fast flight over a database behind a slow link: what prediction gains
+    Link(LinkArgs),
+    /// A long flight at random: whether memory and open files stay as they are
+    LongRun(LongRunArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]
     Load(LoadArgs),
@@ -53,6 +58,41 @@ pub struct RealtimeArgs {
     /// Frame rate of the flight, as a share of what is reached without a clock
     #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
     pub share: f64,
+}
+
+/// Arguments of `link`.
+#[derive(Debug, Clone, Args)]
+pub struct LinkArgs {
+    /// Length of each flight, seconds
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub seconds: f64,
+    /// Frames per second
+    #[arg(long, value_name = "N", default_value_t = 10.0)]
+    pub fps: f64,
+    /// What the link carries, Mbit/s
+    #[arg(long, value_name = "N", default_value_t = 20.0)]
+    pub mbit_per_s: f64,
+    /// Wait before each answer of the server, milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 80)]
+    pub latency_ms: u64,
+    /// Predictions to fly with
+    #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = parse_prediction,
+        default_values = ["off", "linear", "quadratic", "oracle"])]
+    pub predictions: Vec<Prediction>,
+}
+
+/// Arguments of `long-run`.
+#[derive(Debug, Clone, Args)]
+pub struct LongRunArgs {
+    /// Length of the flight, seconds
+    #[arg(long, value_name = "S", default_value_t = 1800.0)]
+    pub seconds: f64,
+    /// Frames per second
+    #[arg(long, value_name = "N", default_value_t = 10.0)]
+    pub fps: f64,
+    /// Another number flies another way
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
 }
 
 /// Arguments of the hidden load.
@@ -126,6 +166,12 @@ fn parse_measure(text: &str) -> Result<Measure, String> {
         "max" => Ok(Measure::Max),
         _ => Err("expected min, area or max".to_owned()),
     }
+}
+
+fn parse_prediction(text: &str) -> Result<Prediction, String> {
+    let all = [Prediction::Off, Prediction::Linear, Prediction::Quadratic, Prediction::Oracle];
+    let found = all.into_iter().find(|prediction| prediction.name() == text);
+    found.ok_or_else(|| "expected off, linear, quadratic or oracle".to_owned())
 }
 
 fn parse_size(text: &str) -> Result<[u32; 2], String> {

@@ -5,6 +5,8 @@
 
 pub mod cli;
 pub mod flight;
+pub mod link;
+pub mod long_run;
 pub mod machine;
 pub mod measurement;
 pub mod plot;

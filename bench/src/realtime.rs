@@ -4,7 +4,7 @@ use crate::cli::{Options, RealtimeArgs};
 use crate::measurement::{Measurement, Target};
 use crate::plot::{self, TimeRow};
 use crate::report::Found;
-use crate::session::sibling;
+use crate::session::{Scratch, sibling};
 use crate::world;
 use anyhow::{Context, bail, ensure};
 use serde::Deserialize;
@@ -76,9 +76,9 @@ struct Flight {
 pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow::Result<()> {
     ensure!(args.seconds >= 1.0 && args.load_seconds < args.seconds, "the load does not fit into the flight");
     let world = world::database(options)?;
-    let scratch = Scratch::new()?;
+    let scratch = Scratch::new("realtime")?;
     let free_frames = FREE_FRAMES.min((10.0 * args.seconds) as u64);
-    let free = fly(&world, options, &scratch.0, &format!("0..{free_frames}"), &[])?.wait()?;
+    let free = fly(&world, options, scratch.path(), &format!("0..{free_frames}"), &[])?.wait()?;
     let steady = free.frame_ms.get(free.frame_ms.len() / 2..).unwrap_or_default();
     let rate = 1e3 * steady.len() as f64 / steady.iter().sum::<f64>();
     // Frame rates with a decimal, as people write them.
@@ -88,7 +88,7 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
     for feedback in ["on", "off"] {
         let fps = fps.to_string();
         let flags = ["--mode", "realtime", "--fps", &fps, "--feedback", feedback];
-        let flight = fly(&world, options, &scratch.0, &format!("0..{frames}"), &flags)?;
+        let flight = fly(&world, options, scratch.path(), &format!("0..{frames}"), &flags)?;
         flights.push(under_load(flight, args, frames as f64 / fps.parse::<f64>()?)?);
     }
     found.facts.push(("database", world.display().to_string()));
@@ -124,23 +124,6 @@ pub fn load(seconds: f64, out: &mut impl Write) -> anyhow::Result<()> {
         sum = std::hint::black_box((0..10_000).fold(sum, u64::wrapping_add));
     }
     writeln!(out, "{}", cpu_seconds() / start.elapsed().as_secs_f64()).context("standard output")
-}
-
-/// A folder for reports that goes away.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new() -> anyhow::Result<Self> {
-        let path = std::env::temp_dir().join(format!("terravision-bench-realtime-{}", std::process::id()));
-        std::fs::create_dir_all(&path).with_context(|| format!("cannot make {}", path.display()))?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).unwrap_or_default();
-    }
 }
 
 /// A flight that is under way.

@@ -6,7 +6,7 @@ use crate::machine::Machine;
 use crate::measurement::{Measurement, table};
 use crate::plot::{self, Curve};
 use crate::session::Settings;
-use crate::{queues, realtime, stages, world};
+use crate::{link, long_run, queues, realtime, stages, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
@@ -35,11 +35,17 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         Some(Verb::Stages) => name == "stages",
         Some(Verb::Replay) => name == "replay",
         Some(Verb::Ingest) => name == "ingest",
-        Some(Verb::Reader(_) | Verb::Realtime(_) | Verb::Load(_)) => false,
+        Some(Verb::Reader(_) | Verb::Realtime(_) | Verb::Link(_) | Verb::LongRun(_) | Verb::Load(_)) => false,
     };
     // Minutes long: only when it is asked for.
     if let Some(Verb::Realtime(args)) = verb {
         realtime::run(args, options, &mut found).context("realtime")?;
+    }
+    if let Some(Verb::LongRun(args)) = verb {
+        long_run::run(args, options, &mut found).context("long-run")?;
+    }
+    if let Some(Verb::Link(args)) = verb {
+        link::run(args, options, &mut found).context("link")?;
     }
     if wants("queues") {
         found.measurements.extend(queues::run(queues::Load::default()).context("queues")?);

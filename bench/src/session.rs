@@ -78,7 +78,7 @@ impl Session {
             r_c_px: settings.r_px[1],
             measure: settings.measure,
             exaggeration: 1.0,
-            loader_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
+            decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 sky_rgb: [150, 190, 235],
@@ -264,5 +264,33 @@ impl EventLog {
     #[must_use]
     pub fn device_name(&self) -> String {
         self.device.iter().map(|name| String::from_utf8_lossy(name)).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// A folder for reports that goes away.
+#[derive(Debug)]
+pub struct Scratch(PathBuf);
+
+impl Scratch {
+    /// A folder for the bench of this name.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn new(bench: &str) -> anyhow::Result<Self> {
+        let path = std::env::temp_dir().join(format!("terravision-bench-{bench}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).with_context(|| format!("cannot make {}", path.display()))?;
+        Ok(Self(path))
+    }
+
+    /// Its path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.0).unwrap_or_default();
     }
 }

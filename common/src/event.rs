@@ -28,8 +28,12 @@ pub enum EventKind {
     /// What a frame was made for (realtime): `start_nanos` is when its camera was made, `value` the bits of r_z (low 32)
     /// and r_c (high 32) as f32, pixels.
     FrameCamera = 16,
-    /// Tiles that the frame wanted and that were not there (realtime): `value` is their number.
+    /// What a frame lacked (realtime): `value` is the number of tiles that it wanted and that were not there (low 32 bits),
+    /// and the share of the ground's screen area that it draws as finely as wanted (high 32), an f32.
     FrameLacked = 17,
+    /// A piece of a sentence about a failure while the database was read; see [`Event::text`]. The sentence begins with
+    /// the name of the cause. One is sent for each cause and file.
+    Failure = 18,
 }
 
 impl EventKind {
@@ -47,6 +51,7 @@ impl EventKind {
             8 => Self::FrameUploaded,
             16 => Self::FrameCamera,
             17 => Self::FrameLacked,
+            18 => Self::Failure,
             _ => return None,
         })
     }
@@ -138,10 +143,10 @@ const _: () = assert!(size_of::<Event>() == 48);
 /// Bytes of text in one event of a kind that carries text.
 const TEXT_BYTES: usize = 32;
 /// Longest text that events carry, bytes; what is longer is cut.
-const TEXT_MAX: usize = 256;
+const TEXT_MAX: usize = 512;
 
 impl Event {
-    /// The events that carry a text (a name of at most 256 bytes, longer ones are cut), 32 bytes each: `thread` is the
+    /// The events that carry a text (at most 512 bytes, longer ones are cut), 32 bytes each: `thread` is the
     /// piece's number, `frame` the length of the whole text, and the four fields after it are the bytes.
     #[must_use]
     pub fn text(kind: EventKind, text: &str) -> Vec<Self> {
@@ -173,6 +178,9 @@ impl Event {
         let (len, from) = (self.frame as usize, (self.thread as usize).saturating_mul(TEXT_BYTES));
         if len > TEXT_MAX || from >= len {
             return false;
+        }
+        if from == 0 {
+            into.clear();
         }
         let bytes: [u8; TEXT_BYTES] = bytemuck::cast([self.start_nanos, self.duration_nanos, self.value, self.node]);
         into.resize(len, b' ');

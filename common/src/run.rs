@@ -36,7 +36,7 @@ pub struct RunConfig {
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
     /// Threads that decode tiles in the prefetcher.
-    pub loader_threads: u32,
+    pub decoder_threads: u32,
     /// What the prefetcher does beyond what frames ask of it.
     pub prefetch: PrefetchConfig,
     /// What the renderer draws and where frames go.
@@ -121,8 +121,12 @@ pub struct PrefetchConfig {
 impl PrefetchConfig {
     /// For a run that waits for every tile that it wants.
     pub const EXACT: Self = Self { prediction: Prediction::Off, has_retries: false };
+
     /// For a flight against the clock.
-    pub const REALTIME: Self = Self { prediction: Prediction::Linear, has_retries: true };
+    #[must_use]
+    pub const fn realtime(prediction: Prediction) -> Self {
+        Self { prediction, has_retries: true }
+    }
 }
 
 /// How the view is predicted.
@@ -135,6 +139,21 @@ pub enum Prediction {
     Linear,
     /// It also goes on to gain or lose speed as it does: better in long bends, worse when the path is jerky.
     Quadratic,
+    /// The path is known: the launcher tells the cameras to come.
+    Oracle,
+}
+
+impl Prediction {
+    /// As flags and reports name it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Linear => "linear",
+            Self::Quadratic => "quadratic",
+            Self::Oracle => "oracle",
+        }
+    }
 }
 
 /// The renderer's part of a [`RunConfig`].

@@ -215,7 +215,7 @@ mod tests {
     fn json(change: impl FnOnce(&mut serde_json::Value)) -> [String; 2] {
         let mut run = serde_json::json!({
             "run_id": "tv-1-2", "world": "/w.tv", "width": 640, "height": 360, "fps": 30.0, "frames": [0, 5],
-            "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "loader_threads": 2,
+            "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "decoder_threads": 2,
             "database": {
                 "location": "/w.tv", "cache": null, "cache_bytes": 0, "is_offline": false, "request_timeout_ms": 1,
                 "parallel_requests": 1,

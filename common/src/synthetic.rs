@@ -151,6 +151,15 @@ fn unit_hash(seed: u64, a: u64, b: u64, c: u64) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64
 }
 
+/// A colour that names a node among those around it, of its own level and of the seven above and below: what a test world is
+/// painted with, so that a picture tells which tile each texel is of. Names differ by 24 or more in one channel, so they
+/// survive compression.
+#[must_use]
+pub fn name_color(node: NodeId) -> [u8; 3] {
+    let [q, m, n] = [u32::from(node.q()) % 8, node.m() % 4, node.n() % 4];
+    [40 + 24 * q, 40 + 48 * m, 40 + 48 * n].map(|channel| channel as u8)
+}
+
 impl TileSource for SyntheticTerrain {
     fn read_elevation(&self, node: NodeId, out: &mut [f32], _scratch: &mut TileScratch) -> Result<(), TileError> {
         let (cells, posts) = (u64::from(self.world.elevation_tile()), self.world.elevation_posts() as usize);

@@ -42,7 +42,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
         r_c_px: 1.0,
         measure: Measure::Area,
         exaggeration: 1.0,
-        loader_threads: 1,
+        decoder_threads: 1,
         prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {
             sky_rgb: [0; 3],

@@ -55,6 +55,9 @@ pub struct SparseArgs {
     /// How often the side is doubled: 2 is 16 times the area, 4 is 256 times
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=10))]
     pub doublings: u8,
+    /// Every colour tile has the one colour that names its node
+    #[arg(long)]
+    pub named: bool,
 }
 
 /// Arguments of `ingest`, as typed.

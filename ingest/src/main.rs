@@ -44,7 +44,8 @@ fn main() -> ExitCode {
             Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
         }),
         Verb::Sparse(args) => {
-            let options = SparseOptions { detailed_nodes: args.detailed_nodes, doublings: args.doublings };
+            let options =
+                SparseOptions { detailed_nodes: args.detailed_nodes, doublings: args.doublings, is_named: args.named };
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());
             sparse::write(&args.output, options, &work).map(|_| args.output.display().to_string())

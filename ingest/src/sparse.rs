@@ -18,6 +18,8 @@ use pmtiles::TileType;
 use std::io;
 use std::path::Path;
 use terravision_common::database::{Manifest, NodeRanges, encode_elevation_tile};
+use terravision_common::node::NodeId;
+use terravision_common::synthetic::name_color;
 use terravision_common::world::{COLOR_BORDER, World, WorldFields};
 
 /// A sparse world.
@@ -27,6 +29,8 @@ pub struct SparseOptions {
     pub detailed_nodes: u32,
     /// How often the side is doubled: 0 is the square alone, 2 is 16 times its area, 4 is 256 times.
     pub doublings: u8,
+    /// Every colour tile, also of the plain, has the one colour that names its node ([`name_color`]).
+    pub is_named: bool,
 }
 
 /// Colour of the plain.
@@ -124,7 +128,10 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
             finest_color,
             &info,
             work,
-            |q, _, tiles| color_tiles(&world, &content, q, &tiles),
+            |q, _, tiles| match options.is_named {
+                true => named_tiles(&world, q, &tiles),
+                false => color_tiles(&world, &content, q, &tiles),
+            },
         )?;
         let fail = |source| IngestError::Output { source, path: paths[2].clone() };
         let ranges = ranges(&world, &content);
@@ -178,6 +185,16 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
         .collect()
 }
 
+fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+    let stored = world.color_stored();
+    let named = tiles.iter().map(|(_, coord, [m, n])| {
+        let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is no node"))?;
+        let picture = vec![name_color(node); (stored * stored) as usize];
+        Ok((*coord, archive::encode_color_tile(&picture, stored as u16, 95)?, None))
+    });
+    named.collect()
+}
+
 /// Ranges of all nodes: own posts, and those of coarser levels over the node's area; descendants' from below.
 fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
     let mut all: Vec<Vec<[f32; 2]>> = Vec::new();
@@ -218,15 +235,14 @@ fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::database::{Database, TileScratch, TileSource};
-    use terravision_common::node::NodeId;
+    use terravision_common::database::{Database, TileScratch, TileSource, color_tile_bytes};
 
     #[test]
     fn worlds_of_all_sizes_share_the_detailed_square() {
         let folder = std::env::temp_dir().join(format!("tv-sparse-{}", std::process::id()));
         let worlds = [0, 2].map(|doublings| {
             let path = folder.join(format!("{doublings}.tv"));
-            write(&path, SparseOptions { detailed_nodes: 4, doublings }, &Work::quiet(2)).unwrap();
+            write(&path, SparseOptions { detailed_nodes: 4, doublings, is_named: false }, &Work::quiet(2)).unwrap();
             Database::open(&path).unwrap()
         });
         let mut scratch = TileScratch::default();
@@ -244,6 +260,23 @@ mod tests {
         assert!(heights.iter().all(|h| *h == PLAIN_M));
         let sizes = worlds.each_ref().map(|db| db.manifest().elevation.archive.bytes);
         assert!(sizes[1] < 2 * sizes[0], "{sizes:?}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+    #[test]
+    fn a_named_world_has_a_tile_of_one_colour_for_each_node() {
+        let folder = std::env::temp_dir().join(format!("tv-named-{}", std::process::id()));
+        let options = SparseOptions { detailed_nodes: 16, doublings: 1, is_named: true };
+        write(&folder, options, &Work::quiet(2)).unwrap();
+        let database = Database::open(&folder).unwrap();
+        let world = *database.world();
+        let mut scratch = TileScratch::default();
+        let mut texels = vec![0; color_tile_bytes(&world)];
+        for (m, n, q) in [(0, 0, 5), (3, 2, 3), (2, 3, 3), (1, 0, 4)] {
+            let node = NodeId::new(m, n, q).unwrap();
+            database.read_color(node, &mut texels, &mut scratch).unwrap();
+            let is_name = |texel: &[u8]| texel.iter().zip(name_color(node)).all(|(a, b)| a.abs_diff(b) <= 6);
+            assert!(texels.chunks_exact(4).all(is_name), "{node}: {:?}, {:?}", &texels[..4], name_color(node));
+        }
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

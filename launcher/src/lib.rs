@@ -4,8 +4,9 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
-//! * [`report`] (of a flight against the clock also [`realtime_report`]), [`trace`]: what a run says about itself afterwards;
+//! * [`report`] (of a flight against the clock also [`realtime_report`], of where tiles came from [`network_report`]), [`trace`]: what a run says about itself afterwards;
 //!   [`output`]: files that appear whole or not at all.
+//! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
@@ -18,6 +19,8 @@ pub mod ground;
 pub mod info;
 pub mod input;
 pub mod machine;
+pub mod metrics;
+pub mod network_report;
 pub mod output;
 pub mod passed_on;
 pub mod path;

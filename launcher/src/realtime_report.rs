@@ -7,7 +7,7 @@ use terravision_common::run::RunConfig;
 
 /// A frame is on time when it is finished within so many times the frame's time after its moment: one for the stages
 /// before the renderer, one for the renderer.
-const ON_TIME_PERIODS: f64 = 2.0;
+pub(crate) const ON_TIME_PERIODS: f64 = 2.0;
 
 /// Field names are the schema's.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,6 +23,7 @@ pub struct RealtimeReport {
     skipped: u64,
     on_time_share: f64,
     lacking: u64,
+    sharp_mean: f64,
     interval_ms: Percentiles,
     renderer_ms: Percentiles,
     latency_ms: Percentiles,
@@ -30,9 +31,10 @@ pub struct RealtimeReport {
     drawn: Drawn,
 }
 
+/// Of many values. Field names are the schema's.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-struct Percentiles {
-    p50: f64,
+pub(crate) struct Percentiles {
+    pub(crate) p50: f64,
     p95: f64,
     p99: f64,
     worst: f64,
@@ -53,6 +55,8 @@ struct Drawn {
     triangles: Vec<u64>,
     tiles_wanted: Vec<u32>,
     tiles_resident: Vec<u32>,
+    /// Share of the ground's screen area that is drawn as finely as wanted.
+    sharp: Vec<f64>,
 }
 
 impl RealtimeReport {
@@ -84,6 +88,7 @@ impl RealtimeReport {
             drawn.triangles.push(frame.triangles);
             drawn.tiles_wanted.push(frame.wanted);
             drawn.tiles_resident.push(frame.wanted.saturating_sub(frame.lacked));
+            drawn.sharp.push(finite(frame.sharp));
             before = Some(frame);
         }
         let slots = frames.len() as u64;
@@ -104,6 +109,7 @@ impl RealtimeReport {
             skipped: slots - count,
             on_time_share: if slots == 0 { 0.0 } else { on_time as f64 / slots as f64 },
             lacking: frames.iter().filter(|frame| frame.lacked > 0).count() as u64,
+            sharp_mean: drawn.sharp.iter().sum::<f64>() / drawn.sharp.len().max(1) as f64,
             interval_ms: of(&drawn.interval_ms),
             renderer_ms: of(&drawn.renderer_ms),
             latency_ms: Percentiles::of(&new_latencies),
@@ -132,7 +138,7 @@ impl RealtimeReport {
 
 impl Percentiles {
     /// Nearest rank; 0 of nothing.
-    fn of(values: &[f64]) -> Self {
+    pub(crate) fn of(values: &[f64]) -> Self {
         let mut values = values.to_vec();
         values.sort_by(f64::total_cmp);
         let at = |share: f64| {
@@ -169,6 +175,7 @@ mod tests {
             r_px: [20.0, f32::NAN],
             wanted: 10,
             lacked: 3,
+            sharp: 0.75,
             ..FrameFigures::default()
         };
         // Moments are 100, 110, 120...; a frame has 20 ms.
@@ -183,6 +190,7 @@ mod tests {
         assert_eq!(report.drawn.latency_ms, [50.0, 20.0, 21.0, 14.0]);
         assert_eq!((report.drawn.tiles_resident[0], report.drawn.r_z_px[0], report.drawn.r_c_px[0]), (7, 20.0, 0.0));
         assert_eq!((report.latency_ms.p50, report.latency_ms.worst, report.interval_ms.worst), (20.0, 21.0, 30.0));
+        assert_eq!((report.sharp_mean, report.drawn.sharp[0]), (0.75, 0.75));
         assert!(report.summary([4, 2]).contains("3 on time (60.0 %), 1 late, 1 left out"));
     }
 

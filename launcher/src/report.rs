@@ -2,6 +2,7 @@
 
 use crate::flight::collector::{Collector, FrameFigures};
 use crate::flight::memory::MemoryPeaks;
+use crate::network_report::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
 use crate::realtime_report::RealtimeReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -45,6 +46,10 @@ pub struct RunFigures {
     pub collector: Collector,
     /// Peaks of memory.
     pub memory: MemoryPeaks,
+    /// What the prefetcher did.
+    pub prefetch: PrefetchFigures,
+    /// N.
+    pub window: WindowSpan,
     /// Process ids of the stages.
     pub pids: Vec<(Stage, u32)>,
 }
@@ -82,6 +87,9 @@ pub struct Report {
     events_dropped: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     realtime: Option<RealtimeReport>,
+    prefetch: PrefetchReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    network: Option<NetworkReport>,
 }
 
 #[derive(Debug, Serialize)]
@@ -186,7 +194,7 @@ impl Report {
                 measure: format!("{:?}", config.measure).to_lowercase(),
                 samples: config.render.samples,
                 exaggeration: config.exaggeration,
-                threads: config.loader_threads,
+                threads: config.decoder_threads,
             },
             stages,
             spans,
@@ -208,6 +216,8 @@ impl Report {
             trees_cut_short: figures.trees_cut_short,
             events_dropped: figures.events_dropped + collector.strange_events,
             realtime: RealtimeReport::new(config, figures),
+            prefetch: PrefetchReport::new(config, figures),
+            network: NetworkReport::new(config, figures),
         }
     }
 
@@ -249,6 +259,12 @@ impl Report {
             ),
             None => "which ones was lost on the way".into(),
         }
+    }
+
+    /// Where the tiles of a database that is elsewhere came from, in one line.
+    #[must_use]
+    pub fn network_summary(&self) -> Option<String> {
+        self.network.as_ref().map(NetworkReport::summary)
     }
 
     /// The run in one line.
@@ -353,7 +369,7 @@ pub(crate) mod tests {
             r_c_px: 1.0,
             measure: Measure::Area,
             exaggeration: 1.0,
-            loader_threads: 2,
+            decoder_threads: 2,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 sky_rgb: [1, 2, 3],
@@ -403,6 +419,8 @@ pub(crate) mod tests {
             shared_memory_bytes: 1 << 20,
             collector,
             memory: MemoryPeaks::default(),
+            prefetch: PrefetchFigures::default(),
+            window: WindowSpan::default(),
             pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
         }
     }

@@ -45,7 +45,7 @@ pub fn config(location: &Location, args: &DatabaseArgs) -> DatabaseConfig {
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     DatabaseConfig {
         location: location
-            .as_folder()
+            .as_path()
             .map_or_else(|| location.to_argument(), |path| absolute(path).display().to_string()),
         cache: args.cache.as_deref().map(absolute),
         cache_bytes: args.cache_size.0,

@@ -183,6 +183,12 @@ impl<S> Workers<S> {
         !self.threads.iter().any(JoinHandle::is_finished)
     }
 
+    /// Where payloads come from.
+    #[must_use]
+    pub fn source(&self) -> &S {
+        &self.source
+    }
+
     /// What tells whether work has ended that was not drained.
     pub fn has_ended(&self) -> impl Fn() -> bool + use<S> {
         let shared = Arc::clone(&self.shared);

@@ -5,11 +5,14 @@
 //!   knows no clock, no thread and no network, so that tests drive it step by step. [`window`] is how much it may ask for
 //!   at a time (N of design §9).
 //! * [`crew`] does the work: requests on an async runtime, decoding on threads. [`source`] is where payloads come from.
-//! * [`track`] predicts the camera, [`lookahead`] finds the tiles that it will want.
+//! * [`track`] predicts the camera, or [`oracle`] knows it; [`lookahead`] finds the tiles that it will want.
+//! * [`accounts`]: what the launcher is told of the database.
 
+pub mod accounts;
 pub mod crew;
 pub mod desk;
 pub mod lookahead;
+pub mod oracle;
 pub mod source;
 pub mod stage;
 pub mod track;

@@ -5,7 +5,7 @@ use std::error::Error;
 use std::future::Future;
 use std::sync::Arc;
 use terravision_common::database::Tile;
-use terravision_store::{Cause, Store};
+use terravision_store::{Cause, ErrorLog, Figures, Store};
 
 /// Why a payload cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +54,16 @@ pub trait PayloadSource: Send + Sync + 'static {
     /// A tile as it is stored. The future is dropped when nothing wants the tile any more; that ends the request, on the
     /// wire too.
     fn payload(&self, tile: Tile) -> impl Future<Output = Result<Bytes, FetchError>> + Send;
+
+    /// What reading has cost so far.
+    fn figures(&self) -> Figures {
+        Figures::default()
+    }
+
+    /// What went wrong so far, those failures too that a later request made good; `None` for a source that keeps no log.
+    fn errors(&self) -> Option<&ErrorLog> {
+        None
+    }
 }
 
 impl PayloadSource for Arc<Store> {
@@ -64,5 +74,13 @@ impl PayloadSource for Arc<Store> {
             Some(Cause::Damaged) => FetchError::Corrupt { tile, source: error.into() },
             Some(_) => FetchError::Unreadable { tile, source: error.into() },
         })
+    }
+
+    fn figures(&self) -> Figures {
+        Store::figures(self)
+    }
+
+    fn errors(&self) -> Option<&ErrorLog> {
+        Some(Store::errors(self))
     }
 }

@@ -1,20 +1,25 @@
 //! The prefetcher as a stage of a run.
 
+use crate::accounts::Accounts;
 use crate::crew::{CrewError, Workers};
 use crate::desk::{CYCLE_NANOS, Desk, News};
 use crate::lookahead::{Lookahead, Resolution};
+use crate::oracle::Oracle;
 use crate::source::PayloadSource;
 use crate::track::CameraTrack;
 use bytemuck::Zeroable;
-use std::io::Write;
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Duration;
+use terravision_common::camera::Camera;
+use terravision_common::database::Tile;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{TileOutcome, layer_number};
 use terravision_common::run::{Prediction, RunConfig};
 use terravision_common::shm::{
-    Control, Gauge, PoolWriter, Producer, SegmentKind, ShmError, Stage, WaitError, WantListReader,
+    CameraRecord, Consumer, Control, Gauge, PoolWriter, Producer, SegmentKind, ShmError, Stage, WaitError,
+    WantListReader,
 };
 use terravision_common::stage::{Events, StageError, StageRun};
 use terravision_common::traversal::{HeightRanges, TreeLimits};
@@ -73,6 +78,8 @@ pub struct Ports {
     pub elevation: PoolWriter,
     /// The colour pool.
     pub color: PoolWriter,
+    /// The cameras to come, where they are told.
+    pub path: Option<Consumer<CameraRecord>>,
     /// What the launcher is told.
     pub events: Events,
 }
@@ -85,12 +92,14 @@ impl Ports {
     pub fn open(run: &StageRun) -> Result<Self, ShmError> {
         let control = Control::open(run.id())?;
         control.register(Stage::Prefetcher)?;
+        let is_told = run.config().prefetch.prediction == Prediction::Oracle;
         Ok(Self {
             control: Arc::new(control),
             wants: WantListReader::open(run.id())?,
             outcomes: Producer::open(run.id(), SegmentKind::TileOutcomes)?,
             elevation: PoolWriter::open(run.id(), SegmentKind::ElevationPool)?,
             color: PoolWriter::open(run.id(), SegmentKind::ColorPool)?,
+            path: is_told.then(|| Consumer::open(run.id(), SegmentKind::PathRing)).transpose()?,
             events: Events::open(run.id(), Stage::Prefetcher)?,
         })
     }
@@ -107,44 +116,56 @@ pub fn serve<S: PayloadSource>(
     source: S,
     ports: Ports,
 ) -> Result<(), PrefetcherError> {
-    let Ports { control, mut wants, mut outcomes, elevation, color, mut events } = ports;
-    let mut crew = Workers::new(source, world, config.loader_threads, wants.bell())?;
+    let Ports { control, mut wants, mut outcomes, elevation, color, path, mut events } = ports;
+    let mut crew = Workers::new(source, world, config.decoder_threads, wants.bell())?;
     let has_ended = crew.has_ended();
     let mut desk = Desk::new(world, elevation, color, config.prefetch.has_retries);
-    let mut ahead = Ahead::new(world, ranges, config);
+    let mut ahead = Ahead::new(world, ranges, config, path);
+    let mut accounts = Accounts::default();
     let mut tiles = Vec::new();
     let mut cycle_end = monotonic_nanos() + CYCLE_NANOS;
-    loop {
+    let mut serve_one = |events: &mut Events, accounts: &mut Accounts, crew: &mut Workers<S>| {
         let now = monotonic_nanos();
         if let Some(head) = wants.read(&mut tiles)? {
             if head.is_last {
-                return Ok(());
+                return Ok(false);
             }
-            desk.want(head, &tiles, now, &control, &mut crew);
+            desk.want(head, &tiles, now, &control, crew);
         }
         ahead.see(&control, now);
         if now >= cycle_end {
             cycle_end = now + CYCLE_NANOS;
-            desk.end_cycle(now, &control, &mut crew);
-            if let Some(tiles) = ahead.look(&desk, &control, now) {
-                desk.expect(tiles.iter().copied(), now, &control, &mut crew);
+            desk.end_cycle(now, &control, crew);
+            if let Some(tiles) = ahead.look(&desk, &control, now)? {
+                desk.expect(tiles.iter().copied(), now, &control, crew);
             }
+            accounts.publish(crew.source(), &control, events);
             control.heartbeat(Stage::Prefetcher);
             if !crew.is_whole() {
                 return Err(PrefetcherError::ThreadDied);
             }
         }
-        desk.step(now, &control, &mut crew);
+        desk.step(now, &control, crew);
         for outcome in desk.outcomes.drain(..) {
             // One that finds the ring full is told again for a later list.
             outcomes.try_push(outcome).ok();
         }
         for news in desk.news.drain(..) {
-            tell(&control, &mut events, news);
+            tell(&control, events, news);
         }
         let bound = Duration::from_nanos(cycle_end.saturating_sub(monotonic_nanos()));
         wants.wait(&control, bound, &has_ended)?;
-    }
+        Ok(true)
+    };
+    let served = loop {
+        match serve_one(&mut events, &mut accounts, &mut crew) {
+            Ok(true) => {}
+            Ok(false) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    };
+    accounts.publish(crew.source(), &control, &mut events);
+    served
 }
 
 /// The view that is going to be, and what it wants.
@@ -152,14 +173,18 @@ struct Ahead<R> {
     prediction: Prediction,
     config: RunConfig,
     track: CameraTrack,
+    oracle: Option<Oracle>,
     lookahead: Option<Lookahead<R>>,
+    tiles: Vec<Tile>,
 }
 
 impl<R: HeightRanges> Ahead<R> {
-    fn new(world: &World, ranges: R, config: &RunConfig) -> Self {
+    fn new(world: &World, ranges: R, config: &RunConfig, path: Option<Consumer<CameraRecord>>) -> Self {
         let prediction = config.prefetch.prediction;
         let lookahead = (prediction != Prediction::Off).then(|| Lookahead::new(world, ranges, LIMITS));
-        Self { prediction, config: config.clone(), track: CameraTrack::default(), lookahead }
+        let track = CameraTrack::default();
+        let oracle = path.map(Oracle::new);
+        Self { prediction, config: config.clone(), track, oracle, lookahead, tiles: Vec::new() }
     }
 
     fn see(&mut self, control: &Control, now: u64) {
@@ -168,18 +193,32 @@ impl<R: HeightRanges> Ahead<R> {
         }
     }
 
-    fn look(&mut self, desk: &Desk, control: &Control, now: u64) -> Option<&[terravision_common::database::Tile]> {
-        let lookahead = self.lookahead.as_mut()?;
+    fn look(&mut self, desk: &Desk, control: &Control, now: u64) -> Result<Option<&[Tile]>, ShmError> {
+        let Some(lookahead) = &mut self.lookahead else { return Ok(None) };
         let ahead_secs = ahead_secs(desk.latency_nanos());
-        control.set_gauge(Gauge::PredictedAheadNanos, (ahead_secs * 1e9) as u64);
-        let camera = self.track.predict(now, ahead_secs, self.prediction)?;
+        let ahead_nanos = (ahead_secs * 1e9) as u64;
+        control.set_gauge(Gauge::PredictedAheadNanos, ahead_nanos);
+        let cameras: Vec<Camera> = match &mut self.oracle {
+            // Before the clock has started the camera waits for the first frame.
+            Some(oracle) => oracle.cameras(now.saturating_sub(control.clock_start().unwrap_or(now)), ahead_nanos)?,
+            None => self.track.predict(now, ahead_secs, self.prediction).into_iter().collect(),
+        };
+        if cameras.is_empty() {
+            return Ok(None);
+        }
         let resolution = Resolution {
             r_z_px: control.r_z_px().unwrap_or(self.config.r_z_px),
             r_c_px: control.r_c_px().unwrap_or(self.config.r_c_px),
             exaggeration: self.config.exaggeration,
             measure: self.config.measure,
         };
-        Some(lookahead.tiles(&camera, &resolution))
+        self.tiles.clear();
+        let mut seen = HashSet::new();
+        for camera in &cameras {
+            let of_view = lookahead.tiles(camera, &resolution).iter().copied();
+            self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
+        }
+        Ok(Some(&self.tiles))
     }
 }
 
@@ -192,11 +231,10 @@ pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
 }
 
 fn tell(control: &Control, events: &mut Events, news: News) {
-    let span =
-        |tile: terravision_common::database::Tile, frame, thread, start_nanos, duration_nanos, name: SpanName| {
-            let (kind, node) = (EventKind::Span as u32, tile.node.pack());
-            Event { kind, thread, frame, start_nanos, duration_nanos, value: name as u64, node }
-        };
+    let span = |tile: Tile, frame, thread, start_nanos, duration_nanos, name: SpanName| {
+        let (kind, node) = (EventKind::Span as u32, tile.node.pack());
+        Event { kind, thread, frame, start_nanos, duration_nanos, value: name as u64, node }
+    };
     let event = match news {
         News::Fetched { tile, frame, start_nanos, duration_nanos } => {
             let lane = FIRST_LANE + (start_nanos / 1000 % LANES) as u32;
@@ -236,12 +274,7 @@ pub fn run(run: &StageRun) -> Result<(), PrefetcherError> {
     let config = run.config();
     let store = Arc::new(open_database(config)?);
     let world = *store.world();
-    let served = serve(&world, SharedRanges(Arc::clone(&store)), config, Arc::clone(&store), ports);
-    for news in store.errors().take_news() {
-        // Standard error is the launcher's; without a launcher there is nobody to tell.
-        drop(writeln!(std::io::stderr(), "{news}"));
-    }
-    served
+    serve(&world, SharedRanges(Arc::clone(&store)), config, store, ports)
 }
 
 /// The run's database: its index is here already, and checked.

@@ -99,7 +99,7 @@ impl CameraTrack {
         let late = slope(middle, (time, pose));
         let resting = [0.0; 6];
         match prediction {
-            Prediction::Off => None,
+            Prediction::Off | Prediction::Oracle => None,
             Prediction::Linear => Some((late, resting)),
             Prediction::Quadratic => {
                 let old = before(2.0 * BASE_SECS).filter(|old| middle.0 - old.0 > 1e-3);

@@ -74,7 +74,7 @@ struct Peer {
 fn config() -> RunConfig {
     serde_json::from_value(serde_json::json!({
         "run_id": "tv-1-2", "world": "/w.tv", "width": 640, "height": 360, "fps": 30.0, "frames": [0, 5],
-        "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "loader_threads": 2,
+        "r_z_px": 10.0, "r_c_px": 1.0, "measure": "area", "exaggeration": 1.0, "decoder_threads": 2,
         "prefetch": { "prediction": "linear", "has_retries": false },
         "database": {
             "location": "/w.tv", "cache": null, "cache_bytes": 0, "is_offline": false, "request_timeout_ms": 1,
@@ -100,8 +100,15 @@ fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'stati
         let (elevation, elevation_reader) = memory::pool(200, 100).expect("valid");
         let (color, _) = memory::pool(100, color_tile_bytes(&world()) as u64).expect("valid");
         let (told, events) = memory::ring::<Event>(4096).expect("valid");
-        let ports =
-            Ports { control: Arc::clone(&control), wants, outcomes, elevation, color, events: Events::new(told) };
+        let ports = Ports {
+            control: Arc::clone(&control),
+            wants,
+            outcomes,
+            elevation,
+            color,
+            path: None,
+            events: Events::new(told),
+        };
         let terrain = SyntheticTerrain::new(&world(), Relief::Mountains { height_m: 100.0 }, 1);
         let served = std::thread::spawn(move || serve(&world(), terrain, &config(), source, ports));
         let mut other =

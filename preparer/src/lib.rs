@@ -4,7 +4,7 @@
 //!   [`loader`] has brought into the pools by the prefetcher.
 //! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays, with no
 //!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] out what is beside the picture.
-//!   [`frame`] puts it all into the rings.
+//!   [`frame`] puts it all into the rings. [`sharpness`] says how much of what is seen is as fine as wanted.
 //! * [`stage`] connects these with the segments of a run.
 
 pub mod await_tiles;
@@ -12,6 +12,7 @@ pub mod frame;
 pub mod frame_tree;
 pub mod heights;
 pub mod loader;
+pub mod sharpness;
 pub mod stage;
 pub mod there;
 pub mod thinning;

@@ -6,6 +6,7 @@ use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
+use crate::sharpness::sharp_share;
 use crate::there::take_what_is_there;
 use bytemuck::Zeroable;
 use std::sync::Arc;
@@ -198,7 +199,9 @@ impl<L: TileLoader> Preparer<L> {
         control.set_prepare_nanos(finished.saturating_sub(started));
         if is_realtime {
             let kind = EventKind::FrameLacked as u32;
-            let value = counts.unavailable.into();
+            let drawn = self.maker.truncation();
+            let sharp = sharp_share(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let value = u64::from(counts.unavailable) | u64::from(sharp.to_bits()) << 32;
             events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
         }
         events.tell(

@@ -82,6 +82,13 @@ pub struct ColorLeaf {
     index: u32,
 }
 
+impl ColorLeaf {
+    /// Its place in the whole tree.
+    pub(crate) fn index(&self) -> usize {
+        self.index as usize
+    }
+}
+
 /// What is drawn of one frame's tree, near to far; keeps its buffers from frame to frame.
 #[derive(Debug)]
 pub struct Truncation {

@@ -55,6 +55,43 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// All causes, by their numbers.
+    pub const ALL: [Self; 21] = [
+        Self::NotFound,
+        Self::Denied,
+        Self::Credentials,
+        Self::Throttled,
+        Self::Server,
+        Self::Refused,
+        Self::NoRanges,
+        Self::BadAnswer,
+        Self::Redirects,
+        Self::Timeout,
+        Self::Connect,
+        Self::Name,
+        Self::Certificate,
+        Self::Interrupted,
+        Self::Damaged,
+        Self::Changed,
+        Self::Touched,
+        Self::Offline,
+        Self::Cache,
+        Self::Disk,
+        Self::Closed,
+    ];
+
+    /// Its number, by which other processes are told of it.
+    #[must_use]
+    pub fn number(self) -> usize {
+        self as usize
+    }
+
+    /// The cause of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|cause| cause.name() == name)
+    }
+
     /// Its name in metrics.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -254,6 +291,20 @@ impl StoreError {
                 )
             ),
             Self::Mirror { .. } | Self::Threads { .. } => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::shm::FAILURE_CAUSES;
+
+    #[test]
+    fn every_cause_has_a_number_and_a_name_of_its_own() {
+        assert!(Cause::ALL.len() <= FAILURE_CAUSES);
+        for (number, cause) in Cause::ALL.into_iter().enumerate() {
+            assert_eq!((cause.number(), Cause::from_name(cause.name())), (number, Some(cause)));
         }
     }
 }

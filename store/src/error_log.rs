@@ -58,11 +58,17 @@ impl ErrorLog {
     /// What has not been taken before, a sentence for each cause and place.
     #[must_use]
     pub fn take_news(&self) -> Vec<String> {
+        self.take_untold().iter().map(Folded::to_string).collect()
+    }
+
+    /// What has not been taken before, each cause and place once.
+    #[must_use]
+    pub fn take_untold(&self) -> Vec<Folded> {
         let mut entries = self.lock();
         let news = entries.values_mut().filter(|folded| !folded.is_told);
         news.map(|folded| {
             folded.is_told = true;
-            folded.to_string()
+            folded.clone()
         })
         .collect()
     }

@@ -1,4 +1,4 @@
-//! A terrain database anywhere: in a folder, on a web server that honours byte ranges, in an S3 bucket.
+//! A terrain database anywhere: in a folder, in an archive, on a web server that honours byte ranges, in an S3 bucket.
 //!
 //! [`Store::open`] makes a [`Location`] a database; [`Store::payload`] gives tiles as they are stored, to async readers, and
 //! the store is a [`TileSource`](terravision_common::database::TileSource) for threads that may block. What comes over a
@@ -29,6 +29,7 @@ mod options;
 mod remote;
 mod resting;
 mod store;
+mod tar;
 mod transport;
 mod wire;
 

@@ -38,6 +38,8 @@ pub struct Location(Kind);
 pub(crate) enum Kind {
     /// On this machine.
     Folder(PathBuf),
+    /// An archive on this machine.
+    Archive(PathBuf),
     /// On a web server that honours byte ranges.
     Http(Url),
     /// In a bucket of an S3 server.
@@ -51,19 +53,20 @@ pub(crate) enum Kind {
 
 impl Location {
     /// Reads a location: `world.tv`, `file:///data/world.tv`, `http://host/world.tv`, `https://…`,
-    /// `s3://bucket/prefix`. The manifest in a folder stands for the folder.
+    /// `s3://bucket/prefix`. The manifest in a folder stands for the folder. What ends with `.tar` is an archive with the files
+    /// of a database in it.
     ///
     /// # Errors
     /// [`LocationError`].
     pub fn parse(text: &str) -> Result<Self, LocationError> {
         let Some((scheme, rest)) = text.split_once("://").filter(|(scheme, _)| is_scheme(scheme)) else {
-            return Ok(Self::folder(Path::new(text)));
+            return Ok(Self::path(Path::new(text)));
         };
         let bad =
             |reason: &dyn fmt::Display| LocationError::Url { reason: reason.to_string(), text: without_secrets(text) };
         let kind = match scheme.to_ascii_lowercase().as_str() {
             "file" => match Url::parse(text).map_err(|e| bad(&e))?.to_file_path() {
-                Ok(path) => return Ok(Self::folder(&path)),
+                Ok(path) => return Ok(Self::path(&path)),
                 Err(()) => return Err(bad(&"it names no file of this machine")),
             },
             "http" | "https" => Kind::Http(http_folder(text).map_err(|e| bad(&e))?),
@@ -88,8 +91,14 @@ impl Location {
     pub fn parse_os(text: &OsStr) -> Result<Self, LocationError> {
         match text.to_str() {
             Some(text) => Self::parse(text),
-            None => Ok(Self::folder(Path::new(text))),
+            None => Ok(Self::path(Path::new(text))),
         }
+    }
+
+    /// A folder of this machine, or an archive when its name says so and it is no folder.
+    fn path(path: &Path) -> Self {
+        let has_name = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("tar"));
+        if has_name && !path.is_dir() { Self(Kind::Archive(path.to_owned())) } else { Self::folder(path) }
     }
 
     /// A folder of this machine.
@@ -111,11 +120,34 @@ impl Location {
         }
     }
 
+    /// The folder or the archive, if it is one of this machine.
+    #[must_use]
+    pub fn as_path(&self) -> Option<&Path> {
+        match &self.0 {
+            Kind::Folder(path) | Kind::Archive(path) => Some(path),
+            _ => None,
+        }
+    }
+
+    /// Whether it is an archive, here or elsewhere.
+    #[must_use]
+    pub fn is_archive(&self) -> bool {
+        let is_tar = |name: &str| {
+            name.len() > 4 && name.get(name.len() - 4..).is_some_and(|end| end.eq_ignore_ascii_case(".tar"))
+        };
+        match &self.0 {
+            Kind::Folder(_) => false,
+            Kind::Archive(_) => true,
+            Kind::Http(url) => is_tar(url.path()),
+            Kind::S3 { prefix, .. } => is_tar(prefix),
+        }
+    }
+
     /// The location as [`Location::parse`] reads it, secrets and all: for another process, never for a person.
     #[must_use]
     pub fn to_argument(&self) -> String {
         match &self.0 {
-            Kind::Folder(path) => path.display().to_string(),
+            Kind::Folder(path) | Kind::Archive(path) => path.display().to_string(),
             Kind::Http(url) => url.to_string(),
             Kind::S3 { bucket, prefix } => format!("s3://{bucket}/{prefix}"),
         }
@@ -125,7 +157,7 @@ impl Location {
 impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.0 {
-            Kind::Folder(path) => write!(f, "{}", path.display()),
+            Kind::Folder(path) | Kind::Archive(path) => write!(f, "{}", path.display()),
             Kind::Http(url) => f.write_str(&without_secrets(url.as_str())),
             Kind::S3 { bucket, prefix } => write!(f, "s3://{bucket}/{prefix}"),
         }
@@ -182,6 +214,12 @@ mod tests {
         assert_eq!(parsed("https://h/w.tv?token=1"), "https://h/w.tv?token=1");
         assert_eq!(parsed("s3://b/a/w.tv/"), "s3://b/a/w.tv");
         assert_eq!(parsed("s3://b"), "s3://b/");
+        assert_eq!(Location::parse("a/w.tar").expect("an archive").as_path(), Some(Path::new("a/w.tar")));
+        let is_archive = |text: &str| Location::parse(text).expect("a location").is_archive();
+        assert!(
+            ["w.tar", "file:///a/w.TAR", "http://h/w.tar?key=1", "s3://b/a/w.tar"].iter().all(|text| is_archive(text))
+        );
+        assert!(!["w.tv", "http://h/tar", "http://h/w.tar.tv", "s3://tar"].iter().any(|text| is_archive(text)));
     }
 
     #[test]
@@ -206,7 +244,7 @@ mod tests {
         #[test]
         fn any_text_is_a_location_or_an_error(text: String) {
             if let Ok(location) = Location::parse(&text)
-                && location.as_folder().is_none()
+                && location.as_path().is_none()
             {
                 let again = Location::parse(&location.to_argument()).expect("what it gave itself");
                 prop_assert_eq!(again, location);

@@ -16,6 +16,11 @@ const LONG_REST: Duration = Duration::from_secs(300);
 /// More tiles than these are not remembered: those whose rest is over are forgotten first.
 const MOST_TILES: usize = 1 << 16;
 
+/// Failures that say something about the server, or the way to it, rather than about a tile.
+fn is_of_the_way(error: &FetchError) -> bool {
+    matches!(error.cause(), Some(Cause::Connect | Cause::Name | Cause::Timeout | Cause::Interrupted))
+}
+
 #[derive(Debug)]
 struct Rest {
     until: Instant,
@@ -48,8 +53,10 @@ impl Resting {
     fn note_at(&self, layer: Layer, node: NodeId, error: Option<&FetchError>, now: Instant) {
         let mut tiles = self.tiles.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(error) = error else {
-            if !tiles.is_empty() {
-                tiles.remove(&(layer, node));
+            tiles.remove(&(layer, node));
+            // The server answers: what failed on the way there need not rest for as long as the silence has taught.
+            for rest in tiles.values_mut().filter(|rest| is_of_the_way(&rest.error)) {
+                rest.until = rest.until.min(now + FIRST_REST);
             }
             return;
         };
@@ -96,6 +103,21 @@ mod tests {
         resting.note_at(Layer::Color, node, None, now);
         resting.note_at(Layer::Color, node, Some(&error), now);
         assert!(resting.find_at(Layer::Color, node, now + FIRST_REST).is_none(), "it began anew");
+    }
+
+    #[test]
+    fn an_answer_shortens_the_rest_of_what_failed_on_the_way() {
+        let resting = Resting::default();
+        let node = |m| NodeId::new(m, 2, 3).expect("a node");
+        let now = Instant::now();
+        for (m, cause) in [(1, Cause::Connect), (2, Cause::Server)] {
+            for _ in 0..6 {
+                resting.note_at(Layer::Color, node(m), Some(&FetchError::failed(cause, "", "")), now);
+            }
+        }
+        resting.note_at(Layer::Color, node(3), None, now);
+        let rests = |m, secs| resting.find_at(Layer::Color, node(m), now + Duration::from_secs(secs)).is_some();
+        assert_eq!([rests(1, 1), rests(1, 2), rests(2, 30)], [true, false, true]);
     }
 
     #[test]

@@ -226,7 +226,9 @@ impl Elsewhere {
             (open, mirrored.index, mirrored.added, mirrored.temporary)
         };
         let name = mirror::database_name(location, &open.text);
-        let cache = DiskCache::open(&cache_dir, &name, options.cache_bytes, Arc::clone(log));
+        // What is on this machine already is not kept twice.
+        let cache_bytes = if location.as_path().is_some() { 0 } else { options.cache_bytes };
+        let cache = DiskCache::open(&cache_dir, &name, cache_bytes, Arc::clone(log));
         added.into_iter().for_each(|bytes| cache.account(bytes));
         let place = location.to_string();
         let remote = Remote::new(&open.manifest, open.text, open.world, network, cache, place, Arc::clone(log));

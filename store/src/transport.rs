@@ -3,6 +3,7 @@
 use crate::error::{Cause, Fault, StoreError};
 use crate::location::{Kind, Location};
 use crate::options::StoreOptions;
+use crate::tar::{BLOCK, Headers, Next};
 use crate::wire::{Connector, Wire, WireError};
 use bytes::{Bytes, BytesMut};
 use futures_util::TryStreamExt;
@@ -11,11 +12,16 @@ use object_store::client::HttpError;
 use object_store::http::HttpBuilder;
 use object_store::path::Path as ObjectPath;
 use object_store::{ClientOptions, GetOptions, GetRange, ObjectStore, RetryConfig};
+use std::collections::BTreeMap;
 use std::error::Error;
+use std::fs::File;
 use std::io;
 use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
+use tokio::sync::OnceCell;
 
 /// Longest time to make a connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -31,11 +37,22 @@ pub(crate) struct Answer {
     pub(crate) etag: Option<String>,
 }
 
+/// How bytes are had.
+#[derive(Debug)]
+enum Access {
+    Server(Box<dyn ObjectStore>),
+    /// An archive on this machine.
+    File(PathBuf),
+}
+
 /// A client of the server that has a database.
 #[derive(Debug)]
 pub(crate) struct Transport {
-    store: Box<dyn ObjectStore>,
+    access: Access,
     prefix: String,
+    /// Of an archive: its object, and where its members lie.
+    archive: Option<ObjectPath>,
+    members: OnceCell<BTreeMap<String, Range<u64>>>,
     location: Location,
     wire: Arc<Wire>,
 }
@@ -60,20 +77,36 @@ impl Transport {
             location: location.to_string(),
         };
         install_crypto();
-        let (store, prefix): (Box<dyn ObjectStore>, _) = match location.kind() {
+        let is_archive = location.is_archive();
+        let no_path = |error: object_store::path::Error| StoreError::Client {
+            why: error.to_string(),
+            location: location.to_string(),
+        };
+        let mut archive = None;
+        let (access, prefix) = match location.kind() {
             Kind::Folder(_) => return Ok(None),
+            Kind::Archive(path) => (Access::File(path.clone()), String::new()),
             Kind::Http(url) => {
+                let mut url = url.clone();
+                if let Some((folder, file)) = url.path().rsplit_once('/').filter(|_| is_archive) {
+                    archive = Some(ObjectPath::from_url_path(file).map_err(no_path)?);
+                    let folder = folder.to_owned();
+                    url.set_path(&folder);
+                }
                 let builder = HttpBuilder::new().with_url(url.as_str()).with_client_options(client);
                 let store = builder.with_retry(retries).with_http_connector(connector).build().map_err(failed)?;
-                (Box::new(store), String::new())
+                (Access::Server(Box::new(store)), String::new())
             }
             Kind::S3 { bucket, prefix } => {
                 let builder = s3_from_environment().with_bucket_name(bucket).with_client_options(client);
                 let store = builder.with_retry(retries).with_http_connector(connector).build().map_err(failed)?;
-                (Box::new(store), prefix.clone())
+                if is_archive {
+                    archive = Some(ObjectPath::parse(prefix).map_err(no_path)?);
+                }
+                (Access::Server(Box::new(store)), prefix.clone())
             }
         };
-        Ok(Some(Self { store, prefix, location: location.clone(), wire }))
+        Ok(Some(Self { access, prefix, archive, members: OnceCell::new(), location: location.clone(), wire }))
     }
 
     /// What passed over the wire so far, and when the server wants to be asked again.
@@ -91,15 +124,89 @@ impl Transport {
 
     /// Asks for a range of a file, or for all of a file of at most `most_bytes` bytes.
     pub(crate) async fn get(&self, file: &str, range: Option<Range<u64>>, most_bytes: u64) -> Result<Answer, Fault> {
-        let fault = |cause, why: String| Fault { cause, why, place: self.place(file) };
-        let name = if self.prefix.is_empty() { file.to_owned() } else { format!("{}/{file}", self.prefix) };
+        if !self.location.is_archive() {
+            let name = if self.prefix.is_empty() { file.to_owned() } else { format!("{}/{file}", self.prefix) };
+            let fault = |error: object_store::path::Error| self.fault(file, Cause::Refused, error.to_string());
+            return self.get_object(file, &ObjectPath::parse(name).map_err(fault)?, range, most_bytes).await;
+        }
+        let members = self.members.get_or_try_init(|| self.read_members()).await?;
+        let missing = || self.fault(file, Cause::NotFound, "the archive has no such file".to_owned());
+        let member = members.get(file).ok_or_else(missing)?;
+        let file_bytes = member.end - member.start;
+        let range = range.unwrap_or(0..file_bytes);
+        if range.end > file_bytes || range.end - range.start > most_bytes {
+            let why = format!("it has {file_bytes} bytes, and {} to {} were expected", range.start, range.end);
+            return Err(self.fault(file, Cause::BadAnswer, why));
+        }
+        let answer = self.get_archive(file, member.start + range.start..member.start + range.end).await?;
+        Ok(Answer { file_bytes, ..answer })
+    }
+
+    /// Finds out where the members of an archive lie.
+    async fn read_members(&self) -> Result<BTreeMap<String, Range<u64>>, Fault> {
+        let mut headers = Headers::default();
+        loop {
+            let range = match headers.next() {
+                Next::Header(at) => *at..*at + BLOCK,
+                Next::Extended(range) => range.clone(),
+                Next::End => return Ok(headers.members),
+            };
+            let answer = self.get_archive("", range).await?;
+            let taken = headers.take(&answer.bytes);
+            taken.map_err(|error| self.fault("", Cause::NotFound, error.to_string()))?;
+            // What follows is the next header, or the archive ends without the blocks that should end it.
+            let is_over = matches!(headers.next(), Next::Header(at) if *at >= answer.file_bytes);
+            if is_over {
+                return Ok(headers.members);
+            }
+        }
+    }
+
+    /// Asks for a range of the archive.
+    async fn get_archive(&self, file: &str, range: Range<u64>) -> Result<Answer, Fault> {
+        let bytes = range.end - range.start;
+        match (&self.access, &self.archive) {
+            (Access::Server(_), Some(archive)) => self.get_object(file, archive, Some(range), bytes).await,
+            (Access::File(path), _) => {
+                self.wire.count_request();
+                let from = path.clone();
+                let read = tokio::task::spawn_blocking(move || read_file(&from, range)).await;
+                let read = read.unwrap_or_else(|_| Err(io::Error::other("the read was given up")));
+                read.map_err(|error| {
+                    let cause = match error.kind() {
+                        io::ErrorKind::NotFound => Cause::NotFound,
+                        io::ErrorKind::PermissionDenied => Cause::Denied,
+                        _ => Cause::Disk,
+                    };
+                    self.fault(file, cause, error.to_string())
+                })
+            }
+            (Access::Server(_), None) => Err(self.fault(file, Cause::NotFound, "it is no archive".to_owned())),
+        }
+    }
+
+    fn fault(&self, file: &str, cause: Cause, why: String) -> Fault {
+        let place = if file.is_empty() { self.location.to_string() } else { self.place(file) };
+        Fault { cause, why, place }
+    }
+
+    async fn get_object(
+        &self,
+        file: &str,
+        path: &ObjectPath,
+        range: Option<Range<u64>>,
+        most_bytes: u64,
+    ) -> Result<Answer, Fault> {
+        let fault = |cause, why: String| self.fault(file, cause, why);
+        let Access::Server(store) = &self.access else {
+            return Err(fault(Cause::Disk, "it is no server".to_owned()));
+        };
         let options = GetOptions { range: range.clone().map(GetRange::Bounded), ..GetOptions::default() };
         let told = |error: object_store::Error| {
             let (cause, why) = classify(&error);
             fault(cause, why)
         };
-        let path = ObjectPath::parse(name).map_err(|error| fault(Cause::Refused, error.to_string()))?;
-        let result = self.store.get_opts(&path, options).await.map_err(told)?;
+        let result = store.get_opts(path, options).await.map_err(told)?;
         let expected = range.as_ref().map_or(result.meta.size, |range| range.end - range.start);
         if expected > most_bytes {
             return Err(fault(Cause::BadAnswer, format!("it has {expected} bytes, expected at most {most_bytes}")));
@@ -123,6 +230,19 @@ impl Transport {
         }
         Ok(Answer { bytes: bytes.freeze(), file_bytes, etag })
     }
+}
+
+/// Reads a range of a file; blocks.
+fn read_file(path: &std::path::Path, range: Range<u64>) -> io::Result<Answer> {
+    let file = File::open(path)?;
+    let about = file.metadata()?;
+    if !about.is_file() {
+        return Err(io::Error::new(io::ErrorKind::NotFound, "it is no file"));
+    }
+    let mut bytes = vec![0; (range.end.min(about.len()).saturating_sub(range.start)) as usize];
+    file.read_exact_at(&mut bytes, range.start)?;
+    let modified = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
+    Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")) })
 }
 
 /// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is empty is not set.

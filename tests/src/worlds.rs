@@ -135,6 +135,23 @@ pub fn rough_world() -> TestWorld {
     }))
 }
 
+/// The folder of a database every tile of which has the one colour that names its node (`synthetic::name_color`): 256 x 256
+/// nodes of level 0, a quarter of them mountains and the others a plain.
+///
+/// # Panics
+/// When it cannot be made.
+#[must_use]
+pub fn named_world() -> PathBuf {
+    let make = |folder: &Path| {
+        Terravision::program(binary("terravision-ingest"))
+            .args(["sparse", "--named", "--detailed-nodes", "128", "--doublings", "1", "-o"])
+            .arg(folder.join("world.tv"))
+            .deadline(Duration::from_secs(600))
+            .succeed();
+    };
+    cached("named", make).join("world.tv")
+}
+
 /// White noise from -1 to 1.
 fn noise(i: u64, j: u64, seed: u64) -> f64 {
     let mut h = i.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ j.wrapping_mul(0xC2B2_AE3D_27D4_EB4F) ^ (seed << 32 | seed);

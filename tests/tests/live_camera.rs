@@ -12,7 +12,7 @@ use terravision_tests::folder::TestFolder;
 use terravision_tests::live::{
     end, example, frame, left_of, reader, record, rgb, sender, shared_name, step, wait_attached,
 };
-use terravision_tests::process::{Running, Terravision, segments_of_launcher};
+use terravision_tests::process::{Running, Terravision, loopback_port, segments_of_launcher};
 use terravision_tests::shot::{Shot, read_report};
 use terravision_tests::worlds::synth_world;
 
@@ -144,21 +144,7 @@ fn count_frames(film: &Path) -> u64 {
 
 /// The port that a process listens at.
 fn udp_port(flight: &mut Running) -> u16 {
-    flight.until("the port", |flight| {
-        let links = std::fs::read_dir(format!("/proc/{}/fd", flight.pid())).ok()?.flatten();
-        let sockets: Vec<String> = links
-            .filter_map(|link| {
-                std::fs::read_link(link.path()).ok()?.to_str()?.strip_prefix("socket:[").map(str::to_owned)
-            })
-            .collect();
-        let table = std::fs::read_to_string(format!("/proc/{}/net/udp", flight.pid())).ok()?;
-        table.lines().skip(1).find_map(|line| {
-            let fields: Vec<&str> = line.split_whitespace().collect();
-            let is_ours = sockets.iter().any(|socket| socket.strip_suffix(']') == fields.get(9).copied());
-            let port = fields.get(1)?.strip_prefix("0100007F:")?;
-            is_ours.then(|| u16::from_str_radix(port, 16).ok())?
-        })
-    })
+    flight.until("the port", |flight| loopback_port(flight.pid(), "udp"))
 }
 
 #[test]

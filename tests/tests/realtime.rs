@@ -37,6 +37,7 @@ fn check(report: &Value, frames: u64, [finest, coarsest]: [f64; 2]) {
         assert!(values.iter().all(|r| (low - 1e-4..=high + 1e-4).contains(r)), "{name}: {values:?}");
     }
     assert!(numbers(report, "latency_ms").iter().all(|latency| *latency > 0.0));
+    assert!(numbers(report, "sharp").iter().all(|share| (0.0..=1.0).contains(share)));
     let tiles = numbers(report, "tiles_resident").into_iter().zip(numbers(report, "tiles_wanted"));
     assert!(tiles.into_iter().all(|(resident, wanted)| resident > 0.0 && resident <= wanted));
 }
@@ -89,6 +90,31 @@ fn a_camera_that_rests_gets_no_coarser_picture_than_one_that_moves() {
 }
 
 #[test]
+fn every_prediction_flies_and_the_picture_is_as_wanted_where_the_camera_rests() {
+    const FRAMES: u64 = 40;
+    let folder = TestFolder::new("realtime-prediction");
+    // It flies for a while, then rests.
+    let poses: Vec<Pose> = (0..FRAMES).map(|k| pose((k as f64 / 15.0).min(1.0))).collect();
+    write_path(&folder.join("path.json"), &poses, SIZE, 60.0);
+    for prediction in ["off", "linear", "quadratic", "oracle"] {
+        Terravision::verb("fly")
+            .arg(synth_world(1024).database())
+            .args(["--mode", "realtime", "--fps", "10", "--feedback", "off", "--prediction", prediction, "--path"])
+            .arg(folder.join("path.json"))
+            .args(["-o", "/dev/null", "--report"])
+            .arg(folder.join("report.json"))
+            .succeed();
+        let report = read_report(&folder);
+        check(&report, FRAMES, [10.0, 10.0]);
+        assert_eq!(report["prefetch"]["prediction"], prediction);
+        let count = |name: &str| report["prefetch"][name].as_u64().unwrap();
+        assert!(count("requested") >= count("received") && count("received") > 0 && count("bytes") > 0);
+        assert!(report["network"].is_null(), "a folder");
+        assert!(column(&report, "sharp").len() > 1);
+    }
+}
+
+#[test]
 fn the_bench_flies_with_and_without_feedback() {
     assert!(binary("terravision-bench").is_file());
     let folder = TestFolder::new("realtime-bench");
@@ -125,6 +151,8 @@ fn flags_of_real_time_are_refused_in_exact_mode_and_when_they_contradict() {
         (&["--rest-facet-px", "2"], "--rest-facet-px is for --mode realtime"),
         (&["--mode", "realtime", "--coarsest-facet-px", "5"], "no less than what is wanted"),
         (&["--mode", "realtime", "--rest-texel-px", "2"], "what is wanted"),
+        (&["--prediction", "linear"], "--prediction is for --mode realtime"),
+        (&["--prediction", "oracle", "--camera", "udp:127.0.0.1:0"], "an oracle knows the path"),
     ] {
         let ended = Terravision::verb("fly")
             .arg(synth_world(1024).database())

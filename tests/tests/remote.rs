@@ -12,8 +12,10 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+use terravision_common::shm::SharedFrame;
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
+use terravision_tests::live::{end, reader, record, sender, shared_name, step};
 use terravision_tests::process::{Finished, Terravision};
 use terravision_tests::server::{Fault, Rule, TestServer};
 use terravision_tests::shot::{VFOV_DEG, oblique_poses, read_report};
@@ -42,11 +44,15 @@ fn fly(world: &str, folder: &TestFolder, name: &str, more: &[&str]) -> Finished 
         .arg("-o")
         .arg(folder.join(format!("{name}/")))
         .arg("--report")
-        .arg(folder.join("report.json"))
+        .arg(folder.join(format!("{name}.json")))
         .arg("--cache")
         .arg(folder.join("cache"))
         .args(more)
         .run()
+}
+
+fn report_of(folder: &TestFolder, name: &str) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join(format!("{name}.json"))).unwrap()).unwrap()
 }
 
 fn still(world: &str, folder: &TestFolder, more: &[&str]) -> Finished {
@@ -72,7 +78,7 @@ fn assert_same(what: &str, folder: &TestFolder, name: &str) {
     let (expected, found) = (pictures(&folder.join("local")), pictures(&folder.join(name)));
     assert_eq!(expected.len() as u64, FRAMES);
     assert!(expected == found, "{what}: the pictures differ from those of the folder");
-    assert_eq!(read_report(folder)["settled"], true, "{what}");
+    assert_eq!(report_of(folder, name)["settled"], true, "{what}");
 }
 
 fn local(folder: &TestFolder) {
@@ -97,10 +103,27 @@ fn a_flight_over_a_server_gives_the_bytes_of_the_folder_and_again_from_its_cache
     println!("{:?}, {} of {whole} bytes", server.asked_by_path(), server.bytes());
     assert_eq!(server.asked_by_path()["world.tv/manifest.json"], 1, "the launcher alone asks for it");
     assert!(server.bytes() < whole, "what no frame wants is not read");
+    let report = report_of(&folder, "first");
+    let network = &report["network"];
+    // The launcher has read the index, and both have looked at what archives begin with.
+    let all: usize = server.asked_by_path().values().sum();
+    let requests = network["requests"].as_u64().unwrap();
+    assert!(requests > 10 && requests < all as u64, "{requests} of {all}: {network}");
+    assert!(network["bytes"].as_u64().unwrap() < server.bytes() && network["repeated"] == 0, "{network}");
+    assert!(network["failures"].as_array().unwrap().is_empty());
+    let round_trip = &report["prefetch"]["round_trip_ms"];
+    assert!(round_trip["p50"].as_f64() > Some(0.0) && round_trip["p50"].as_f64() <= round_trip["worst"].as_f64());
+    let window = &report["prefetch"]["window"];
+    assert!(window["least"].as_u64() >= Some(8) && window["most"].as_u64() <= Some(512), "{window}");
+    assert!(finished.stderr.contains("requests to the server"), "{}", finished.stderr);
 
     drop(server.take_asked());
     fly(&url, &folder, "second", &[]).assert_code(0);
     assert_same("second", &folder, "second");
+    let report = report_of(&folder, "second");
+    let cache = &report["network"]["cache"];
+    assert_eq!((&report["network"]["bytes"], &cache["misses"]), (&0.into(), &0.into()), "{report}");
+    assert!(cache["bytes"].as_u64() > Some(10_000) && cache["hits"].as_u64() > Some(10), "{cache}");
     assert_eq!(server.take_asked().len(), 1, "the manifest");
 
     server.set_down(true);
@@ -134,13 +157,20 @@ fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
     });
     let struck = server.take_asked().iter().filter(|asked| asked.fault.is_some()).count();
     println!("{struck} requests failed; {}", a.stderr);
+    let mut failed = 0;
     for (name, finished) in [("a", a), ("b", b)] {
         finished.assert_code(0);
         assert_same(name, &folder, name);
         let warnings = finished.stderr.lines().filter(|line| line.contains("world.tv")).count();
         assert!((1..=20).contains(&warnings), "each cause is told once:\n{}", finished.stderr);
+        let report = report_of(&folder, name);
+        let failures = report["network"]["failures"].as_array().unwrap();
+        let count: u64 = failures.iter().map(|failure| failure["count"].as_u64().unwrap()).sum();
+        failed += count;
+        assert!(failures.iter().all(|failure| !failure["told"].as_array().unwrap().is_empty()), "{report}");
+        assert!(count == 0 || report["network"]["repeated"].as_u64() > Some(0), "{report}");
     }
-    assert!(struck > 5);
+    assert!(struck > 5 && failed > 0 && failed <= struck as u64 + 20, "{failed} of {struck}");
 }
 
 #[test]
@@ -163,6 +193,58 @@ fn a_server_that_dies_under_way_ends_the_flight_in_time() {
     let finished = still(&server.url("world.tv"), &folder, &["--timeout", "0.5"]);
     finished.assert_told(3);
     assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
+}
+
+#[test]
+fn what_goes_wrong_under_way_is_told_once_and_the_flight_goes_on() {
+    // What every flight begins with comes.
+    let of_tiles = |fault| vec![Rule::new(fault).of("color.pmtiles").after(12)];
+    for (fault, words) in [
+        (Fault::WebPage, "byte ranges"),
+        (Fault::RedirectLoop, "redirects without end"),
+        (Fault::Status(401, None), "let us read it"),
+        (Fault::IgnoreRange, "byte ranges"),
+    ] {
+        let (server, folder) = (serve(), TestFolder::new("remote-under-way"));
+        server.misbehave(of_tiles(fault.clone()));
+        let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
+        println!("{fault:?}: {}", finished.stderr);
+        finished.assert_told(3);
+        assert_eq!(finished.stderr.matches(words).count(), 1, "{fault:?}: {}", finished.stderr);
+        assert!(folder.join("a.png").exists());
+    }
+}
+
+#[test]
+fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
+    let (folder, name) = (TestFolder::new("remote-changes"), shared_name("remote-changes"));
+    let copy = folder.join("world.tv");
+    fs::create_dir(&copy).unwrap();
+    for file in fs::read_dir(synth_world(1024).database()).unwrap().map(Result::unwrap) {
+        fs::copy(file.path(), copy.join(file.file_name())).unwrap();
+    }
+    let server = TestServer::serve(folder.path());
+    let mut flight = Terravision::verb("fly")
+        .arg(server.url("world.tv"))
+        .args(["--camera", &format!("shm:{name}"), "--size", "320x180", "-o", &format!("shared:{name}"), "--cache"])
+        .arg(folder.join("cache"))
+        .spawn();
+    let (poses, mut ring) = (sender(&mut flight, &name), reader(&mut flight, &name));
+    let mut shared = SharedFrame::default();
+    let mut step_to = |flight: &mut _, k: u64, time_s: f64| {
+        let pose = Pose::new(synth_world(1024).above(0.2 + 0.3 * k as f64, 0.4, 300.0), 80.0 * k as f64, -20.0);
+        step(flight, &poses, &mut ring, &mut shared, &record(&pose, time_s)).is_settled
+    };
+    assert!(step_to(&mut flight, 0, 1.0));
+    let manifest = fs::read_to_string(copy.join("manifest.json")).unwrap();
+    fs::write(copy.join("manifest.json"), manifest.replace("\"name\": \"", "\"name\": \"another ")).unwrap();
+    server.set_etag("2");
+    assert!(!step_to(&mut flight, 1, 2.0), "nothing of the new one is drawn");
+    assert!(step_to(&mut flight, 0, 3.0), "what is there stays there");
+    end(&poses);
+    let finished = flight.wait();
+    finished.assert_told(3);
+    assert_eq!(finished.stderr.matches("is not the one that was opened").count(), 1, "{}", finished.stderr);
 }
 
 #[test]

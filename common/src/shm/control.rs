@@ -2,7 +2,7 @@
 
 use super::bell::{Bell, Slept};
 use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords, TIMING_WORDS};
-pub use super::control_words::{Counter, Gauge, RunState};
+pub use super::control_words::{Counter, FAILURE_CAUSES, Gauge, RunState};
 use super::error::{ShmError, WaitError};
 use super::header::Segment;
 use super::kind::{SegmentKind, Stage};
@@ -316,6 +316,20 @@ impl Control {
     #[must_use]
     pub fn counters(&self) -> [u64; COUNTERS] {
         std::array::from_fn(|i| self.words().counters[i].load(Ordering::Relaxed))
+    }
+
+    /// Adds to the failures of a cause, by its number; of one that has no number here, to none.
+    pub fn count_failures(&self, cause: usize, by: u64) {
+        if let Some(failures) = self.words().failures.get(cause) {
+            // Relaxed: a sum.
+            failures.fetch_add(by, Ordering::Relaxed);
+        }
+    }
+
+    /// Failures while the database was read, by the number of the cause.
+    #[must_use]
+    pub fn failures(&self) -> [u64; FAILURE_CAUSES] {
+        std::array::from_fn(|cause| self.words().failures[cause].load(Ordering::Relaxed))
     }
 
     /// Sets a number that stands for now.

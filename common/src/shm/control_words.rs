@@ -65,11 +65,23 @@ pub enum Counter {
     TilesCancelled,
     /// Bytes of the tiles that the database gave.
     BytesReceived,
+    /// Requests to a server of the database, each repetition counted.
+    NetworkRequests,
+    /// Of these, asked again after a failure.
+    NetworkRepeated,
+    /// Bytes of content that servers sent.
+    NetworkBytes,
+    /// Pieces of the database that were in the disk cache.
+    CacheHits,
+    /// Pieces that were not.
+    CacheMisses,
+    /// Bytes that came from the disk cache.
+    CacheBytes,
 }
 
 impl Counter {
     /// All counters.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 22] = [
         Self::TilesWanted,
         Self::TilesLoaded,
         Self::TilesEvicted,
@@ -86,6 +98,12 @@ impl Counter {
         Self::TilesReceived,
         Self::TilesCancelled,
         Self::BytesReceived,
+        Self::NetworkRequests,
+        Self::NetworkRepeated,
+        Self::NetworkBytes,
+        Self::CacheHits,
+        Self::CacheMisses,
+        Self::CacheBytes,
     ];
 }
 
@@ -107,9 +125,18 @@ pub enum Gauge {
     PredictedAheadNanos,
     /// Share of the tiles asked for that came in time, in millionths, of the last cycle that asked for any.
     ReceivedPerMillion,
+    /// How long a request takes until its answer is there, nanoseconds, smoothed.
+    RoundTripNanos,
+    /// Slots of the elevation pool that hold a tile.
+    ElevationSlotsUsed,
+    /// Slots of the colour pool that hold a tile.
+    ColorSlotsUsed,
 }
 
 pub(crate) const GAUGES: usize = 16;
+
+/// Causes of failure that are counted apart; what they are is the store's business.
+pub const FAILURE_CAUSES: usize = 32;
 
 pub(crate) const COUNTERS: usize = 32;
 const _: () = assert!(Counter::ALL.len() <= COUNTERS);
@@ -153,13 +180,15 @@ pub(crate) struct ControlWords {
     /// What the preparer took for its newest frame.
     pub(crate) prepare_nanos: Padded<AtomicU64>,
     pub(crate) gauges: [AtomicU64; GAUGES],
+    /// Failures while the database was read, by cause.
+    pub(crate) failures: [AtomicU64; FAILURE_CAUSES],
 }
 
 // SAFETY: atomics alone (padding between them is never read), repr(C), aligned to 128.
 unsafe impl SharedWords for ControlWords {}
 
 const _: () = {
-    assert!(size_of::<ControlWords>() == 16 * 128 + (COUNTERS + GAUGES) * 8);
+    assert!(size_of::<ControlWords>() == 16 * 128 + (COUNTERS + GAUGES + FAILURE_CAUSES) * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
     assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
 };

@@ -80,11 +80,13 @@ pub enum SegmentKind {
     TileOutcomes = 12,
     /// [`crate::event::Event`]s of the prefetcher, to the launcher.
     EventsPrefetcher = 13,
+    /// [`super::CameraRecord`]s that are to come, launcher to prefetcher; only a flight whose path is foretold uses it.
+    PathRing = 14,
 }
 
 impl SegmentKind {
     /// All kinds.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Control,
         Self::PingPong,
         Self::Ring,
@@ -98,6 +100,7 @@ impl SegmentKind {
         Self::WantList,
         Self::TileOutcomes,
         Self::EventsPrefetcher,
+        Self::PathRing,
     ];
 
     /// The last part of the segment's name.
@@ -117,6 +120,7 @@ impl SegmentKind {
             Self::WantList => "want-list",
             Self::TileOutcomes => "tile-outcomes",
             Self::EventsPrefetcher => "events-prefetcher",
+            Self::PathRing => "path-ring",
         }
     }
 
@@ -124,7 +128,7 @@ impl SegmentKind {
     #[must_use]
     pub const fn writer(self) -> Option<Stage> {
         match self {
-            Self::Control | Self::CameraRing => None,
+            Self::Control | Self::CameraRing | Self::PathRing => None,
             Self::PingPong | Self::EventsGenerator => Some(Stage::Generator),
             Self::Ring | Self::ElevationRing | Self::WantList | Self::EventsPreparer => Some(Stage::Preparer),
             Self::ColorPool | Self::ElevationPool | Self::TileOutcomes | Self::EventsPrefetcher => {
@@ -143,7 +147,7 @@ impl SegmentKind {
             Self::CameraRing => Some(Stage::Generator),
             Self::PingPong | Self::ElevationPool | Self::TileOutcomes => Some(Stage::Preparer),
             Self::Ring | Self::ElevationRing => Some(Stage::Renderer),
-            Self::WantList => Some(Stage::Prefetcher),
+            Self::WantList | Self::PathRing => Some(Stage::Prefetcher),
         }
     }
 }

@@ -40,7 +40,7 @@ pub struct Layout {
     pub elevation_slots: u32,
     /// Bytes of one slot of the elevation pool, a multiple of 64.
     pub elevation_slot_bytes: u64,
-    /// Records of the camera ring.
+    /// Records of the camera ring, and of the path ring.
     pub camera_slots: u32,
     /// Events of each stage's event ring.
     pub event_slots: u32,
@@ -131,7 +131,9 @@ impl Layout {
             SegmentKind::ElevationRing => (self.elevation_arrays.into(), u64::from(self.elevation_array_f32) * 4),
             SegmentKind::ColorPool => (self.color_slots.into(), self.color_slot_bytes),
             SegmentKind::ElevationPool => (self.elevation_slots.into(), self.elevation_slot_bytes),
-            SegmentKind::CameraRing => (self.camera_slots.into(), size_of::<CameraRecord>() as u64),
+            SegmentKind::CameraRing | SegmentKind::PathRing => {
+                (self.camera_slots.into(), size_of::<CameraRecord>() as u64)
+            }
             SegmentKind::EventsGenerator
             | SegmentKind::EventsPreparer
             | SegmentKind::EventsRenderer

@@ -99,7 +99,7 @@ mod loom_tests;
 mod tests;
 
 #[cfg(not(loom))]
-pub use control::{Control, Counter, Gauge, RunState, WAIT_BOUND};
+pub use control::{Control, Counter, FAILURE_CAUSES, Gauge, RunState, WAIT_BOUND};
 #[cfg(not(loom))]
 pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};

@@ -5,11 +5,13 @@ pub mod database;
 pub mod values;
 
 use crate::input::CameraSource;
+use crate::metrics::MetricsAddress;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use terravision_common::level::Measure;
+use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
 const AFTER_HELP: &str = "\
@@ -249,6 +251,51 @@ pub struct RealtimeArgs {
     /// Size that texels may shrink to while the camera rests and there is time, pixels [default: --texel-px]
     #[arg(long, value_name = "PIXELS")]
     pub rest_texel_px: Option<f64>,
+    /// How the camera is predicted, to have its tiles before it comes (docs/prefetch.md) [default: linear]
+    #[arg(long, value_enum, value_name = "HOW")]
+    pub prediction: Option<PredictionChoice>,
+}
+
+/// [`Prediction`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PredictionChoice {
+    /// Not at all: tiles are asked for when a frame lacks them
+    Off,
+    /// It goes on and turns as it does
+    Linear,
+    /// It also goes on to gain or lose speed as it does: better in long bends, worse on jerky paths
+    Quadratic,
+    /// The path is known: what the others are measured against
+    Oracle,
+}
+
+impl From<PredictionChoice> for Prediction {
+    fn from(choice: PredictionChoice) -> Self {
+        match choice {
+            PredictionChoice::Off => Self::Off,
+            PredictionChoice::Linear => Self::Linear,
+            PredictionChoice::Quadratic => Self::Quadratic,
+            PredictionChoice::Oracle => Self::Oracle,
+        }
+    }
+}
+
+/// What a run says about itself; shared by `fly` and `still`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Measurements")]
+pub struct MeasurementArgs {
+    /// Write a report of the run, JSON (docs/report.md)
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
+    #[arg(long, value_name = "FILE.json")]
+    pub trace: Option<PathBuf>,
+    /// Serve figures of the run while it goes on, for Prometheus: http://ADDRESS/metrics
+    ///
+    /// A port alone is one of loopback, 127.0.0.1, where only this machine can read it; 0 is any free port, and the run says
+    /// which. docs/report.md lists the figures.
+    #[arg(long, value_name = "ADDRESS")]
+    pub metrics: Option<MetricsAddress>,
 }
 
 /// Whether frames wait.
@@ -312,12 +359,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub database: DatabaseArgs,
-    /// Write a report of the run, JSON (docs/report.md)
-    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
-    pub report: Option<PathBuf>,
-    /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
-    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
-    pub trace: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub measurements: MeasurementArgs,
 }
 
 /// `terravision still`.
@@ -362,12 +406,9 @@ pub struct StillArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub database: DatabaseArgs,
-    /// Write a report of the run, JSON (docs/report.md)
-    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
-    pub report: Option<PathBuf>,
-    /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
-    #[arg(long, value_name = "FILE.json", help_heading = "Measurements")]
-    pub trace: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub measurements: MeasurementArgs,
 }
 
 /// `terravision path`.

@@ -12,6 +12,9 @@ pub const SPANS: usize = SpanName::ALL.len();
 /// More frames than this are never under way: the camera ring and the ring hold less.
 const FRAMES_UNDER_WAY: usize = 8192;
 
+/// Causes of failure, and sentences of each, that are kept.
+const FAILURES: usize = 64;
+
 /// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FrameFigures {
@@ -39,6 +42,8 @@ pub struct FrameFigures {
     pub r_px: [f32; 2],
     /// Tiles that it wanted and that were not there (realtime).
     pub lacked: u32,
+    /// Share of the ground's screen area that it draws as finely as wanted (realtime).
+    pub sharp: f32,
 }
 
 /// Why a tile could not be had, as events give it.
@@ -60,8 +65,13 @@ pub struct Collector {
     pub frames: Vec<FrameFigures>,
     /// Cause by tile: 1 missing, 2 corrupt, 3 read error.
     pub unavailable: BTreeMap<UnavailableTile, u64>,
+    /// What went wrong while the database was read: sentences by the name of the cause.
+    pub failures: BTreeMap<String, Vec<String>>,
+    /// From each request for a tile to its answer, milliseconds.
+    pub round_trips_ms: Vec<f32>,
     device: Vec<u8>,
     driver: Vec<u8>,
+    failure: Vec<u8>,
     /// Events that made no sense.
     pub strange_events: u64,
     /// All events, when a trace is wanted.
@@ -77,8 +87,11 @@ impl Collector {
             most_frames: count,
             frames: vec![FrameFigures::default(); count],
             unavailable: BTreeMap::new(),
+            failures: BTreeMap::new(),
+            round_trips_ms: Vec::new(),
             device: Vec::new(),
             driver: Vec::new(),
+            failure: Vec::new(),
             strange_events: 0,
             trace: is_traced.then(Vec::new),
         }
@@ -111,6 +124,19 @@ impl Collector {
         String::from_utf8_lossy(&self.driver).into_owned()
     }
 
+    /// Takes a sentence about a failure, which begins with the name of its cause.
+    fn take_failure(&mut self) {
+        let text = String::from_utf8_lossy(&self.failure);
+        let Some((cause, sentence)) = text.split_once(' ').filter(|_| self.failures.len() < FAILURES) else {
+            self.strange_events += 1;
+            return;
+        };
+        let told = self.failures.entry(cause.to_owned()).or_default();
+        if told.len() < FAILURES && !told.iter().any(|before| before == sentence) {
+            told.push(sentence.to_owned());
+        }
+    }
+
     /// Takes one event. It comes from shared memory: numbers are checked, nonsense is counted.
     pub fn take(&mut self, stage: Stage, event: Event) {
         if let Some(trace) = &mut self.trace {
@@ -128,6 +154,15 @@ impl Collector {
             EventKind::DriverName => {
                 event.collect_text(&mut self.driver);
                 return;
+            }
+            EventKind::Failure => {
+                if event.collect_text(&mut self.failure) {
+                    self.take_failure();
+                }
+                return;
+            }
+            EventKind::Span if event.value == SpanName::FetchTile as u64 => {
+                self.round_trips_ms.push((event.duration_nanos as f64 / 1e6) as f32);
             }
             EventKind::TileUnavailable => {
                 let (is_color, cause) = (event.value & 0xFF == 1, event.value >> 8);
@@ -181,8 +216,11 @@ impl Collector {
                 frame.camera_nanos = event.start_nanos;
                 frame.r_px = [event.value as u32, (event.value >> 32) as u32].map(f32::from_bits);
             }
-            EventKind::FrameLacked => frame.lacked = event.value.min(u32::MAX.into()) as u32,
-            EventKind::DeviceName | EventKind::DriverName | EventKind::TileUnavailable => {}
+            EventKind::FrameLacked => {
+                frame.lacked = event.value as u32;
+                frame.sharp = f32::from_bits((event.value >> 32) as u32);
+            }
+            EventKind::DeviceName | EventKind::DriverName | EventKind::TileUnavailable | EventKind::Failure => {}
         }
     }
 }

@@ -18,6 +18,8 @@ pub mod stage;
 pub mod supervisor;
 
 use crate::failure::{ExitStatus, Failure};
+use crate::metrics::{FrameTally, Metrics};
+use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences};
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
@@ -29,6 +31,7 @@ use pilot::Pilot;
 use progress::Progress;
 use stage::StageProcess;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
 use terravision_common::run::{RunConfig, SinkConfig};
@@ -67,8 +70,16 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     if let Some(live) = &plan.live {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
     }
+    if let Some(socket) = plan.metrics.take() {
+        progress.say(&format!("figures of the run: http://{}/metrics", socket.address()));
+        let tally = Arc::new(Mutex::new(FrameTally::new(&plan.config)));
+        run.metrics = Some(Metrics::start(socket, &plan, tally).map_err(Failure::failed)?);
+    }
     let ending = run.fly(&mut plan, &mut progress)?;
     let figures = run.close(&plan, started_nanos);
+    for sentence in failure_sentences(&figures) {
+        progress.warn(&sentence);
+    }
     drop(segments);
     supervisor::end_orphans();
     if ending != Ending::Finished {
@@ -117,6 +128,7 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
     if let Some(file) = plan.trace {
         file.finish_with(|writer| trace::write(writer, figures)).map_err(Failure::failed)?;
     }
+    report.network_summary().iter().for_each(|summary| progress.say(summary));
     progress.say(&format!("{} → {}", report.summary(), plan.destination));
     if report.is_as_expected() {
         return Ok(());
@@ -185,6 +197,8 @@ struct Run {
     /// Frames that were asked for: by the plan, or so far by who sends the poses.
     asked_frames: u64,
     ring: Option<FrameRing>,
+    window: WindowSpan,
+    metrics: Option<Metrics>,
 }
 
 impl Run {
@@ -200,6 +214,8 @@ impl Run {
             pids: Vec::new(),
             asked_frames: plan.cameras.len() as u64,
             ring,
+            window: WindowSpan::default(),
+            metrics: None,
         })
     }
 
@@ -219,12 +235,13 @@ impl Run {
         let is_live = plan.live.is_some();
         let times = self.ring.as_ref().map(FrameRing::pose_times);
         let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;
-        let Self { control, events, collector, memory, .. } = self;
+        let Self { control, events, collector, memory, window, metrics, .. } = self;
         // The pilot ends a live flight in order at the first Ctrl-C.
         let is_interrupted = || interrupt::count() > u32::from(is_live);
         let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut |stages| {
-            drain(events, collector);
+            drain(events, collector, metrics.as_ref(), control);
             memory.sample(stages);
+            window.sample(control);
             progress.show(control.written_frames());
             pilot.words().for_each(|sentence| progress.warn(&sentence));
         });
@@ -234,7 +251,7 @@ impl Run {
         }
         let (flown, words) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
-        drain(&mut self.events, &mut self.collector);
+        drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
         // Against the clock, a flight of poses has the frames that were drawn until it was ended.
         let drawn = (is_live && flown.is_none()).then(|| self.control.written_frames());
         if let Some(drawn) = drawn {
@@ -268,6 +285,8 @@ impl Run {
             trees_cut_short: counter(Counter::TreesCutShort),
             clock_start_nanos: self.control.clock_start(),
             shared_memory_bytes: plan.layout.total_bytes() + self.ring.as_ref().map_or(0, FrameRing::total_bytes),
+            prefetch: PrefetchFigures::of(&self.control),
+            window: self.window,
             collector: self.collector,
             memory: self.memory,
             pids: self.pids,
@@ -275,12 +294,22 @@ impl Run {
     }
 }
 
-fn drain(events: &mut [(Stage, Consumer<Event>)], collector: &mut Collector) {
+fn drain(
+    events: &mut [(Stage, Consumer<Event>)],
+    collector: &mut Collector,
+    metrics: Option<&Metrics>,
+    control: &Control,
+) {
+    let mut tally = metrics.map(Metrics::tally);
+    let clock_start = control.clock_start();
     for (stage, ring) in events {
         // At most a ring full at a time, so that a stage that floods its ring cannot keep the launcher from watching.
         for _ in 0..ring.capacity() {
             match ring.try_pop() {
-                Ok(Some(event)) => collector.take(*stage, event),
+                Ok(Some(event)) => {
+                    tally.iter_mut().for_each(|tally| tally.take(&event, clock_start));
+                    collector.take(*stage, event);
+                }
                 Ok(None) => break,
                 Err(_corrupt) => {
                     collector.strange_events += 1;

@@ -11,6 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::run::Prediction;
 use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
 
 /// Between two looks at the end of the run, while no pose comes.
@@ -25,6 +26,8 @@ const LEAST_STEP_NANOS: f64 = 2e6;
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// Longest sleep before it looks whether the run goes on.
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
+/// Between two cameras that are foretold.
+const FORETOLD_NANOS: f64 = 1e8;
 /// A step this many times as long as those before and after is a cut of the path.
 const CUT: f64 = 8.0;
 
@@ -42,6 +45,8 @@ struct Cockpit {
     first: u64,
     /// Where times of poses are noted, for the frame ring.
     times: Option<PoseTimes>,
+    /// Where the cameras to come are told, for a prefetcher that shall know them.
+    path: Option<Producer<CameraRecord>>,
 }
 
 impl Pilot {
@@ -53,7 +58,9 @@ impl Pilot {
     pub fn start(plan: &mut FlightPlan, times: Option<PoseTimes>) -> Result<Self, ShmError> {
         let control = Control::open(&plan.run)?;
         let ring = Producer::open(&plan.run, SegmentKind::CameraRing)?;
-        let cockpit = Cockpit { control, ring, first: plan.config.frames[0], times };
+        let is_told = plan.config.prefetch.prediction == Prediction::Oracle;
+        let path = is_told.then(|| Producer::open(&plan.run, SegmentKind::PathRing)).transpose()?;
+        let cockpit = Cockpit { control, ring, first: plan.config.frames[0], times, path };
         let (tell, words) = channel();
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
         let thread = match plan.live.take() {
@@ -65,7 +72,10 @@ impl Pilot {
                 let cameras = plan.cameras.clone();
                 std::thread::spawn(move || {
                     match period_nanos {
-                        Some(period_nanos) => fly_by_the_clock(&cameras, period_nanos, &cockpit.control),
+                        Some(period_nanos) => {
+                            let foretold = cockpit.path.map(|ring| Foretold::new(ring, period_nanos));
+                            fly_by_the_clock(&cameras, period_nanos, &cockpit.control, foretold);
+                        }
                         None => cockpit.fly_all(cameras),
                     }
                     None
@@ -157,9 +167,11 @@ impl Cockpit {
 
 /// Publishes the camera of now. The clock starts when the first frame is drawn, so that the start of the stages is no part
 /// of the flight.
-fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control) {
+fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mut foretold: Option<Foretold>) {
     let Some(first) = cameras.first() else { return };
     control.publish_camera(&Camera { timestamp_nanos: monotonic_nanos(), ..*first });
+    let mut foretell = || foretold.iter_mut().for_each(|foretold| foretold.tell(cameras));
+    foretell();
     while control.completed_sequence() == 0 {
         if control.check_running().is_err() {
             return;
@@ -183,6 +195,36 @@ fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control) {
         let (frame, part) = (step / steps, step % steps);
         let camera = camera_at(cameras, frame as usize, part as f64 / steps as f64);
         control.publish_camera(&Camera { timestamp_nanos: moment, ..camera });
+        foretell();
+    }
+}
+
+/// Tells the cameras to come, as far ahead as the ring holds them; their times count from the first frame's moment.
+struct Foretold {
+    ring: Producer<CameraRecord>,
+    period_nanos: f64,
+    /// The frame that is told next, and how many are passed over between two.
+    next: usize,
+    step: usize,
+}
+
+impl Foretold {
+    fn new(ring: Producer<CameraRecord>, period_nanos: f64) -> Self {
+        let step = (FORETOLD_NANOS / period_nanos).max(1.0) as usize;
+        Self { ring, period_nanos, next: 0, step }
+    }
+
+    fn tell(&mut self, cameras: &[Camera]) {
+        while let Some(camera) = cameras.get(self.next) {
+            let timestamp_nanos = (self.next as f64 * self.period_nanos) as u64;
+            let record = CameraRecord { frame: self.next as u64, camera: Camera { timestamp_nanos, ..*camera } };
+            if self.ring.try_push(record).is_err() {
+                return;
+            }
+            // The last camera is told too: there the flight rests.
+            let last = cameras.len() - 1;
+            self.next = if self.next < last { (self.next + self.step).min(last) } else { cameras.len() };
+        }
     }
 }
 

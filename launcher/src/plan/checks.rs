@@ -8,7 +8,7 @@ use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
-use terravision_common::run::RealtimeConfig;
+use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -104,6 +104,7 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             ("--coarsest-texel-px", args.coarsest_texel_px.is_some()),
             ("--rest-facet-px", args.rest_facet_px.is_some()),
             ("--rest-texel-px", args.rest_texel_px.is_some()),
+            ("--prediction", args.prediction.is_some()),
         ];
         return match given.into_iter().find(|(_, is_given)| *is_given) {
             Some((flag, _)) => {
@@ -136,8 +137,16 @@ pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {
     in_range("--exaggeration", value, 0.01, 100.0, "a factor from 0.01 to 100")
 }
 
-/// Threads that load tiles: as asked, as `RAYON_NUM_THREADS` says, or one per core.
-pub(super) fn loader_threads(asked: Option<u32>) -> Result<u32, Failure> {
+/// What the prefetcher does beyond what frames ask of it.
+pub(super) fn prefetch(args: Option<&RealtimeArgs>) -> PrefetchConfig {
+    match args.filter(|args| args.mode == Mode::Realtime) {
+        Some(args) => PrefetchConfig::realtime(args.prediction.map_or(Prediction::Linear, Prediction::from)),
+        None => PrefetchConfig::EXACT,
+    }
+}
+
+/// Threads that decode tiles: as asked, as `RAYON_NUM_THREADS` says, or one per core.
+pub(super) fn decoder_threads(asked: Option<u32>) -> Result<u32, Failure> {
     const EXPECTED: &str = "a whole number from 1 to 256";
     let cores = || std::thread::available_parallelism().map_or(1, |n| n.get().min(256) as u32);
     let (name, threads) = match (asked, std::env::var("RAYON_NUM_THREADS")) {

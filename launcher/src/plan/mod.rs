@@ -8,11 +8,15 @@ pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
-use crate::cli::{CourseArgs, FlyArgs, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
+use crate::cli::{
+    CourseArgs, FlyArgs, MeasurementArgs, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
+    ResourceArgs, StillArgs,
+};
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
+use crate::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
 use crate::path::orbit;
@@ -20,13 +24,14 @@ use crate::path::{self, CameraPath, CourseOptions, Pose};
 use crate::world::{self, open_world};
 use anyhow::anyhow;
 use checks::{
-    DEFAULT_FPS, check_distance, exaggeration, has_extension, in_range, is_folder_name, loader_threads, realtime,
+    DEFAULT_FPS, check_distance, decoder_threads, exaggeration, has_extension, in_range, is_folder_name, prefetch,
+    realtime,
 };
 use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
-use terravision_common::run::{OPEN_END, PrefetchConfig, RenderConfig, RunConfig, ShareConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
@@ -61,6 +66,8 @@ pub struct FlightPlan {
     pub report: Option<TemporaryFile>,
     /// The trace, if one is wanted.
     pub trace: Option<TemporaryFile>,
+    /// Where figures are served while the run goes on, if they are wanted.
+    pub metrics: Option<MetricsSocket>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
     /// Whether the run says nothing but warnings and errors.
@@ -103,6 +110,12 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
+    if args.live.camera.is_some() && args.realtime.prediction == Some(PredictionChoice::Oracle) {
+        return Err(Failure::bad_input(anyhow!(
+            "--prediction oracle and --camera: an oracle knows the path, and nobody knows that of another program; \
+             expected off, linear or quadratic"
+        )));
+    }
     let mut draft = if args.live.camera.is_some() {
         let mut draft =
             Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
@@ -160,7 +173,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
-    let mut plan = draft.finish(args.report.as_deref(), args.trace.as_deref())?;
+    let mut plan = draft.finish(&args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
     Ok(plan)
 }
@@ -200,7 +213,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.depth = depth;
     draft.ground = ground;
     draft.destination = args.output.display().to_string();
-    draft.finish(args.report.as_deref(), args.trace.as_deref())
+    draft.finish(&args.measurements)
 }
 
 /// A plan in the making.
@@ -253,7 +266,7 @@ impl<'a> Draft<'a> {
         })
     }
 
-    fn finish(self, report: Option<&Path>, trace: Option<&Path>) -> Result<FlightPlan, Failure> {
+    fn finish(self, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
         let Self { database, access, picture, resources, settings, .. } = self;
         let world = &database.world().clone();
         let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
@@ -271,7 +284,7 @@ impl<'a> Draft<'a> {
         let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
         let realtime = self.realtime.and_then(|args| realtime(args, [r_z_px, r_c_px]).transpose()).transpose()?;
         let exaggeration = exaggeration(picture.exaggeration)?;
-        let loader_threads = loader_threads(resources.threads)?;
+        let decoder_threads = decoder_threads(resources.threads)?;
         let layout =
             Layout::for_run(world, resources.memory.0, size.width, size.height).map_err(|error| match error {
                 ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
@@ -333,8 +346,8 @@ impl<'a> Draft<'a> {
                 r_c_px,
                 measure: picture.measure.into(),
                 exaggeration,
-                loader_threads,
-                prefetch: if realtime.is_some() { PrefetchConfig::REALTIME } else { PrefetchConfig::EXACT },
+                decoder_threads,
+                prefetch: prefetch(self.realtime),
                 render: RenderConfig {
                     sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
                     samples: picture.samples.unwrap_or(samples),
@@ -348,8 +361,9 @@ impl<'a> Draft<'a> {
                 },
                 realtime,
             },
-            report: report.map(temporary).transpose()?,
-            trace: trace.map(temporary).transpose()?,
+            report: measurements.report.as_deref().map(temporary).transpose()?,
+            trace: measurements.trace.as_deref().map(temporary).transpose()?,
+            metrics: measurements.metrics.map(MetricsSocket::open).transpose()?,
             run: self.run,
             layout,
             cameras,

@@ -212,7 +212,7 @@ impl Flight {
             r_c_px: R_PX[1],
             measure: Measure::Area,
             exaggeration: 1.5,
-            loader_threads: 1,
+            decoder_threads: 1,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 sky_rgb: [0; 3],

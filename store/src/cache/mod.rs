@@ -53,6 +53,8 @@ pub(crate) struct Key {
 pub struct CacheFigures {
     /// Pieces that were there.
     pub hits: u64,
+    /// Their bytes.
+    pub bytes: u64,
     /// Pieces that were not.
     pub misses: u64,
     /// Pieces written.
@@ -64,6 +66,7 @@ pub struct CacheFigures {
 #[derive(Debug, Default)]
 struct Counters {
     hits: AtomicU64,
+    bytes: AtomicU64,
     misses: AtomicU64,
     written: AtomicU64,
     damaged: AtomicU64,
@@ -115,6 +118,7 @@ impl DiskCache {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         CacheFigures {
             hits: read(&self.counters.hits),
+            bytes: read(&self.counters.bytes),
             misses: read(&self.counters.misses),
             written: read(&self.counters.written),
             damaged: read(&self.counters.damaged),
@@ -141,6 +145,7 @@ impl DiskCache {
         match entry::read(&path, key.range.end - key.range.start) {
             Ok(Some((content, modified))) => {
                 self.counters.hits.fetch_add(1, Ordering::Relaxed);
+                self.counters.bytes.fetch_add(content.len() as u64, Ordering::Relaxed);
                 mark_used(&path, modified);
                 Some(content)
             }

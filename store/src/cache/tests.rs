@@ -60,7 +60,7 @@ fn what_was_kept_is_read_again_by_another_process_too() {
         assert_eq!(cache.get(&key(1)).as_deref(), Some(content(1).as_slice()));
         assert_eq!(cache.get(&Key { file: "elevation", ..key(1) }), None);
     }
-    assert_eq!(cache.figures(), CacheFigures { hits: 1, misses: 2, written: 1, damaged: 0 });
+    assert_eq!(cache.figures(), CacheFigures { hits: 1, bytes: 10_000, misses: 2, written: 1, damaged: 0 });
     assert_eq!(DiskCache::open(&folder.0, "another", 1 << 20, Arc::default()).get(&key(1)), None);
 }
 

@@ -62,3 +62,19 @@ fn segments_with(prefix: &str) -> Vec<String> {
     let Ok(entries) = fs::read_dir("/dev/shm") else { return Vec::new() };
     entries.flatten().filter_map(|e| e.file_name().into_string().ok()).filter(|n| n.starts_with(prefix)).collect()
 }
+
+/// The port of loopback at which a process has a socket of its own of a protocol, "tcp" or "udp".
+#[must_use]
+pub fn loopback_port(pid: u32, protocol: &str) -> Option<u16> {
+    let links = std::fs::read_dir(format!("/proc/{pid}/fd")).ok()?.flatten();
+    let sockets: Vec<String> = links
+        .filter_map(|link| std::fs::read_link(link.path()).ok()?.to_str()?.strip_prefix("socket:[").map(str::to_owned))
+        .collect();
+    let table = std::fs::read_to_string(format!("/proc/{pid}/net/{protocol}")).ok()?;
+    table.lines().skip(1).find_map(|line| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let is_ours = sockets.iter().any(|socket| socket.strip_suffix(']') == fields.get(9).copied());
+        let port = fields.get(1)?.strip_prefix("0100007F:")?;
+        is_ours.then(|| u16::from_str_radix(port, 16).ok())?
+    })
+}

@@ -194,6 +194,12 @@ impl PoolWriter {
             as u32
     }
 
+    /// Slots that hold a tile. Looks through the whole table.
+    #[must_use]
+    pub fn used_slots(&self) -> u32 {
+        table(&self.place.segment).iter().filter(|words| words.usage().state.is_readable()).count() as u32
+    }
+
     /// The frame as of which a reusable slot's tile was last wanted or expected; 0 for a free slot.
     fn rank(&self, slot: u32, words: &SlotWords, completed: u64) -> Option<u64> {
         let usage = words.usage();
