@@ -10,6 +10,7 @@ use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{CourseArgs, FlyArgs, Mode, Overlay, PictureArgs, Quality, RealtimeArgs, ResourceArgs, StillArgs};
 use crate::failure::Failure;
+use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
@@ -69,6 +70,8 @@ pub struct FlightPlan {
     pub database: Store,
     /// Where the pictures go, for people.
     pub destination: String,
+    /// Which deaths of stages the run survives.
+    pub restarts: RestartRules,
 }
 
 /// The CRS of a world, for paths in other coordinates.
@@ -167,6 +170,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     }
     let mut plan = draft.finish(args.report.as_deref(), args.trace.as_deref())?;
     plan.live = live::camera(args, &plan.config)?;
+    plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
     Ok(plan)
 }
 
@@ -365,6 +369,7 @@ impl<'a> Draft<'a> {
             is_quiet: resources.quiet,
             database,
             destination: self.destination,
+            restarts: RestartRules::NONE,
         })
     }
 }

@@ -180,12 +180,11 @@ impl TileLoader for WantedTiles {
         }
         // Nothing for a while: perhaps an outcome found its ring full. What is asked again is answered again.
         self.is_stale = true;
-        self.waits_with_dead_peer =
-            if !control.is_supervised() && control.is_stage_dead(Stage::Prefetcher) {
-                self.waits_with_dead_peer + 1
-            } else {
-                0
-            };
+        self.waits_with_dead_peer = if !control.is_supervised() && control.is_stage_dead(Stage::Prefetcher) {
+            self.waits_with_dead_peer + 1
+        } else {
+            0
+        };
         if self.waits_with_dead_peer >= PEER_GRACE {
             return Err(WaitError::PeerGone { stage: Stage::Prefetcher }.into());
         }

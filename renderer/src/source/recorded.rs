@@ -165,7 +165,8 @@ impl RecordedSource {
 
     fn values(&self, position: u64) -> Option<u64> {
         let posts = u64::from(self.recording.world.elevation_posts()).pow(2);
-        (position >= self.done.elevation_end && self.recording.arrays > 0).then(|| position % self.recording.arrays * posts)
+        (position >= self.done.elevation_end && self.recording.arrays > 0)
+            .then(|| position % self.recording.arrays * posts)
     }
 }
 
