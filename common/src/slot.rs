@@ -2,7 +2,8 @@
 //!
 //! A frame is one [`Slot`] of kind [`FRAME_MARKER`], then one of kind [`TILE`] per colour leaf, near to far, then one
 //! of kind [`FRAME_END`]. All slots have one size; the kind says which of the three payloads the bytes are. The reader
-//! ([`Slot::read`]) trusts none of them.
+//! ([`Slot::read`]) trusts none of them. A marker within a frame breaks that frame off, when it is of another preparer than
+//! the one that was killed in it.
 
 use crate::camera::Camera;
 use bytemuck::{Pod, Zeroable};
@@ -26,8 +27,13 @@ pub struct FrameMarker {
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
     pub r_c_px: f64,
-    /// Zero.
-    pub reserved: [u8; 24],
+    /// The frame is the so many-th of the run that was prepared, counted from 1.
+    pub sequence: u64,
+    /// Position in the elevation ring of its first array. Arrays between the end of the frame before and this one
+    /// belong to no frame: their preparer was killed.
+    pub elevation_start: u64,
+    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off the frame before.
+    pub maker: u64,
 }
 
 /// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.

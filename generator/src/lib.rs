@@ -112,6 +112,27 @@ impl<R: HeightRanges> Generator<R> {
         }
     }
 
+    /// Goes on behind the trees that generators before this one have published.
+    ///
+    /// # Errors
+    /// The ring of cameras is corrupt.
+    pub fn resume(&mut self, Ports { cameras, trees, .. }: &mut Ports) -> Result<(), ShmError> {
+        let Some(last) = trees.last_header() else { return Ok(()) };
+        let [first, end] = self.config.frames;
+        // Behind what is no frame of the run nobody can go on.
+        if (first..end).contains(&last.frame) {
+            self.next_frame = last.frame + 1;
+        }
+        self.pace.resume(trees.published());
+        // Killed between the tree and giving back its camera?
+        if cameras.try_take()?.is_some_and(|record| record.frame == last.frame) {
+            cameras.give_back(cameras.position());
+        } else {
+            cameras.put_back();
+        }
+        Ok(())
+    }
+
     /// Whether frames of the run are still to come.
     #[must_use]
     pub fn has_next(&self) -> bool {
@@ -130,7 +151,8 @@ impl<R: HeightRanges> Generator<R> {
             (r_z_px, r_c_px) = (due.resolutions.r_z_px, due.resolutions.r_c_px);
             (due.frame, due.camera)
         } else {
-            let CameraRecord { frame, camera } = cameras.pop(control)?;
+            // It stays in its ring until the tree is published.
+            let CameraRecord { frame, camera } = cameras.take(control)?;
             if frame != self.next_frame {
                 return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
             }
@@ -156,6 +178,7 @@ impl<R: HeightRanges> Generator<R> {
             ..TreeHeader::zeroed()
         };
         half.publish(&header).map_err(WaitError::from)?;
+        cameras.give_back(cameras.position());
         let finished_nanos = events.span(control, SpanName::Generate, frame, started_nanos);
         if self.config.realtime.is_some() {
             self.pace.generated(finished_nanos - started_nanos);
@@ -179,6 +202,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let layout = Layout::for_run(world, u64::MAX >> 8, config.width, config.height)?;
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
+    generator.resume(&mut ports)?;
     while generator.has_next() {
         generator.frame(&mut ports)?;
     }

@@ -46,6 +46,11 @@ impl Pace {
         Self { controller, sequence: 0, measured: 0, last: None, generate_nanos: 0 }
     }
 
+    /// So many frames were begun by generators before this one.
+    pub(crate) fn resume(&mut self, begun: u64) {
+        self.sequence = begun;
+    }
+
     /// What the generator took for its newest frame.
     pub(crate) fn generated(&mut self, nanos: u64) {
         self.generate_nanos = nanos;

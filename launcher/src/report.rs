@@ -50,8 +50,10 @@ pub struct RunFigures {
     pub prefetch: PrefetchFigures,
     /// N.
     pub window: WindowSpan,
-    /// Process ids of the stages.
+    /// Process ids of the stages, of those that were started again behind the first four.
     pub pids: Vec<(Stage, u32)>,
+    /// How often stages were started again, by name.
+    pub restarts: BTreeMap<&'static str, u32>,
 }
 
 /// The report. Field names are the schema's.
@@ -85,6 +87,7 @@ pub struct Report {
     settled: bool,
     trees_cut_short: u64,
     events_dropped: u64,
+    restarts: BTreeMap<&'static str, u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     realtime: Option<RealtimeReport>,
     prefetch: PrefetchReport,
@@ -215,6 +218,7 @@ impl Report {
             settled: is_complete && unavailable_count == 0 && figures.frames_unsettled == 0,
             trees_cut_short: figures.trees_cut_short,
             events_dropped: figures.events_dropped + collector.strange_events,
+            restarts: figures.restarts.clone(),
             realtime: RealtimeReport::new(config, figures),
             prefetch: PrefetchReport::new(config, figures),
             network: NetworkReport::new(config, figures),
@@ -422,6 +426,7 @@ pub(crate) mod tests {
             prefetch: PrefetchFigures::default(),
             window: WindowSpan::default(),
             pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
+            restarts: BTreeMap::new(),
         }
     }
 

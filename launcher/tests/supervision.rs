@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use terravision_common::shm::{Control, Layout, RunId, RunSegments, RunState, Stage};
+use terravision_launcher::flight::restart::{RestartRules, Restarts};
 use terravision_launcher::flight::stage::{StageProcess, StartError};
 use terravision_launcher::flight::supervisor::{Ending, watch};
 
@@ -67,16 +68,30 @@ impl Flight {
 
     fn watch(
         &self,
+        stages: Vec<StageProcess>,
+        is_interrupted: impl Fn() -> bool,
+        tick: impl FnMut(&[StageProcess]),
+    ) -> Ending {
+        let mut never = |stage| panic!("the {stage} is started again");
+        let mut silent = |sentence: &str| panic!("{sentence}");
+        let mut restarts = Restarts::new(RestartRules::NONE, &mut never, &mut silent);
+        self.watch_with(&mut restarts, stages, is_interrupted, tick)
+    }
+
+    fn watch_with(
+        &self,
+        restarts: &mut Restarts<'_>,
         mut stages: Vec<StageProcess>,
         is_interrupted: impl Fn() -> bool,
         mut tick: impl FnMut(&[StageProcess]),
     ) -> Ending {
-        let pids: Vec<u32> = stages.iter().map(StageProcess::pid).collect();
+        let mut pids: Vec<u32> = stages.iter().map(StageProcess::pid).collect();
         let end = Instant::now() + Duration::from_secs(60);
-        let ending = watch(&mut stages, &self.control, &is_interrupted, &mut |stages| {
+        let ending = watch(&mut stages, &self.control, &is_interrupted, restarts, &mut |stages| {
             assert!(Instant::now() < end, "the stages do not end");
             tick(stages);
         });
+        pids.extend(stages.iter().map(StageProcess::pid));
         for pid in pids {
             assert!(!Path::new(&format!("/proc/{pid}")).exists(), "process {pid} is left");
         }
@@ -135,7 +150,7 @@ fn a_stage_that_gives_up_is_quoted() {
     let says = "echo 'loading'; echo 'warming up' >&2; echo 'there is no room for the picture' >&2; exit 1";
     let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, says), (Prefetcher, WAIT)]);
     let ending = Flight::new().watch(programs.start(), || false, |_| ());
-    let Ending::Died { stage, how, words, is_bad_input } = ending else { panic!("not noticed") };
+    let Ending::Died { stage, how, words, is_bad_input, .. } = ending else { panic!("not noticed") };
     assert_eq!((stage, is_bad_input), (Renderer, false));
     assert_eq!((how.as_str(), words.as_str()), ("ended with exit code 1", "there is no room for the picture"));
 }
@@ -221,4 +236,99 @@ fn a_stage_that_is_not_there_is_named() {
     let error = StageProcess::start(Generator, &folder, "{}", false).unwrap_err();
     let text = error.to_string();
     assert!(text.contains("the program of the generator") && text.contains("is missing"), "{text}");
+}
+
+const RULES: RestartRules = RestartRules { limit: 5, hang_after: Duration::from_secs(3600), has_renderer: true };
+
+/// A flight of these scripts by these rules: its ending, what was said of restarts, and how many there were.
+fn fly_again(rules: RestartRules, scripts: [(Stage, &str); 4], flight: &Flight) -> (Ending, Vec<String>, u32) {
+    let programs = Programs::new(scripts);
+    let mut said = Vec::new();
+    let mut say = |sentence: &str| said.push(sentence.to_owned());
+    let mut start_again = |stage| Ok(start(stage, &programs.0));
+    let mut restarts = Restarts::new(rules, &mut start_again, &mut say);
+    let ending = flight.watch_with(&mut restarts, programs.start(), || false, |_| ());
+    let count = restarts.counts().values().sum();
+    (ending, said, count)
+}
+
+#[test]
+fn a_stage_that_is_killed_twice_is_started_twice_and_the_run_ends_well() {
+    // Each process leaves a file behind, and the third one ends in good order.
+    let twice = "cd \"$(dirname \"$0\")\" && if [ -e b ]; then exit 0; elif [ -e a ]; then touch b; else touch a; fi; \
+                 echo 'I fall' >&2; kill -9 $$";
+    for (at, victim) in Stage::ALL.into_iter().enumerate() {
+        let mut scripts = Stage::ALL.map(|stage| (stage, if stage == Renderer { "sleep 1; exit 0" } else { "exit 0" }));
+        scripts[at] = (victim, twice);
+        let flight = Flight::new();
+        let (ending, said, count) = fly_again(RULES, scripts, &flight);
+        assert_eq!((ending, count, said.len()), (Ending::Finished, 2, 2), "{victim}");
+        let expected = format!("the {victim} was killed by signal 9 (KILL); it said last: I fall; it is started again");
+        assert!(said.iter().all(|sentence| *sentence == expected), "{said:?}");
+        flight.assert_no_segment_is_left();
+    }
+}
+
+#[test]
+fn after_five_restarts_in_a_minute_the_run_ends_with_the_last_words() {
+    let falls = "echo 'no more' >&2; kill -11 $$";
+    let scripts = [(Generator, WAIT), (Preparer, falls), (Renderer, WAIT), (Prefetcher, WAIT)];
+    let flight = Flight::new();
+    let (ending, said, count) = fly_again(RULES, scripts, &flight);
+    let Ending::Died { stage, how, words, restarts, .. } = ending else { panic!("not noticed") };
+    assert_eq!((stage, words.as_str(), restarts, count, said.len()), (Preparer, "no more", 5, 5, 5));
+    assert!(how.contains("signal 11"), "{how}");
+    assert_eq!(flight.control.state(), RunState::Failed);
+    flight.assert_no_segment_is_left();
+}
+
+#[test]
+fn what_would_happen_again_is_not_tried_again() {
+    let bad_input = "echo 'too large' >&2; exit 2";
+    let gives_up = "echo 'no device' >&2; exit 1";
+    for (script, is_killed) in [(bad_input, false), (gives_up, false), ("kill -9 $$", true)] {
+        let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, script), (Prefetcher, WAIT)];
+        // Where its output cannot be gone on with, the renderer is not started again, however it ended.
+        let rules = RestartRules { has_renderer: !is_killed, ..RULES };
+        let (ending, said, _) = fly_again(rules, scripts, &Flight::new());
+        assert!(matches!(&ending, Ending::Died { stage: Renderer, restarts: 0, .. }), "{ending:?}");
+        assert!(said.is_empty(), "{said:?}");
+    }
+    // Once there was a picture, a stage that gives up may have a better day.
+    let flight = Flight::new();
+    flight.control.set_completed_sequence(1);
+    let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, gives_up), (Prefetcher, WAIT)];
+    let (ending, said, _) = fly_again(RULES, scripts, &flight);
+    assert!(matches!(&ending, Ending::Died { stage: Renderer, restarts: 5, .. }), "{ending:?}");
+    assert!(said.iter().all(|sentence| sentence == "the renderer gave up: no device; it is started again"), "{said:?}");
+}
+
+#[test]
+fn a_stage_that_falls_silent_is_killed_and_started_again() {
+    let rules = RestartRules { limit: 1, hang_after: Duration::from_secs(1), has_renderer: true };
+    let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
+    let (flight, mut said) = (Flight::new(), Vec::new());
+    let mut say = |sentence: &str| said.push(sentence.to_owned());
+    let mut start_again = |stage| Ok(start(stage, &programs.0));
+    let mut restarts = Restarts::new(rules, &mut start_again, &mut say);
+    let (beats, is_over) = (std::cell::Cell::new(0), std::cell::Cell::new(false));
+    let stages = programs.start();
+    let first = stages[1].pid();
+    let ending = flight.watch_with(
+        &mut restarts,
+        stages,
+        || is_over.get(),
+        |stages| {
+            // The scripts have no voice: this is theirs. The preparer's fails after a while.
+            beats.set(beats.get() + 1);
+            for stage in Stage::ALL {
+                if stage != Preparer || beats.get() < 5 || stages[1].pid() != first {
+                    flight.control.heartbeat(stage);
+                }
+            }
+            is_over.set(stages[1].pid() != first);
+        },
+    );
+    assert_eq!(ending, Ending::Interrupted);
+    assert_eq!(said, ["the preparer gave no sign of life for 1 s and was killed, without a word; it is started again"]);
 }

@@ -17,7 +17,7 @@ use terravision_common::run::RunConfig;
 use terravision_common::shm::{
     Control, Counter, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
 };
-use terravision_common::slot::{Slot, SlotContent};
+use terravision_common::slot::{FrameMarker, Slot, SlotContent};
 use terravision_common::stage::{Events, StageError, StageRun};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
@@ -128,7 +128,6 @@ pub struct Preparer<L> {
     tree: FrameTree,
     maker: FrameMaker,
     slots: Vec<Slot>,
-    sequence: u64,
     next_frame: u64,
 }
 
@@ -152,49 +151,67 @@ impl<L: TileLoader> Preparer<L> {
             tree: FrameTree::new(world, nodes, ports.elevation.capacity()),
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
-            sequence: 0,
-            next_frame: config.frames[0],
+            // Frames may have been left out, but none has come twice.
+            next_frame: config.frames[0].saturating_add(ports.trees.returned()),
         };
+        preparer.resume(ports)?;
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         Ok(preparer)
     }
 
-    /// Waits for the next tree, then for its tiles, and hands the frame over.
+    /// Goes on behind the frames that preparers before this one have made whole. One that was begun is made again: its
+    /// tree was not given back.
+    fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
+        let [first, end] = self.config.frames;
+        match ports.ring.last().as_ref().and_then(Slot::read) {
+            // Behind what is no frame of the run nobody can go on.
+            Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
+                // Killed between the frame and giving back its tree?
+                ports.trees.return_tree_of(last.frame)?;
+                self.next_frame = self.next_frame.max(last.frame + 1);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Waits for the next tree, then for its tiles, and hands the frame over. The tree is given back when the frame is in
+    /// the ring.
     ///
     /// # Errors
     /// [`PreparerError`].
     pub fn frame(&mut self, ports: &mut Ports) -> Result<FrameCounts, PreparerError> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
-        self.next_frame += 1;
-        self.sequence += 1;
-        let header = {
-            let half = trees.next(control)?;
-            let header = *half.header();
-            check_header(&header, expected, &self.config)?;
-            let read = self.tree.read(half.nodes());
-            let frame = header.frame;
-            read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
-            header
-        };
+        // Trees and frames are counted alike, so that all stages mean the same by the sequence of a frame.
+        let sequence = trees.returned() + 1;
+        let half = trees.next(control)?;
+        let header = *half.header();
         let frame = header.frame;
+        check_header(&header, expected, &self.config)?;
+        let read = self.tree.read(half.nodes());
+        read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
         self.next_frame = frame + 1;
         let started = monotonic_nanos();
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let taken = take_what_is_there(wanted, &mut self.loader, frame, self.sequence, control);
+            let taken = take_what_is_there(wanted, &mut self.loader, frame, sequence, control);
             taken.map_err(AwaitError::from)?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, frame, self.sequence, control)?
+            self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
         let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
-        let mut output = Rings { ring, elevation, control, slots: &mut self.slots };
+        let maker = control.generation_of(Stage::Preparer);
+        // Of a frame that could not be made.
+        self.slots.clear();
+        let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker };
         let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
         let counts = made.map_err(|source| PreparerError::Frame { frame, source })?;
+        drop(half);
         let finished = events.span(control, SpanName::Prepare, frame, settled);
         control.set_prepare_nanos(finished.saturating_sub(started));
         if is_realtime {
@@ -255,10 +272,16 @@ struct Rings<'a> {
     elevation: &'a mut ElevationWriter,
     control: &'a Control,
     slots: &'a mut Vec<Slot>,
+    sequence: u64,
+    maker: u64,
 }
 
 impl FrameOutput for Rings<'_> {
     fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError> {
+        if !self.elevation.has_room().map_err(WaitError::from)? {
+            // Arrays that a killed preparer or renderer has left are given back when the frame's marker is seen.
+            self.finish()?;
+        }
         let mut array = self.elevation.begin(self.control)?;
         fill(array.values_mut())?;
         Ok(array.publish())
@@ -268,7 +291,13 @@ impl FrameOutput for Rings<'_> {
         if self.slots.len() == SLOTS_AT_ONCE {
             self.finish()?;
         }
-        self.slots.push(Slot::new(slot));
+        let (sequence, maker, elevation_start) = (self.sequence, self.maker, self.next_position());
+        self.slots.push(match slot {
+            SlotContent::Marker(marker) => {
+                Slot::new(&SlotContent::Marker(FrameMarker { sequence, elevation_start, maker, ..*marker }))
+            }
+            other => Slot::new(other),
+        });
         Ok(())
     }
 
@@ -296,6 +325,9 @@ pub fn run(run: &StageRun) -> Result<(), PreparerError> {
     let mut flown = Ok(());
     while flown.is_ok() && preparer.has_next() {
         flown = preparer.frame(&mut ports).map(drop);
+    }
+    if flown.is_ok() {
+        ports.control.set_last_sequence(ports.trees.returned());
     }
     preparer.loader.close();
     flown

@@ -134,7 +134,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
     for frame in 0..lap + frames {
         while spare.is_empty() || (frame == lap && engine.is_busy()) {
             let Some(finished) = engine.poll(LONGEST)? else { break };
-            source.complete(finished.sequence, finished.elevation_end)?;
+            source.complete(&finished.done())?;
             gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
             triangles += finished.triangles;
             spare.push(finished.readback);
@@ -149,7 +149,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
         engine.submit(reader.frame(), &mut source, readback)?;
     }
     while let Some(finished) = engine.poll(LONGEST)? {
-        source.complete(finished.sequence, finished.elevation_end)?;
+        source.complete(&finished.done())?;
         gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
         triangles += finished.triangles;
     }

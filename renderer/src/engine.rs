@@ -6,7 +6,7 @@ use crate::gpu::{
     ColorPool, Device, DeviceChoice, DeviceKind, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance,
     Needs, Readback, Target,
 };
-use crate::source::{FrameSource, SourceError, SourceShape};
+use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -37,6 +37,8 @@ pub struct EngineOptions {
     pub elevation_path: ElevationPath,
     /// Whether colour tiles may be copied from shared memory by the device itself.
     pub can_import_colors: bool,
+    /// For tests: the device is lost when it is handed its so many-th frame, and so is every one that comes after it.
+    pub lose_device_at: Option<u64>,
 }
 
 impl Default for EngineOptions {
@@ -52,6 +54,7 @@ impl Default for EngineOptions {
             frames_in_flight: 2,
             elevation_path: ElevationPath::Best,
             can_import_colors: true,
+            lose_device_at: None,
         }
     }
 }
@@ -83,6 +86,14 @@ pub enum EngineError {
     },
 }
 
+impl EngineError {
+    /// Whether the device was lost: another one may do.
+    #[must_use]
+    pub fn is_device_lost(&self) -> bool {
+        matches!(self, Self::Gpu { source } if source.is_device_lost())
+    }
+}
+
 /// What recording a frame took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Submitted {
@@ -103,6 +114,8 @@ pub struct Finished {
     pub sequence: u64,
     /// One past its last position in the elevation ring.
     pub elevation_end: u64,
+    /// One past its last slot in the ring.
+    pub slots_end: u64,
     /// Its camera.
     pub camera: Camera,
     /// Screen resolutions of facets and texels that its tree was made for, pixels.
@@ -123,6 +136,14 @@ pub struct Finished {
     pub readback: Readback,
 }
 
+impl Finished {
+    /// How far frames are done with when this one is.
+    #[must_use]
+    pub fn done(&self) -> Done {
+        Done { sequence: self.sequence, elevation_end: self.elevation_end, slots_end: self.slots_end }
+    }
+}
+
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
 /// itself gains nothing from a second frame, and then finishes both at the same time: with lavapipe every other frame
 /// took twice as long and the ones between nothing, at the same rate.
@@ -139,6 +160,7 @@ struct InFlight {
     frame: u64,
     sequence: u64,
     elevation_end: u64,
+    slots_end: u64,
     camera: Camera,
     r_px: [f64; 2],
     is_settled: bool,
@@ -185,6 +207,9 @@ impl Engine {
         };
         let instance = Instance::new(options.has_validation)?;
         let device = Device::new(&instance, &options.device, &needs)?;
+        if let Some(at) = options.lose_device_at {
+            device.lose_at(at);
+        }
         let slot_count = frames_in_flight(options.frames_in_flight, device.capabilities().kind);
         let target = Target::new(&device, options.size, options.samples, options.has_depth)?;
         let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
@@ -323,6 +348,7 @@ impl Engine {
             frame: frame.marker.frame,
             sequence: frame.sequence,
             elevation_end: frame.end.elevation_end,
+            slots_end: frame.slots_end,
             camera: frame.marker.camera,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,
@@ -352,6 +378,7 @@ impl Engine {
             frame: oldest.frame,
             sequence: oldest.sequence,
             elevation_end: oldest.elevation_end,
+            slots_end: oldest.slots_end,
             camera: oldest.camera,
             r_px: oldest.r_px,
             is_settled: oldest.is_settled,

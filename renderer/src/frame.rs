@@ -2,7 +2,7 @@
 //!
 //! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
 
-use crate::source::{FrameSource, SourceError, SourceShape};
+use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use terravision_common::node::NodeId;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::world::World;
@@ -160,6 +160,8 @@ pub struct Frame {
     pub elevation_start: u64,
     /// Counts the frames of the run that were made from 1.
     pub sequence: u64,
+    /// One past its last slot.
+    pub slots_end: u64,
 }
 
 /// Reads frames from a source.
@@ -171,9 +173,20 @@ pub struct FrameReader {
     is_open: bool,
     /// Number of the frame that comes next, or of the first that may.
     next: u64,
-    /// Of each colour slot: the frame that named it last, and the generation.
+    /// How far frames were done with when reading began: those before are passed over.
+    done: Done,
+    /// Sequence of the last frame that was read.
+    sequence: u64,
+    /// Slots before the first marker may be the rest of a frame that nobody has the beginning of.
+    may_begin_within: bool,
+    /// Counts the frames that were opened.
+    opened: u64,
+    /// Of each colour slot: which opened frame named it last, and the generation.
     named: Vec<(u64, u32)>,
 }
+
+/// Frames that may have been made and lost between two that are read, at most.
+const MOST_LOST: u64 = 1 << 16;
 
 impl FrameReader {
     /// For frames of this source and pictures of this size.
@@ -189,12 +202,44 @@ impl FrameReader {
         let frame = Frame {
             marker,
             tiles: Vec::with_capacity(4096),
-            end: FrameEnd { elevation_end: shape.elevation_start, ..bytemuck::Zeroable::zeroed() },
+            end: bytemuck::Zeroable::zeroed(),
             elevation_start: 0,
             sequence: 0,
+            slots_end: 0,
         };
-        let next = shape.frames[0];
-        Ok(Self { named: vec![(0, 0); shape.color_slots as usize], shape, size, frame, is_open: false, next })
+        let mut reader = Self {
+            named: vec![(0, 0); shape.color_slots as usize],
+            shape,
+            size,
+            frame,
+            is_open: false,
+            next: 0,
+            done: shape.done,
+            sequence: 0,
+            may_begin_within: false,
+            opened: 0,
+        };
+        reader.resume(shape.done);
+        reader.may_begin_within = shape.is_resumed;
+        Ok(reader)
+    }
+
+    /// Begins again behind the frames that are done with: those after them are read once more.
+    pub fn resume(&mut self, done: Done) {
+        self.is_open = false;
+        self.may_begin_within = true;
+        self.done = done;
+        self.sequence = done.sequence;
+        self.frame.end.elevation_end = done.elevation_end;
+        // Frames may have been left out, but none has come twice.
+        self.next = self.shape.frames[0].saturating_add(done.sequence);
+    }
+
+    /// How far frames are done with when this one is, [`FrameReader::frame`].
+    #[must_use]
+    pub fn done_with_frame(&self) -> Done {
+        let Frame { sequence, end, slots_end, .. } = &self.frame;
+        Done { sequence: *sequence, elevation_end: end.elevation_end, slots_end: *slots_end }
     }
 
     /// Frames that are still to come; with gaps, at most.
@@ -225,6 +270,12 @@ impl FrameReader {
             (Some(SlotContent::Marker(marker)), false) => self.open(frame, &marker).map(|()| false),
             (Some(SlotContent::Tile(tile)), true) => self.add_tile(frame, &tile).map(|()| false),
             (Some(SlotContent::End(end)), true) => self.close(frame, &end).map(|()| true),
+            // Its preparer was killed in the frame that is open.
+            (Some(SlotContent::Marker(marker)), true) if marker.maker > self.frame.marker.maker => {
+                self.is_open = false;
+                self.open(self.next, &marker).map(|()| false)
+            }
+            (Some(SlotContent::Tile(_) | SlotContent::End(_)), false) if self.may_begin_within => Ok(false),
             (Some(SlotContent::Marker(_)), true) => order("a frame marker", "a tile or the end of the frame"),
             (Some(SlotContent::Tile(_)), false) => order("a tile", "a frame marker"),
             (Some(SlotContent::End(_)), false) => order("the end of a frame", "a frame marker"),
@@ -233,10 +284,20 @@ impl FrameReader {
     }
 
     fn open(&mut self, expected: u64, marker: &FrameMarker) -> Result<(), FrameError> {
+        let wrong = |field, found, wanted| Err(FrameError::Marker { frame: expected, field, found, expected: wanted });
+        // A renderer that was killed had completed it, but not given it back.
+        let is_stale = self.is_stale(marker.sequence);
         let is_later = self.shape.has_gaps && (expected..self.shape.frames[1]).contains(&marker.frame);
-        if marker.frame != expected && !is_later {
-            let field = "its number";
-            return Err(FrameError::Marker { frame: expected, field, found: marker.frame, expected });
+        if marker.frame != expected && !is_later && !is_stale {
+            return wrong("its number", marker.frame, expected);
+        }
+        let ahead = marker.sequence.wrapping_sub(self.sequence);
+        if !is_stale && (ahead == 0 || ahead > if self.shape.has_gaps { MOST_LOST } else { 1 }) {
+            return wrong("its place in the run", marker.sequence, self.sequence.wrapping_add(1));
+        }
+        let lost = marker.elevation_start.wrapping_sub(self.frame.end.elevation_end);
+        if !is_stale && lost > self.shape.elevation_arrays {
+            return wrong("its first elevation array", marker.elevation_start, self.frame.end.elevation_end);
         }
         if !marker.camera.is_valid() || [marker.camera.width, marker.camera.height] != self.size {
             return Err(FrameError::Camera { frame: expected, size: self.size });
@@ -249,11 +310,16 @@ impl FrameReader {
         }
         self.frame.marker = *marker;
         self.frame.tiles.clear();
-        self.frame.elevation_start = self.frame.end.elevation_end;
-        self.frame.sequence += 1;
-        self.next = marker.frame + 1;
+        self.frame.elevation_start = marker.elevation_start;
+        self.frame.sequence = marker.sequence;
+        self.opened += 1;
         self.is_open = true;
+        self.may_begin_within = false;
         Ok(())
+    }
+
+    fn is_stale(&self, sequence: u64) -> bool {
+        sequence != 0 && sequence <= self.done.sequence
     }
 
     fn add_tile(&mut self, frame: u64, tile: &TileSlot) -> Result<(), FrameError> {
@@ -267,10 +333,10 @@ impl FrameReader {
             return fail(fault);
         }
         let named = &mut self.named[tile.color_slot as usize];
-        if named.0 == self.frame.sequence && named.1 != tile.color_generation {
+        if named.0 == self.opened && named.1 != tile.color_generation {
             return fail(TileFault::Generation);
         }
-        *named = (self.frame.sequence, tile.color_generation);
+        *named = (self.opened, tile.color_generation);
         self.frame.tiles.push(*tile);
         Ok(())
     }
@@ -293,22 +359,37 @@ impl FrameReader {
         if let Some(index) = self.frame.tiles.iter().position(|tile| !is_ours(tile)) {
             return Err(FrameError::Tile { frame, index, fault: TileFault::Elevation });
         }
-        self.frame.end = *end;
         self.is_open = false;
+        if self.is_stale(self.frame.sequence) {
+            return Ok(());
+        }
+        self.frame.end = *end;
+        self.sequence = self.frame.sequence;
+        self.next = frame.saturating_add(1);
         Ok(())
     }
 
-    /// Reads on: with `may_wait` until a frame is complete, else as far as slots are there. Whether a frame is complete.
+    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a frame is complete, else
+    /// as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
     /// The source failed, or a slot cannot be.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
+            if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
+                // Arrays that a killed stage has left between the frames: the preparer may be waiting for them.
+                source.release_elevations(self.frame.elevation_start)?;
+            }
             let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };
             let Some(slot) = slot else { return Ok(false) };
-            if self.add(&slot)? {
+            if !self.add(&slot)? {
+                continue;
+            }
+            self.frame.slots_end = source.position();
+            if !self.is_stale(self.frame.sequence) {
                 return Ok(true);
             }
+            source.complete(&Done { elevation_end: self.frame.elevation_start, ..self.done_with_frame() })?;
         }
     }
 }

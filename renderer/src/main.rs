@@ -32,6 +32,8 @@ terravision-renderer: the stage of TerraVision that draws. The launcher (terravi
 The environment variable TERRAVISION_DEVICE chooses a device: its number, or a part of its name.
 ";
 
+/// For tests: every device is lost when it is handed its so many-th frame.
+const LOSE_DEVICE_AT: &str = "TERRAVISION_TEST_LOSE_DEVICE_AT";
 /// Most threads that write pictures into a folder.
 const MAX_LANES: usize = 4;
 /// Most frames in flight: more only cost memory.
@@ -116,9 +118,12 @@ fn render(json: &str) -> anyhow::Result<()> {
         has_validation: render.has_validation,
         has_depth,
         frames_in_flight: render.frames_in_flight.min(MAX_FRAMES_IN_FLIGHT) as usize,
+        lose_device_at: std::env::var(LOSE_DEVICE_AT).ok().and_then(|at| at.parse().ok()),
         ..EngineOptions::default()
     };
-    let lanes = Lanes::start(sinks(config, world.fields().origin).map_err(RunError::from)?).map_err(RunError::from)?;
+    let written = source.control().written_frames();
+    let lanes =
+        Lanes::start(sinks(config, world.fields().origin, written).map_err(RunError::from)?).map_err(RunError::from)?;
     run(
         options,
         &mut source,
@@ -147,10 +152,11 @@ fn stop_on_signals(control: Arc<Control>, is_open: bool) -> anyhow::Result<()> {
     ctrlc::set_handler(stop).context("signals cannot be handled")
 }
 
-/// The sinks of a run, one for each lane.
+/// The sinks of a run, one for each lane. So many frames were written by renderers before this one.
 fn sinks(
     config: &RunConfig,
     origin: [f64; 2],
+    written: u64,
 ) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
     let render = &config.render;
     let mut first: Vec<Box<dyn FrameSink>> = match &render.sink {
@@ -169,7 +175,8 @@ fn sinks(
     };
     if config.realtime.is_some() {
         // Frames that were left out are made up for by the one before: one lane, which knows it.
-        first = first.into_iter().take(1).map(|sink| Box::new(RepeatSink::new(sink)) as Box<dyn FrameSink>).collect();
+        let repeat = |sink| Ok(Box::new(RepeatSink::new(sink, config.frames, written)?) as Box<dyn FrameSink>);
+        first = first.into_iter().take(1).map(repeat).collect::<Result<_, terravision_renderer::sink::SinkError>>()?;
     }
     if render.depth.is_none() && render.ground.is_none() && render.share.is_none() {
         return Ok(first);

@@ -5,7 +5,9 @@ use crate::frame::{FrameError, FrameReader};
 use crate::gpu::{GpuError, Missing, Readback};
 use crate::sink::SinkError;
 use crate::sink::lanes::{Lanes, Written};
-use crate::source::{FrameSource, SourceError, SourceShape};
+use crate::source::{Done, FrameSource, SourceError, SourceShape};
+use std::collections::VecDeque;
+use std::io::Write;
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::rate::FrameTiming;
@@ -20,6 +22,9 @@ const READBACK_BYTES: u64 = 512 << 20;
 
 /// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a lane's queue holds.
 const SPARE_READBACKS: usize = 12;
+
+/// Losses of the device with not a frame written in between, after which it is given up.
+const MOST_LOSSES: u32 = 3;
 
 /// Why a run ended before its last frame.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +59,11 @@ impl RunError {
             _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
             _ => 1,
         }
+    }
+
+    /// Whether the device was lost: another one may do.
+    fn is_device_lost(&self) -> bool {
+        matches!(self, Self::Engine { source } if source.is_device_lost())
     }
 
     /// Whether it only says that the flight is over and all of its frames are written.
@@ -96,7 +106,8 @@ pub struct RunSummary {
     pub uploads: u64,
 }
 
-/// Draws and writes all frames of `source`. `on_device` is called once, before the first frame; `observe` sees every finished frame before it goes to its sink.
+/// Draws and writes all frames of `source`. `on_device` is called once, before the first frame; `observe` sees every finished
+/// frame before it goes to its sink. A device that is lost is opened again, and the frames that it had are drawn once more.
 ///
 /// # Errors
 /// The first thing that failed; what is incomplete of the sinks' output is removed.
@@ -109,33 +120,63 @@ pub fn run(
 ) -> Result<RunSummary, RunError> {
     let mut looped = FrameLoop::new(options, source, lanes)?;
     on_device(&looped.engine, looped.source);
-    while looped.reader.remaining() > 0 {
-        match looped.step(observe) {
-            // All frames are written; what is left is to complete the output.
-            Err(error) if error.is_finished() => break,
-            other => other?,
+    let mut losses = Losses::default();
+    while let Err(error) = looped.fly(observe) {
+        if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
+            return Err(error);
         }
+        // Standard error is the launcher's; without a launcher there is nobody to tell.
+        drop(writeln!(std::io::stderr(), "{error}; it is opened again"));
+        looped = looped.rebuilt()?;
     }
-    looped.drain(observe)?;
-    let FrameLoop { engine, lanes, summary, .. } = looped;
+    let is_cut_short = looped.reader.remaining() > 0 && looped.source.is_over();
+    let FrameLoop { engine, lanes, summary, source, shape, .. } = looped;
     lanes.finish()?;
+    if is_cut_short {
+        // The pictures of the last frames went with a renderer that was killed; the sink has repeated the one before.
+        source.written(shape.frames[1].saturating_sub(shape.frames[0]));
+    }
     engine.device().instance().check_validation().map_err(EngineError::from)?;
     Ok(summary)
+}
+
+/// How often the device was lost without getting anywhere.
+#[derive(Debug, Default)]
+struct Losses {
+    in_a_row: u32,
+    frames: u64,
+}
+
+impl Losses {
+    /// Another loss, after so many frames: whether to open the device once more.
+    fn may_go_on(&mut self, frames: u64) -> bool {
+        self.in_a_row = if frames > self.frames { 1 } else { self.in_a_row + 1 };
+        self.frames = frames;
+        self.in_a_row <= MOST_LOSSES
+    }
 }
 
 struct FrameLoop<'a> {
     // The lanes first: they hold read-back buffers.
     lanes: Lanes,
     engine: Engine,
+    options: EngineOptions,
     shape: SourceShape,
     source: &'a mut dyn FrameSource,
     reader: FrameReader,
     record_started: u64,
     free: Vec<Readback>,
+    /// Read-back buffers in all.
+    buffers: usize,
     last_finished: u64,
     summary: RunSummary,
     /// Frames that are with a lane.
     with_lanes: u64,
+    /// Frames are done with only when they are written: this process may be killed, and the one after it has to draw and
+    /// write what this one has not. Against the clock they are not: nothing may wait for a sink.
+    is_held_until_written: bool,
+    /// Frames that are drawn and not done with, in order, and whether they are written.
+    unwritten: VecDeque<(Done, bool)>,
 }
 
 impl<'a> FrameLoop<'a> {
@@ -143,23 +184,74 @@ impl<'a> FrameLoop<'a> {
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let affordable = (READBACK_BYTES / (pixels * 4).max(1)).max(2) as usize;
-        let engine = Engine::new(options, source)?;
+        let engine = Engine::new(options.clone(), source)?;
+        let shape = source.shape();
+        let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
-        let spare = if source.shape().has_gaps { SPARE_READBACKS } else { 0 };
+        let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
         let wanted = engine.frames_in_flight() + lanes.wanted_buffers() + spare;
         let free = (0..wanted.min(affordable)).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             lanes,
             engine,
-            shape: source.shape(),
+            options,
+            shape,
             source,
             reader,
             record_started: monotonic_nanos(),
+            buffers: free.len(),
             free,
             last_finished: 0,
             summary: RunSummary::default(),
             with_lanes: 0,
+            is_held_until_written,
+            unwritten: VecDeque::new(),
         })
+    }
+
+    /// With another device, behind the frames that are done with. The frames that the old one had are read again.
+    fn rebuilt(mut self) -> Result<Self, RunError> {
+        while self.with_lanes > 0 {
+            self.source.check()?;
+            if let Some(written) = self.lanes.wait_written(TICK)? {
+                self.take_back(written)?;
+            }
+        }
+        let Self { lanes, engine, options, mut reader, source, summary, last_finished, .. } = self;
+        // The old one goes first: there may be no room for both.
+        drop(self.free);
+        drop(engine);
+        let engine = Engine::new(options.clone(), source)?;
+        let free = (0..self.buffers).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
+        reader.resume(source.rewind());
+        Ok(Self {
+            lanes,
+            engine,
+            options,
+            shape: self.shape,
+            source,
+            reader,
+            record_started: monotonic_nanos(),
+            free,
+            buffers: self.buffers,
+            last_finished,
+            summary,
+            with_lanes: 0,
+            is_held_until_written: self.is_held_until_written,
+            unwritten: VecDeque::new(),
+        })
+    }
+
+    /// All frames that are still to come.
+    fn fly(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        while self.reader.remaining() > 0 && !self.source.is_over() {
+            match self.step(observe) {
+                // All frames are written; what is left is to complete the output.
+                Err(error) if error.is_finished() => break,
+                other => other?,
+            }
+        }
+        self.drain(observe)
     }
 
     /// One frame: wait for a slot and a buffer, read the ring, record and submit; finished frames go to the sinks meanwhile.
@@ -185,12 +277,12 @@ impl<'a> FrameLoop<'a> {
             {
                 return Ok(readback);
             }
+            self.source.check()?;
             if self.engine.has_room() {
                 // Only the sinks can help.
                 if let Some(written) = self.lanes.wait_written(TICK)? {
-                    self.take_back(written);
+                    self.take_back(written)?;
                 }
-                self.source.check()?;
             } else {
                 self.collect(TICK, observe)?;
             }
@@ -202,11 +294,12 @@ impl<'a> FrameLoop<'a> {
     /// the ring.
     ///
     /// In a flight without a known end, unless the clock makes its frames, the next one may only come when somebody has
-    /// seen this one, or never: sinks are waited for, too, before the ring.
+    /// seen this one, or never: sinks are waited for, too, before the ring; so they are where a frame holds what it has
+    /// until it is written.
     fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         let awaits_frames = self.shape.frames[1] == OPEN_END && !self.shape.has_gaps;
         loop {
-            let awaits_sinks = awaits_frames && self.with_lanes > 0;
+            let awaits_sinks = (awaits_frames || self.is_held_until_written) && self.with_lanes > 0;
             let read = self.reader.read(self.source, !self.engine.is_busy() && !awaits_sinks);
             if read.as_ref().is_err_and(|error| !matches!(error, FrameError::Source { .. })) {
                 self.source.count(Counter::SlotsRejected, 1);
@@ -219,7 +312,7 @@ impl<'a> FrameLoop<'a> {
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
             } else if let Some(written) = self.lanes.wait_written(TICK)? {
-                self.take_back(written);
+                self.take_back(written)?;
             }
         }
     }
@@ -232,13 +325,17 @@ impl<'a> FrameLoop<'a> {
             wait = Duration::ZERO;
         }
         while let Some(written) = self.lanes.try_written()? {
-            self.take_back(written);
+            self.take_back(written)?;
         }
         Ok(())
     }
 
     fn finish(&mut self, finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
-        self.source.complete(finished.sequence, finished.elevation_end)?;
+        if self.is_held_until_written {
+            self.unwritten.push_back((finished.done(), false));
+        } else {
+            self.source.complete(&finished.done())?;
+        }
         self.source.count(Counter::FramesDrawn, 1);
         // Frames overlap; a frame's time is the time since the one before, or since it was submitted.
         let started = finished.submitted_nanos.max(self.last_finished);
@@ -281,8 +378,15 @@ impl<'a> FrameLoop<'a> {
         Ok(self.lanes.put(finished)?)
     }
 
-    fn take_back(&mut self, written: Written) {
+    fn take_back(&mut self, written: Written) -> Result<(), RunError> {
         self.with_lanes -= 1;
+        if let Some((_, is_written)) = self.unwritten.iter_mut().find(|(done, _)| done.sequence == written.sequence) {
+            *is_written = true;
+        }
+        while let Some((done, true)) = self.unwritten.front() {
+            self.source.complete(done)?;
+            self.unwritten.pop_front();
+        }
         self.summary.frames += 1;
         let written_up_to = (written.frame + 1).saturating_sub(self.shape.frames[0]);
         self.source.event(&Event {
@@ -308,9 +412,10 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::FramesUnsettled, 1);
         }
         // What repeats in place of frames that were left out is part of the film, too.
-        let count = if self.shape.has_gaps { written_up_to } else { self.summary.frames };
+        let count = if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence + self.summary.frames };
         self.source.written(count);
         self.free.push(written.readback);
+        Ok(())
     }
 
     fn tell_of_recording(&mut self, started: u64, submitted: Submitted) {
@@ -345,7 +450,7 @@ impl<'a> FrameLoop<'a> {
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
             } else if let Some(written) = self.lanes.wait_written(TICK)? {
-                self.take_back(written);
+                self.take_back(written)?;
             }
         }
         Ok(())

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
-use terravision_renderer::source::SourceShape;
+use terravision_renderer::source::{Done, SourceShape};
 
 const SIZE: [u32; 2] = [32, 24];
 
@@ -49,7 +49,8 @@ fn shape() -> SourceShape {
     SourceShape {
         world: world([64, 64]),
         elevation_arrays: 16,
-        elevation_start: 100,
+        done: Done { elevation_end: 100, ..Done::default() },
+        is_resumed: false,
         color_slots: 4,
         frames: [7, 9],
         has_gaps: false,
@@ -57,7 +58,8 @@ fn shape() -> SourceShape {
 }
 
 fn marker() -> FrameMarker {
-    FrameMarker { frame: 7, camera: camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE), ..FrameMarker::zeroed() }
+    let camera = camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE);
+    FrameMarker { frame: 7, camera, sequence: 1, elevation_start: 100, maker: 1, ..FrameMarker::zeroed() }
 }
 
 fn end() -> FrameEnd {
@@ -107,11 +109,47 @@ fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
     }
     // Its arrays follow those of the frame before.
     let last = [
-        SlotContent::Marker(FrameMarker { frame: 19, ..marker() }),
+        SlotContent::Marker(FrameMarker { frame: 19, sequence: 2, elevation_start: 101, ..marker() }),
         SlotContent::End(FrameEnd { frame: 19, tile_count: 0, elevation_end: 101, ..end() }),
     ];
     assert!(last.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
     assert_eq!((reader.remaining(), reader.frame().sequence), (0, 2));
+}
+
+#[test]
+fn a_frame_that_a_killed_preparer_has_begun_is_broken_off_by_the_next() {
+    let tile = SlotContent::Tile(TileSlot { elevation_position: 100, ..good_tile() });
+    // It had made another array than it told of, and the next one begins behind it.
+    let again = SlotContent::Marker(FrameMarker { maker: 2, elevation_start: 102, ..marker() });
+    let anew = SlotContent::Tile(TileSlot { elevation_position: 102, color_generation: 5, ..good_tile() });
+    let closed = SlotContent::End(FrameEnd { elevation_end: 103, ..end() });
+    assert_eq!(feed(&[SlotContent::Marker(marker()), tile, again, anew, closed]), Ok(true));
+    let stray = [SlotContent::Marker(marker()), tile, again, tile, closed];
+    assert!(feed(&stray).expect_err("an array of the other frame").contains("none of the frame's"));
+}
+
+#[test]
+fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_given_back() {
+    let done = Done { sequence: 1, elevation_end: 100, slots_end: 0 };
+    let shape = SourceShape { done, is_resumed: true, frames: [7, 12], ..shape() };
+    let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
+    let tile = |position| SlotContent::Tile(TileSlot { elevation_position: position, ..good_tile() });
+    let marker = |frame, sequence, elevation_start| {
+        SlotContent::Marker(FrameMarker { frame, sequence, elevation_start, ..marker() })
+    };
+    let close = |frame, elevation_end| SlotContent::End(FrameEnd { frame, elevation_end, ..end() });
+    let mut add = |slot: SlotContent| reader.add(&Slot::new(&slot)).map_err(|error| error.to_string());
+    // The end of a frame that did not fit into the ring, one that is done, and the first that is not.
+    for slot in [tile(60), close(6, 61), marker(7, 1, 90), tile(90)] {
+        assert_eq!(add(slot), Ok(false));
+    }
+    assert_eq!(add(close(7, 91)), Ok(true), "read, for whoever reads to pass over");
+    assert!(add(tile(100)).expect_err("within the ring").contains("found a tile"));
+    assert_eq!(add(marker(8, 2, 104)), Ok(false));
+    assert_eq!(add(tile(104)), Ok(false));
+    assert_eq!(add(close(8, 105)), Ok(true));
+    let expected = Done { sequence: 2, elevation_end: 105, slots_end: 0 };
+    assert_eq!((reader.done_with_frame(), reader.remaining()), (expected, 3));
 }
 
 #[test]
@@ -129,6 +167,14 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         (vec![closed], "found the end of a frame"),
         (vec![opened, opened], "found a frame marker"),
         (vec![SlotContent::Marker(FrameMarker { frame: 8, ..marker() })], "its number is 8, expected 7"),
+        (vec![SlotContent::Marker(FrameMarker { sequence: 2, ..marker() })], "its place in the run is 2, expected 1"),
+        (vec![SlotContent::Marker(FrameMarker { sequence: 0, ..marker() })], "its place in the run is 0, expected 1"),
+        (
+            vec![SlotContent::Marker(FrameMarker { elevation_start: 99, ..marker() })],
+            "its first elevation array is 99, expected 100",
+        ),
+        (vec![SlotContent::Marker(FrameMarker { elevation_start: 117, ..marker() })], "elevation array is 117"),
+        (vec![opened, SlotContent::Marker(FrameMarker { maker: 0, ..marker() })], "found a frame marker"),
         (
             vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
             "no valid camera",

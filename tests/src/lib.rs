@@ -1,5 +1,5 @@
 //! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as values, worlds to fly
-//! over, a web server that misbehaves.
+//! over, a web server that misbehaves, storms.
 
 pub mod flight;
 pub mod folder;
@@ -11,4 +11,5 @@ pub mod reference;
 pub mod s3;
 pub mod server;
 pub mod shot;
+pub mod storm;
 pub mod worlds;

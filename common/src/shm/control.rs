@@ -12,14 +12,14 @@ use super::segments::open_segment;
 use crate::camera::Camera;
 use crate::event::monotonic_nanos;
 use crate::rate::FrameTiming;
-use crate::sync::Ordering;
+use crate::sync::{AtomicU32, Ordering};
 use crossbeam::utils::Backoff;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Longest sleep of a wait before it looks again whether there is anything left to wait for.
 pub const WAIT_BOUND: Duration = Duration::from_millis(100);
-/// Sleeps for which a dead peer is left to the launcher, which says so or starts another.
+/// Sleeps for which a dead peer is left to the launcher, which says so. Where it starts another, it is left to it for ever.
 const PEER_GRACE: u32 = 10;
 
 /// A handle on the control block. Any process has one or several; all methods may be called from any thread.
@@ -27,6 +27,8 @@ const PEER_GRACE: u32 = 10;
 pub struct Control {
     segment: Arc<Segment>,
     launcher: Watch,
+    /// The stage that this process has said to be, plus 1; 0 before. Waits give signs of life for it.
+    own: AtomicU32,
 }
 
 impl Control {
@@ -42,7 +44,7 @@ impl Control {
         if segment.kind() != SegmentKind::Control {
             return Err(ShmError::WrongKind { name: segment.kind().name().to_owned(), kind: segment.kind() });
         }
-        Ok(Self { segment: Arc::clone(segment), launcher: Watch::of(launcher)? })
+        Ok(Self { segment: Arc::clone(segment), launcher: Watch::of(launcher)?, own: AtomicU32::new(0) })
     }
 
     fn words(&self) -> &ControlWords {
@@ -92,8 +94,35 @@ impl Control {
         self.launcher.is_alive()
     }
 
+    /// Stages that die are started again by the launcher: from now on nobody takes a dead peer for the end of the run.
+    pub fn set_supervised(&self) {
+        // Release: SYNC control.supervised; stages are started later in any case.
+        self.words().is_supervised.0.store(1, Ordering::Release);
+    }
+
+    /// Whether stages that die are started again.
+    #[must_use]
+    pub fn is_supervised(&self) -> bool {
+        // Acquire: SYNC control.supervised.
+        self.words().is_supervised.0.load(Ordering::Acquire) != 0
+    }
+
+    /// All frames of the run are prepared; the last is the so many-th.
+    pub fn set_last_sequence(&self, sequence: u64) {
+        // Release: SYNC control.last, the frame is in the ring.
+        self.words().last_sequence.0.store(sequence, Ordering::Release);
+    }
+
+    /// Whether all frames of the run are prepared, and completed.
+    #[must_use]
+    pub fn is_all_completed(&self) -> bool {
+        // Acquire: SYNC control.last.
+        let last = self.words().last_sequence.0.load(Ordering::Acquire);
+        last != 0 && self.completed_sequence() >= last
+    }
+
     /// This process says that it is the stage. Peers that wait for it notice its death from now on. Also the first
-    /// heartbeat.
+    /// heartbeat; every wait gives others.
     ///
     /// # Errors
     /// [`ShmError::Os`] when `/proc` cannot be read.
@@ -104,6 +133,8 @@ impl Control {
         words.generation.fetch_add(1, Ordering::Relaxed);
         // Release: SYNC control.stage, the start time comes before.
         words.pid.store(own.pid.into(), Ordering::Release);
+        // Relaxed: told to this process alone.
+        self.own.store(stage as u32 + 1, Ordering::Relaxed);
         self.heartbeat(stage);
         Ok(())
     }
@@ -132,6 +163,14 @@ impl Control {
     pub fn heartbeat(&self, stage: Stage) {
         // Relaxed: a time, nothing hangs on it.
         self.words().stages[stage as usize].heartbeat_nanos.store(monotonic_nanos(), Ordering::Relaxed);
+    }
+
+    /// The stage that this process is, if it is one, gives a sign of life.
+    fn beat(&self) {
+        let own = self.own.load(Ordering::Relaxed);
+        if let Some(stage) = Stage::ALL.into_iter().find(|stage| *stage as u32 + 1 == own) {
+            self.heartbeat(stage);
+        }
     }
 
     /// When the stage last gave a sign of life, nanoseconds of the monotonic clock; `None` before the first.
@@ -225,6 +264,7 @@ impl Control {
             }
             let rest = Duration::from_nanos(deadline_nanos.saturating_sub(now));
             let bound = if rest.is_zero() { WAIT_BOUND } else { rest.min(WAIT_BOUND) };
+            self.beat();
             let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos >= made_nanos);
             let slept = self.words().camera_bell.0.sleep_unless(bound, || Ok::<_, ShmError>(is_new().then_some(())))?;
             if matches!(slept, Slept::Fully) && !self.launcher.is_alive() {
@@ -359,6 +399,7 @@ impl Control {
         attempt: impl FnOnce() -> Result<Option<R>, ShmError>,
     ) -> Result<Option<R>, WaitError> {
         self.check_running()?;
+        self.beat();
         match bell.sleep_unless(bound.min(WAIT_BOUND), attempt)? {
             Slept::NotAtAll(found) => Ok(Some(found)),
             Slept::Fully if !self.launcher.is_alive() => Err(WaitError::LauncherGone),
@@ -388,6 +429,7 @@ impl Control {
         let mut sleeps_with_dead_peer = 0;
         loop {
             self.check_running()?;
+            self.beat();
             match bell.sleep_unless(WAIT_BOUND, &mut attempt)? {
                 Slept::NotAtAll(found) => return Ok(found),
                 Slept::UntilRung => {}
@@ -395,6 +437,7 @@ impl Control {
                     if !self.launcher.is_alive() {
                         return Err(WaitError::LauncherGone);
                     }
+                    let peer = peer.filter(|_| !self.is_supervised());
                     if let Some((stage, process)) = peer.and_then(|stage| Some((stage, self.process_of(stage)?))) {
                         sleeps_with_dead_peer = if process.is_alive() { 0 } else { sleeps_with_dead_peer + 1 };
                         if sleeps_with_dead_peer >= PEER_GRACE {

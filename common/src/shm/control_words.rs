@@ -179,6 +179,10 @@ pub(crate) struct ControlWords {
     pub(crate) timing: Padded<SeqLock<TIMING_WORDS>>,
     /// What the preparer took for its newest frame.
     pub(crate) prepare_nanos: Padded<AtomicU64>,
+    /// Not 0: the launcher starts dead stages again.
+    pub(crate) is_supervised: Padded<AtomicU32>,
+    /// Sequence of the run's last frame, from when it is prepared; 0 before. Written by the preparer.
+    pub(crate) last_sequence: Padded<AtomicU64>,
     pub(crate) gauges: [AtomicU64; GAUGES],
     /// Failures while the database was read, by cause.
     pub(crate) failures: [AtomicU64; FAILURE_CAUSES],
@@ -188,7 +192,7 @@ pub(crate) struct ControlWords {
 unsafe impl SharedWords for ControlWords {}
 
 const _: () = {
-    assert!(size_of::<ControlWords>() == 16 * 128 + (COUNTERS + GAUGES + FAILURE_CAUSES) * 8);
+    assert!(size_of::<ControlWords>() == 18 * 128 + (COUNTERS + GAUGES + FAILURE_CAUSES) * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
     assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
 };

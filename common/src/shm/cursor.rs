@@ -145,8 +145,15 @@ impl ReadCursor {
 
     /// Number of items that may be read now; asks the writer's position again only when none was left.
     pub(crate) fn filled(&mut self, positions: &Positions) -> Result<u64, ShmError> {
+        self.filled_beyond(positions, 0)
+    }
+
+    /// Number of items that may be read now behind the next `held`, which the reader has read and keeps; asks the
+    /// writer's position again only when none was left.
+    pub(crate) fn filled_beyond(&mut self, positions: &Positions, held: u64) -> Result<u64, ShmError> {
         let known = self.write_seen.wrapping_sub(self.position);
-        if known > 0 { Ok(known) } else { self.filled_now(positions) }
+        let filled = if known > held { known } else { self.filled_now(positions)? };
+        Ok(filled.saturating_sub(held))
     }
 
     /// Number of items that may be read now, by the writer's newest position.

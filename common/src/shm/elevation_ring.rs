@@ -69,6 +69,14 @@ impl ElevationWriter {
         self.cursor.position()
     }
 
+    /// Whether [`ElevationWriter::begin`] returns at once.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the reader's position cannot be.
+    pub fn has_room(&mut self) -> Result<bool, ShmError> {
+        Ok(self.cursor.room(self.segment.words(), 1)? > 0)
+    }
+
     /// Waits for a free array. It becomes the renderer's with [`ArrayGuard::publish`].
     ///
     /// # Errors

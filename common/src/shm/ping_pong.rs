@@ -64,6 +64,21 @@ impl TreeWriter {
         self.nodes
     }
 
+    /// Trees that were published since the run began, by this generator or those before it.
+    #[must_use]
+    pub fn published(&self) -> u64 {
+        self.cursor.position()
+    }
+
+    /// The header of the tree that was published last, by this generator or the one before it; `None` before the first.
+    #[must_use]
+    pub fn last_header(&self) -> Option<TreeHeader> {
+        let offset = self.segment.item_offset(self.cursor.position().checked_sub(1)? & 1);
+        // SAFETY: only the generator, which is us, ever changes a half; the position's Acquire (SYNC ring.publish)
+        // brought what a generator before us has put there.
+        Some(unsafe { self.segment.region().read(offset) })
+    }
+
     /// Waits for a free half, hands its nodes to `fill` (all [`TreeWriter::capacity`] of them, with whatever an earlier
     /// tree left there), and publishes the tree with the header that `fill` returns.
     ///
@@ -169,6 +184,12 @@ impl TreeReader {
         self.nodes
     }
 
+    /// Trees that were given back since the run began, by this preparer or those before it.
+    #[must_use]
+    pub fn returned(&self) -> u64 {
+        self.cursor.position()
+    }
+
     /// Waits for the next tree. The number of nodes is checked; what the nodes say is for the reader to check
     /// ([`TreeNode::children`], [`TreeNode::id`]).
     ///
@@ -192,6 +213,22 @@ impl TreeReader {
             return Ok(None);
         }
         self.guard().map(Some)
+    }
+
+    /// Gives the next tree back unread, if it is there and of this frame.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the writer wrote what cannot be.
+    pub fn return_tree_of(&mut self, frame: u64) -> Result<(), ShmError> {
+        if self.cursor.filled(self.segment.words())? > 0 {
+            let offset = self.segment.item_offset(self.cursor.position() & 1);
+            // SAFETY: the half is ours, as in `guard`.
+            let header: TreeHeader = unsafe { self.segment.region().read(offset) };
+            if header.frame == frame {
+                self.cursor.release(self.segment.words(), 1);
+            }
+        }
+        Ok(())
     }
 
     fn guard(&mut self) -> Result<TreeGuard<'_>, ShmError> {

@@ -131,6 +131,12 @@ impl<T: Pod> Producer<T> {
         Ok(())
     }
 
+    /// The item that was published last, by this producer or the one before it; `None` before the first.
+    #[must_use]
+    pub fn last(&self) -> Option<T> {
+        self.end.last()
+    }
+
     /// Puts an item in without waiting.
     ///
     /// # Errors
@@ -214,6 +220,72 @@ impl<T: Pod> Consumer<T> {
     /// [`ShmError::Corrupt`] when the writer's position cannot be.
     pub fn try_pop(&mut self) -> Result<Option<T>, ShmError> {
         self.end.try_pop()
+    }
+
+    /// Takes the next item and holds it: until [`Consumer::give_back`] it stays in the ring, for the consumer after this
+    /// one should this one be killed. Waits while there is none. Not while the whole ring is held
+    /// ([`Consumer::is_all_held`]): nothing would ever come.
+    ///
+    /// # Errors
+    /// The run ended, or the writer wrote what cannot be.
+    pub fn take(&mut self, control: &Control) -> Result<T, WaitError> {
+        loop {
+            if let Some(item) = self.take_unless(control, || false)? {
+                return Ok(item);
+            }
+        }
+    }
+
+    /// [`Consumer::take`]; `None` when there is no item and `is_over` says that none will come.
+    ///
+    /// # Errors
+    /// As [`Consumer::take`].
+    pub fn take_unless(
+        &mut self,
+        control: &Control,
+        mut is_over: impl FnMut() -> bool,
+    ) -> Result<Option<T>, WaitError> {
+        if let Some(item) = self.end.try_take()? {
+            return Ok(Some(item));
+        }
+        let end = &mut self.end;
+        let segment = Arc::clone(&end.items.segment);
+        let positions: &Positions = segment.words();
+        control.wait_for(positions.readable(), self.writer, || match end.try_take()? {
+            Some(item) => Ok(Some(Some(item))),
+            None => Ok(is_over().then_some(None)),
+        })
+    }
+
+    /// [`Consumer::take`], if there is an item.
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    pub fn try_take(&mut self) -> Result<Option<T>, ShmError> {
+        self.end.try_take()
+    }
+
+    /// Gives the items back that lie before `position` ([`Consumer::position`]), as far as they are held.
+    pub fn give_back(&mut self, position: u64) {
+        let behind = self.end.position().wrapping_sub(position);
+        self.end.give_back(self.end.held().saturating_sub(behind));
+    }
+
+    /// Forgets what is held: it is taken again.
+    pub fn put_back(&mut self) {
+        self.end.put_back();
+    }
+
+    /// Position of the item that is taken next; counts up over all items.
+    #[must_use]
+    pub fn position(&self) -> u64 {
+        self.end.position()
+    }
+
+    /// Whether every slot of the ring is held, so that the writer cannot put anything in.
+    #[must_use]
+    pub fn is_all_held(&self) -> bool {
+        self.end.held() >= self.end.items.segment.geometry().capacity
     }
 
     /// Number of items that wait to be taken.

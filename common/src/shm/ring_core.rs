@@ -65,6 +65,14 @@ impl<S: Items> WriteEnd<S> {
         }
         Ok(count as usize)
     }
+
+    /// The item that was published last, by this writer or the one before it; `None` before the first.
+    pub(crate) fn last(&self) -> Option<S::Item> {
+        let index = self.cursor.position().checked_sub(1)? & self.mask;
+        // SAFETY: masked; only the writer, which is us, ever changes a slot, and the position's Acquire (SYNC
+        // ring.publish) brought what a writer before us has put there.
+        Some(unsafe { self.items.take(index) })
+    }
 }
 
 /// The reader's end.
@@ -73,6 +81,8 @@ pub(crate) struct ReadEnd<S> {
     pub(crate) items: S,
     cursor: ReadCursor,
     mask: u64,
+    /// Items that were taken and not given back: the writer does not touch them.
+    held: u64,
 }
 
 impl<S: Items> ReadEnd<S> {
@@ -80,20 +90,53 @@ impl<S: Items> ReadEnd<S> {
     pub(crate) fn attach(items: S, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         debug_assert!(capacity.is_power_of_two());
         let cursor = ReadCursor::attach(items.positions(), kind, capacity)?;
-        Ok(Self { items, cursor, mask: capacity - 1 })
+        Ok(Self { items, cursor, mask: capacity - 1, held: 0 })
     }
 
     /// Takes one item out; `None` when the ring is empty.
     pub(crate) fn try_pop(&mut self) -> Result<Option<S::Item>, ShmError> {
+        debug_assert!(self.held == 0, "items that are held come first");
+        let item = self.try_take()?;
+        self.give_back(1);
+        Ok(item)
+    }
+
+    /// Takes one item and holds it: whoever reads the ring after this reader's death finds it there again. `None` when
+    /// there is none behind those that are held.
+    pub(crate) fn try_take(&mut self) -> Result<Option<S::Item>, ShmError> {
         let positions = self.items.positions();
-        if self.cursor.filled(positions)? == 0 {
+        if self.cursor.filled_beyond(positions, self.held)? == 0 {
             return Ok(None);
         }
-        // SAFETY: masked; the slot is ours since `filled` found it published (SYNC ring.publish), and we have not given
-        // it back.
-        let item = unsafe { self.items.take(self.cursor.position() & self.mask) };
-        self.cursor.release(positions, 1);
+        // SAFETY: masked; the slot is ours since `filled_beyond` found it published (SYNC ring.publish), and we have not
+        // given it back.
+        let item = unsafe { self.items.take(self.position() & self.mask) };
+        self.held += 1;
         Ok(Some(item))
+    }
+
+    /// Gives the oldest `count` of the held items back to the writer, or all when there are fewer.
+    pub(crate) fn give_back(&mut self, count: u64) {
+        let count = count.min(self.held);
+        if count > 0 {
+            self.held -= count;
+            self.cursor.release(self.items.positions(), count);
+        }
+    }
+
+    /// Forgets what was taken and not given back: it is taken again.
+    pub(crate) fn put_back(&mut self) {
+        self.held = 0;
+    }
+
+    /// Number of items that are held.
+    pub(crate) fn held(&self) -> u64 {
+        self.held
+    }
+
+    /// Position of the item that is taken next.
+    pub(crate) fn position(&self) -> u64 {
+        self.cursor.position().wrapping_add(self.held)
     }
 
     /// Number of items that wait in the ring now.

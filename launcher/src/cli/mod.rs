@@ -2,6 +2,7 @@
 //! into a validated plan.
 
 pub mod database;
+pub mod supervision;
 pub mod values;
 
 use crate::input::CameraSource;
@@ -10,6 +11,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use supervision::SupervisionArgs;
 use terravision_common::level::Measure;
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
@@ -356,6 +358,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub realtime: RealtimeArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub supervision: SupervisionArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub database: DatabaseArgs,

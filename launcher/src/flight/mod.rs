@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! segments made ─▶ stages started ─▶ pilot flies ─▶ stages end, renderer last ─▶ files get their names
-//!                        │ a stage dies: Failed ────┐
-//!                        │ Ctrl-C: Stopping ────────┴▶ stages end within 2 s, else TERM, then KILL
+//!                        │ a stage dies: started again, or Failed ──┐
+//!                        │ Ctrl-C: Stopping ────────────────────────┴▶ stages end within 2 s, else TERM, then KILL
 //! ```
 //!
 //! Whatever happens, no process and no segment is left: both belong to values that end them when they are dropped. Only
@@ -14,6 +14,7 @@ pub mod interrupt;
 pub mod memory;
 pub mod pilot;
 pub mod progress;
+pub mod restart;
 pub mod stage;
 pub mod supervisor;
 
@@ -29,7 +30,9 @@ use collector::Collector;
 use memory::MemoryPeaks;
 use pilot::Pilot;
 use progress::Progress;
+use restart::Restarts;
 use stage::StageProcess;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
@@ -75,14 +78,14 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         let tally = Arc::new(Mutex::new(FrameTally::new(&plan.config)));
         run.metrics = Some(Metrics::start(socket, &plan, tally).map_err(Failure::failed)?);
     }
-    let ending = run.fly(&mut plan, &mut progress)?;
+    let ending = run.fly(&mut plan, &progress)?;
     let figures = run.close(&plan, started_nanos);
     for sentence in failure_sentences(&figures) {
         progress.warn(&sentence);
     }
     drop(segments);
     supervisor::end_orphans();
-    if ending != Ending::Finished {
+    if ending != Ending::Finished || !figures.restarts.is_empty() {
         remove_partials(&plan, &figures);
     }
     progress.finish();
@@ -95,14 +98,13 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
                 error: anyhow!("{}", interrupted(&plan, &figures)),
             });
         }
-        Ending::Died { stage, how, words, is_bad_input } => {
-            let error = if words.is_empty() {
-                anyhow!("the {stage} {how}, without a word")
-            } else if how.starts_with("was ") {
-                anyhow!("the {stage} {how}; it said last: {words}")
-            } else {
-                anyhow!("the {stage} gave up: {words}")
-            };
+        Ending::Died { stage, how, words, is_bad_input, restarts } => {
+            let mut sentence = restart::sentence(stage, &how, &words);
+            if restarts > 0 {
+                let times = if restarts == 1 { "once".to_owned() } else { format!("{restarts} times") };
+                sentence += &format!(" (stages were started again {times} within a minute)");
+            }
+            let error = anyhow!("{sentence}");
             return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
         }
     }
@@ -194,6 +196,7 @@ struct Run {
     collector: Collector,
     memory: MemoryPeaks,
     pids: Vec<(Stage, u32)>,
+    restarts: BTreeMap<&'static str, u32>,
     /// Frames that were asked for: by the plan, or so far by who sends the poses.
     asked_frames: u64,
     ring: Option<FrameRing>,
@@ -212,6 +215,7 @@ impl Run {
                 .open_ended(plan.live.is_some()),
             memory: MemoryPeaks::default(),
             pids: Vec::new(),
+            restarts: BTreeMap::new(),
             asked_frames: plan.cameras.len() as u64,
             ring,
             window: WindowSpan::default(),
@@ -220,11 +224,14 @@ impl Run {
     }
 
     /// From the start of the stages to the end of the last.
-    fn fly(&mut self, plan: &mut FlightPlan, progress: &mut Progress) -> Result<Ending, Failure> {
+    fn fly(&mut self, plan: &mut FlightPlan, progress: &Progress) -> Result<Ending, Failure> {
         let json = serde_json::to_string(&plan.config).context("cannot write the run's configuration");
         let json = json.map_err(Failure::failed)?;
         let programs = own_folder()?;
         let has_stdout = plan.config.render.sink == SinkConfig::Y4mStdout;
+        if plan.restarts.limit > 0 {
+            self.control.set_supervised();
+        }
         let mut stages = Vec::new();
         for stage in Stage::ALL {
             let has_stdout = has_stdout && stage == Stage::Renderer;
@@ -232,19 +239,28 @@ impl Run {
         }
         self.control.set_resolutions(plan.config.r_z_px, plan.config.r_c_px);
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
+        let pids = &mut self.pids;
+        let mut start_again = |stage| {
+            let started = StageProcess::start(stage, &programs, &json, false)?;
+            pids.push((stage, started.pid()));
+            Ok(started)
+        };
+        let mut say = |sentence: &str| progress.warn(sentence);
+        let mut restarts = Restarts::new(plan.restarts, &mut start_again, &mut say);
         let is_live = plan.live.is_some();
         let times = self.ring.as_ref().map(FrameRing::pose_times);
         let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;
         let Self { control, events, collector, memory, window, metrics, .. } = self;
         // The pilot ends a live flight in order at the first Ctrl-C.
         let is_interrupted = || interrupt::count() > u32::from(is_live);
-        let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut |stages| {
+        let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut restarts, &mut |stages| {
             drain(events, collector, metrics.as_ref(), control);
             memory.sample(stages);
             window.sample(control);
             progress.show(control.written_frames());
             pilot.words().for_each(|sentence| progress.warn(&sentence));
         });
+        self.restarts = restarts.counts().clone();
         // The pilot's wait ends with the run.
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
@@ -290,6 +306,7 @@ impl Run {
             collector: self.collector,
             memory: self.memory,
             pids: self.pids,
+            restarts: self.restarts,
         }
     }
 }

@@ -1,5 +1,7 @@
-//! Watches the stages of a run: notices one that dies, passes on an interruption, and ends them all.
+//! Watches the stages of a run: notices one that dies, has it started again or ends them all, and passes on an
+//! interruption.
 
+use super::restart::Restarts;
 use super::stage::StageProcess;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
@@ -37,28 +39,44 @@ pub enum Ending {
         words: String,
         /// Whether it gave up over bad input (exit code 2).
         is_bad_input: bool,
+        /// Stages that were started again within the minute before.
+        restarts: u32,
     },
 }
 
-/// Watches until all stages have ended, which they do within two seconds of the first death or of an interruption.
-/// `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM.
+/// Watches until all stages have ended, which they do within two seconds of the first death that `restarts` do not mend,
+/// or of an interruption. `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM.
 pub fn watch(
     stages: &mut [StageProcess],
     control: &Control,
     is_interrupted: &dyn Fn() -> bool,
+    restarts: &mut Restarts<'_>,
     tick: &mut dyn FnMut(&[StageProcess]),
 ) -> Ending {
     let mut ending: Option<Ending> = None;
     let mut deadline: Option<Instant> = None;
     let mut first_stopped: Option<Instant> = None;
     loop {
-        let ended: Vec<Option<ExitStatus>> = stages.iter_mut().map(StageProcess::poll).collect();
+        let mut ended: Vec<Option<ExitStatus>> = stages.iter_mut().map(StageProcess::poll).collect();
         tick(stages);
+        // With all frames written, whoever dies is not missed where the dead are started again.
+        let is_done = stages.iter().zip(&ended).any(|(stage, status)| is_renderer_done(stage, *status));
+        let is_flying = control.state() == RunState::Running && !is_interrupted();
+        if ending.is_none() && is_flying && !is_done {
+            restarts.kill_what_hangs(stages, control);
+            ending = revive(stages, &mut ended, control, restarts);
+            if ending.is_some() {
+                control.set_state(RunState::Failed);
+                deadline = Some(Instant::now());
+            }
+        }
         if ending.is_none() {
             let is_over = control.state() == RunState::Finished;
-            let death = ended.iter().zip(stages.iter()).filter_map(|(status, stage)| death_of(stage, (*status)?));
+            let death =
+                ended.iter().zip(stages.iter()).filter_map(|(status, stage)| death_of(stage, (*status)?, restarts));
             // A stage that leaves when the flight is over says so by the same exit code.
             let death = death.filter(|(weight, _)| *weight > STOPPED || !is_over);
+            let death = death.filter(|_| !is_done || !restarts.is_on());
             let death = death.max_by_key(|(weight, _)| *weight).filter(|(weight, _)| {
                 *weight > STOPPED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
             });
@@ -94,6 +112,39 @@ pub fn watch(
     }
 }
 
+fn is_renderer_done(stage: &StageProcess, status: Option<ExitStatus>) -> bool {
+    stage.stage() == Stage::Renderer && status.is_some_and(|status| status.success())
+}
+
+/// Has the dead started again, as far as that may help. The ending, when one does not start.
+fn revive(
+    stages: &mut [StageProcess],
+    ended: &mut [Option<ExitStatus>],
+    control: &Control,
+    restarts: &mut Restarts<'_>,
+) -> Option<Ending> {
+    for (place, ended) in stages.iter_mut().zip(ended) {
+        let Some(status) = *ended else { continue };
+        let Some((weight, Ending::Died { how, is_bad_input: false, .. })) = death_of(place, status, restarts) else {
+            continue;
+        };
+        // A stage that gives up before there is a picture would give up again; so would one that was told to stop.
+        let is_given_up = status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == 0;
+        if weight == STOPPED || is_given_up {
+            continue;
+        }
+        match restarts.revive(place, &how) {
+            Ok(true) => *ended = None,
+            Ok(false) => {}
+            Err(error) => {
+                let (stage, how, words) = (place.stage(), "was not started again".to_owned(), error.to_string());
+                return Some(Ending::Died { stage, how, words, is_bad_input: false, restarts: restarts.recent() });
+            }
+        }
+    }
+    None
+}
+
 /// Sleeps until a stage ends, but no longer than a tick.
 fn wait_for_an_end(stages: &[StageProcess]) {
     let mut fds: Vec<PollFd<'_>> =
@@ -106,10 +157,12 @@ fn wait_for_an_end(stages: &[StageProcess]) {
 
 /// Weight of the end of a stage that was told to stop.
 const STOPPED: u32 = 0;
+/// Exit code of a Rust program that panicked.
+const PANICKED: i32 = 101;
 
 /// The death that this end of a stage is, if it is none in good order, and how much it tells: when several stages are
 /// dead at once, one that was killed brought down those that gave up.
-fn death_of(stage: &StageProcess, status: ExitStatus) -> Option<(u32, Ending)> {
+fn death_of(stage: &StageProcess, status: ExitStatus, restarts: &Restarts<'_>) -> Option<(u32, Ending)> {
     let (weight, how) = match (status.code(), status.signal()) {
         (Some(0), _) => return None,
         (Some(2), _) => (2, "found bad input".to_owned()),
@@ -119,7 +172,9 @@ fn death_of(stage: &StageProcess, status: ExitStatus) -> Option<(u32, Ending)> {
         (None, None) => (1, "ended".to_owned()),
     };
     let is_bad_input = status.code() == Some(2);
-    Some((weight, Ending::Died { stage: stage.stage(), how, words: stage.last_words(), is_bad_input }))
+    let how = restarts.silence_of(stage).unwrap_or(how);
+    let (stage, words, restarts) = (stage.stage(), stage.last_words(), restarts.recent());
+    Some((weight, Ending::Died { stage, how, words, is_bad_input, restarts }))
 }
 
 fn signal_name(signal: i32) -> &'static str {

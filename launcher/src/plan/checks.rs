@@ -1,14 +1,17 @@
 //! Checks of single arguments and of the path against the world.
 
+use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::FrameRange;
 use crate::cli::{CourseArgs, Mode, RealtimeArgs, Switch};
 use crate::failure::Failure;
+use crate::flight::restart::RestartRules;
 use crate::path::orbit::{self, Extent};
 use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
-use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
+use std::time::Duration;
+use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig, RunConfig, SinkConfig};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -131,6 +134,25 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             rest("--rest-texel-px", args.rest_texel_px, texel, texel)?,
         ],
     }))
+}
+
+/// Restarts within a minute in real time, if nothing else is said.
+const REALTIME_RESTARTS: u32 = 5;
+/// Seconds without a sign of life after which a stage hangs, if nothing else is said.
+const HANG_AFTER_SECS: f64 = 10.0;
+
+/// Which deaths of stages a flight survives.
+pub(super) fn restarts(args: &SupervisionArgs, config: &RunConfig) -> Result<RestartRules, Failure> {
+    let is_realtime = config.realtime.is_some();
+    let limit = args.restarts.unwrap_or(if is_realtime { REALTIME_RESTARTS } else { 0 });
+    if limit == 0 && args.hang_after.is_some() {
+        return Err(Failure::bad_input(anyhow!("--hang-after: without --restarts no stage is started again")));
+    }
+    let seconds = args.hang_after.unwrap_or(HANG_AFTER_SECS);
+    let hang_after = Duration::from_secs_f64(in_range("--hang-after", seconds, 1.0, 1e5, "seconds from 1 to 100000")?);
+    // A picture that a killed renderer had half written is written anew in a folder; a stream cannot be mended.
+    let has_renderer = matches!(config.render.sink, SinkConfig::PngFolder(_) | SinkConfig::Null);
+    Ok(RestartRules { limit, hang_after, has_renderer })
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

@@ -13,6 +13,7 @@ use crate::cli::{
     ResourceArgs, StillArgs,
 };
 use crate::failure::Failure;
+use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
@@ -76,6 +77,8 @@ pub struct FlightPlan {
     pub database: Store,
     /// Where the pictures go, for people.
     pub destination: String,
+    /// Which deaths of stages the run survives.
+    pub restarts: RestartRules,
 }
 
 /// The CRS of a world, for paths in other coordinates.
@@ -175,6 +178,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     }
     let mut plan = draft.finish(&args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
+    plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
     Ok(plan)
 }
 
@@ -374,6 +378,7 @@ impl<'a> Draft<'a> {
             is_quiet: resources.quiet,
             database,
             destination: self.destination,
+            restarts: RestartRules::NONE,
         })
     }
 }

@@ -12,7 +12,8 @@ use terravision_common::shm::{
     WantListWriter,
 };
 
-/// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so or starts another.
+/// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so; where it starts another, it is left to
+/// it for ever.
 const PEER_GRACE: u32 = 10;
 
 /// Asks the prefetcher for tiles. In the steady state it allocates nothing.
@@ -179,8 +180,11 @@ impl TileLoader for WantedTiles {
         }
         // Nothing for a while: perhaps an outcome found its ring full. What is asked again is answered again.
         self.is_stale = true;
-        self.waits_with_dead_peer =
-            if control.is_stage_dead(Stage::Prefetcher) { self.waits_with_dead_peer + 1 } else { 0 };
+        self.waits_with_dead_peer = if !control.is_supervised() && control.is_stage_dead(Stage::Prefetcher) {
+            self.waits_with_dead_peer + 1
+        } else {
+            0
+        };
         if self.waits_with_dead_peer >= PEER_GRACE {
             return Err(WaitError::PeerGone { stage: Stage::Prefetcher }.into());
         }

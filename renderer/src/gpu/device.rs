@@ -7,6 +7,7 @@ use super::requirements::{Capabilities, Missing, Needs, missing_of};
 use ash::{ext, vk};
 use std::ffi::CString;
 use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -60,6 +61,8 @@ pub struct Device {
     memory: vk::PhysicalDeviceMemoryProperties,
     names: Option<ext::debug_utils::Device>,
     host_pointer_properties: Option<vk::PFN_vkGetMemoryHostPointerPropertiesEXT>,
+    /// For tests: the submit that finds the device lost; `u64::MAX` for none.
+    lost_at: AtomicU64,
     raw: RawDevice,
 }
 
@@ -110,6 +113,7 @@ impl Device {
             memory,
             names,
             host_pointer_properties,
+            lost_at: AtomicU64::new(u64::MAX),
             raw,
         });
         device.name(timeline, "timeline");
@@ -190,6 +194,9 @@ impl Device {
     pub(super) unsafe fn submit(&self, commands: vk::CommandBuffer) -> Result<SubmitValue, GpuError> {
         let mut queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         let value = queue.1 + 1;
+        if self.is_lost_at(value) {
+            return Err(self.failure("submitting a frame", vk::Result::ERROR_DEVICE_LOST));
+        }
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
         let signals = [vk::SemaphoreSubmitInfo::default()
             .semaphore(self.timeline)
@@ -208,6 +215,24 @@ impl Device {
     /// # Errors
     /// The device was lost.
     pub fn wait(&self, value: SubmitValue, timeout: Duration) -> Result<bool, GpuError> {
+        let next = self.queue.lock().unwrap_or_else(PoisonError::into_inner).1 + 1;
+        if self.is_lost_at(next) {
+            return Err(self.failure("waiting for a frame", vk::Result::ERROR_DEVICE_LOST));
+        }
+        self.wait_value(value, timeout)
+    }
+
+    /// From now on the `submit`-th frame, from 1, finds the device lost; for tests, which have no other way to lose one.
+    pub fn lose_at(&self, submit: u64) {
+        // Relaxed: the queue's lock orders it.
+        self.lost_at.store(submit, Ordering::Relaxed);
+    }
+
+    fn is_lost_at(&self, next_submit: u64) -> bool {
+        next_submit >= self.lost_at.load(Ordering::Relaxed)
+    }
+
+    fn wait_value(&self, value: SubmitValue, timeout: Duration) -> Result<bool, GpuError> {
         let (semaphores, values) = ([self.timeline], [value.0]);
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
         let nanos = u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX);
@@ -222,7 +247,7 @@ impl Device {
     /// Waits for all submits so far; whether the device is done with them (or lost, which ends them too).
     pub(super) fn wait_for_all(&self) -> bool {
         let last = self.queue.lock().unwrap_or_else(PoisonError::into_inner).1;
-        last == 0 || self.wait(SubmitValue(last), LONGEST_FRAME).unwrap_or(true)
+        last == 0 || self.wait_value(SubmitValue(last), LONGEST_FRAME).unwrap_or(true)
     }
 
     fn failure(&self, operation: &'static str, result: vk::Result) -> GpuError {

@@ -83,6 +83,14 @@ pub enum GpuError {
     },
 }
 
+impl GpuError {
+    /// Whether the device was lost: another one may do.
+    #[must_use]
+    pub fn is_device_lost(&self) -> bool {
+        matches!(self, Self::DeviceLost { .. } | Self::Vulkan { result: vk::Result::ERROR_DEVICE_LOST, .. })
+    }
+}
+
 fn join(missing: &[Missing]) -> String {
     missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }

@@ -121,6 +121,15 @@ pub trait FrameSink: Send {
     /// # Errors
     /// The output could not be completed.
     fn finish(&mut self) -> Result<(), SinkError>;
+
+    /// Size and pixels (RGBA) of a frame that a sink before this one, which was killed, has written; `None` where that
+    /// cannot be had.
+    ///
+    /// # Errors
+    /// What is there is no picture.
+    fn read_back(&mut self, _frame: u64) -> Result<Option<([u32; 2], Vec<u8>)>, SinkError> {
+        Ok(None)
+    }
 }
 
 /// Several sinks as one: each picture goes to all of them, in order.

@@ -25,14 +25,28 @@ impl PngFolderSink {
     }
 }
 
+impl PngFolderSink {
+    fn path(&self, frame: u64) -> PathBuf {
+        self.folder.join(format!("frame-{frame:06}.png"))
+    }
+}
+
 impl FrameSink for PngFolderSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        let path = self.folder.join(format!("frame-{:06}.png", picture.frame));
-        write_png(&path, picture, &mut self.rgb)
+        write_png(&self.path(picture.frame), picture, &mut self.rgb)
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
         Ok(())
+    }
+
+    fn read_back(&mut self, frame: u64) -> Result<Option<([u32; 2], Vec<u8>)>, SinkError> {
+        let path = self.path(frame);
+        let picture = image::open(&path).map_err(|error| match error {
+            ImageError::IoError(source) => failure(&path, source),
+            other => SinkError::Encode { reason: other.to_string(), path },
+        })?;
+        Ok(Some(([picture.width(), picture.height()], picture.into_rgba8().into_raw())))
     }
 }
 

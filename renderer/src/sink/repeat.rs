@@ -2,44 +2,72 @@
 //! picture is there once more, so that the film keeps the flight's time.
 
 use super::{FrameSink, Picture, SinkError};
+use bytemuck::Zeroable;
+use terravision_common::camera::Camera;
 
 /// Fills the gaps between the frames that another sink is given.
 pub struct RepeatSink {
     inner: Box<dyn FrameSink>,
-    /// Number of the last frame, and its pixels.
-    last: Option<u64>,
-    rgba: Vec<u8>,
+    /// First frame of the flight, and one past the last.
+    frames: [u64; 2],
+    /// The frame that has to be written next.
+    next: u64,
+    /// What was written last: size and pixels.
+    last: Option<([u32; 2], Vec<u8>)>,
 }
 
 impl std::fmt::Debug for RepeatSink {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("RepeatSink").field("last", &self.last).finish_non_exhaustive()
+        f.debug_struct("RepeatSink").field("next", &self.next).finish_non_exhaustive()
     }
 }
 
 impl RepeatSink {
-    /// Before `inner`. The first frame is never left out.
-    #[must_use]
-    pub fn new(inner: Box<dyn FrameSink>) -> Self {
-        Self { inner, last: None, rgba: Vec::new() }
+    /// Before `inner`, for a flight of these frames, the first `written` of which were written by a renderer that was
+    /// killed.
+    ///
+    /// # Errors
+    /// What it wrote cannot be read.
+    pub fn new(mut inner: Box<dyn FrameSink>, frames: [u64; 2], written: u64) -> Result<Self, SinkError> {
+        let next = frames[0].saturating_add(written).min(frames[1]);
+        let last = if written > 0 { inner.read_back(next - 1)? } else { None };
+        Ok(Self { inner, frames, next, last })
+    }
+
+    fn repeat(&mut self, until: u64, camera: Camera, size: [u32; 2], rgba: &[u8]) -> Result<(), SinkError> {
+        while self.next < until {
+            let picture = Picture { frame: self.next, size, rgba, reversed_depth: None, camera, is_settled: false };
+            self.inner.write(&picture)?;
+            self.next += 1;
+        }
+        Ok(())
     }
 }
 
 impl FrameSink for RepeatSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        if let Some(last) = self.last {
-            for frame in last + 1..picture.frame {
-                self.inner.write(&Picture { frame, rgba: &self.rgba, reversed_depth: None, ..*picture })?;
+        match self.last.take() {
+            Some((size, rgba)) if size == picture.size => {
+                self.repeat(picture.frame, picture.camera, size, &rgba)?;
+                self.last = Some((size, rgba));
             }
+            // The picture before went with a renderer that was killed.
+            _ => self.repeat(picture.frame, picture.camera, picture.size, picture.rgba)?,
         }
         self.inner.write(picture)?;
-        self.last = Some(picture.frame);
-        self.rgba.clear();
-        self.rgba.extend_from_slice(picture.rgba);
+        self.next = picture.frame.saturating_add(1);
+        let (size, rgba) = self.last.get_or_insert_default();
+        *size = picture.size;
+        rgba.clear();
+        rgba.extend_from_slice(picture.rgba);
         Ok(())
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
+        // Only what went with a renderer that was killed is missing here.
+        if let Some((size, rgba)) = self.last.take() {
+            self.repeat(self.frames[1], Camera::zeroed(), size, &rgba)?;
+        }
         self.inner.finish()
     }
 }
@@ -47,34 +75,61 @@ impl FrameSink for RepeatSink {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use std::sync::{Arc, Mutex};
-    use terravision_common::camera::Camera;
 
-    struct Log(Arc<Mutex<Vec<(u64, u8)>>>);
+    type Written = Arc<Mutex<Vec<(u64, u8)>>>;
+
+    /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
+    struct Log {
+        written: Written,
+        left: Option<([u32; 2], Vec<u8>)>,
+    }
 
     impl FrameSink for Log {
         fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-            self.0.lock().unwrap().push((picture.frame, picture.rgba[0]));
+            self.written.lock().unwrap().push((picture.frame, picture.rgba[0]));
             Ok(())
         }
 
         fn finish(&mut self) -> Result<(), SinkError> {
             Ok(())
         }
+
+        fn read_back(&mut self, _frame: u64) -> Result<Option<([u32; 2], Vec<u8>)>, SinkError> {
+            Ok(self.left.take())
+        }
     }
 
-    #[test]
-    fn every_frame_of_the_flight_has_a_picture() {
-        let log = Arc::new(Mutex::new(Vec::new()));
-        let mut sink = RepeatSink::new(Box::new(Log(Arc::clone(&log))));
-        for frame in [5, 6, 9] {
+    fn pictures(left: Option<u8>, before: u64, frames: &[u64]) -> Vec<(u64, u8)> {
+        let written = Written::default();
+        let left = left.map(|byte| ([1, 1], vec![byte; 4]));
+        let log = Log { written: Arc::clone(&written), left };
+        let mut sink = RepeatSink::new(Box::new(log), [5, 10], before).unwrap();
+        for &frame in frames {
             let rgba = [frame as u8; 4];
             let camera = Camera::zeroed();
             let picture = Picture { frame, size: [1, 1], rgba: &rgba, reversed_depth: None, camera, is_settled: true };
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();
-        assert_eq!(*log.lock().unwrap(), [(5, 5), (6, 6), (7, 6), (8, 6), (9, 9)]);
+        let written = written.lock().unwrap().clone();
+        written
+    }
+
+    #[test]
+    fn every_frame_of_the_flight_has_a_picture() {
+        assert_eq!(pictures(None, 0, &[5, 6, 9]), [(5, 5), (6, 6), (7, 6), (8, 6), (9, 9)]);
+    }
+
+    #[test]
+    fn after_a_renderer_that_was_killed_the_last_picture_stays_until_the_next() {
+        assert_eq!(pictures(Some(77), 2, &[8, 9]), [(7, 77), (8, 8), (9, 9)]);
+        // The pictures of the last frames went with it.
+        assert_eq!(pictures(Some(77), 3, &[]), [(8, 77), (9, 77)]);
+        assert_eq!(pictures(Some(77), 2, &[7]), [(7, 7), (8, 7), (9, 7)]);
+        // It had written nothing yet, or nothing can be read back.
+        assert_eq!(pictures(None, 0, &[7, 9]), [(5, 7), (6, 7), (7, 7), (8, 7), (9, 9)]);
+        assert_eq!(pictures(None, 2, &[9]), [(7, 9), (8, 9), (9, 9)]);
+        assert_eq!(pictures(None, 5, &[]), []);
     }
 }

@@ -1,6 +1,6 @@
 //! Frames from the shared memory of a run.
 
-use super::{FrameSource, SourceError, SourceShape};
+use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
@@ -70,6 +70,22 @@ impl LiveSource {
         Self { has_gaps, ..self }
     }
 
+    /// How far frames are done with, by this renderer or those before it.
+    fn done(&self) -> Done {
+        Done {
+            sequence: self.control.completed_sequence(),
+            elevation_end: self.elevation.released_position(),
+            slots_end: self.ring.position(),
+        }
+    }
+
+    /// A frame that fills the whole ring cannot be held: what was taken of it is given back, and dies with this process.
+    fn give_back_what_does_not_fit(&mut self) {
+        if self.ring.is_all_held() {
+            self.ring.give_back(self.ring.position());
+        }
+    }
+
     /// The run's control block.
     #[must_use]
     pub fn control(&self) -> &Arc<Control> {
@@ -82,7 +98,8 @@ impl FrameSource for LiveSource {
         SourceShape {
             world: self.world,
             elevation_arrays: self.elevation.capacity().into(),
-            elevation_start: self.elevation.released_position(),
+            done: self.done(),
+            is_resumed: self.control.generation_of(Stage::Renderer) > 1,
             color_slots: self.colors.capacity(),
             frames: self.frames,
             has_gaps: self.has_gaps,
@@ -98,11 +115,15 @@ impl FrameSource for LiveSource {
     }
 
     fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
-        Ok(self.ring.try_pop()?)
+        Ok(self.ring.try_take()?)
     }
 
     fn next(&mut self) -> Result<Slot, SourceError> {
-        Ok(self.ring.pop(&self.control)?)
+        // Nothing but the open frame is held: who waits has nothing with the device.
+        self.give_back_what_does_not_fit();
+        let control = Arc::clone(&self.control);
+        let taken = self.ring.take_unless(&control, || control.is_all_completed())?;
+        taken.ok_or_else(|| WaitError::Finished.into())
     }
 
     fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
@@ -130,10 +151,32 @@ impl FrameSource for LiveSource {
         tile.is_still_valid()
     }
 
-    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
-        self.elevation.released(elevation_end)?;
-        self.control.set_completed_sequence(sequence);
-        Ok(())
+    fn position(&self) -> u64 {
+        self.ring.position()
+    }
+
+    fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
+        // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
+        self.control.set_completed_sequence(done.sequence);
+        self.ring.give_back(done.slots_end);
+        Ok(self.elevation.released(done.elevation_end)?)
+    }
+
+    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+        Ok(self.elevation.released(upto)?)
+    }
+
+    fn rewind(&mut self) -> Done {
+        self.ring.put_back();
+        self.done()
+    }
+
+    fn is_over(&self) -> bool {
+        self.control.is_all_completed()
+    }
+
+    fn is_supervised(&self) -> bool {
+        self.control.is_supervised()
     }
 
     fn timed(&mut self, timing: &FrameTiming) {

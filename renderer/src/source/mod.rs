@@ -22,14 +22,27 @@ pub struct SourceShape {
     pub world: World,
     /// Most arrays that a frame can have.
     pub elevation_arrays: u64,
-    /// Position of the first array that the first frame may name.
-    pub elevation_start: u64,
+    /// What was done before: by renderers before this one, which were killed.
+    pub done: Done,
+    /// Whether there was a renderer before this one: the first slots may be the rest of a frame that it could not hold.
+    pub is_resumed: bool,
     /// Slots of the colour pool.
     pub color_slots: u32,
     /// First frame, and one past the last.
     pub frames: [u64; 2],
     /// Whether frames may be left out (realtime); the last one never is.
     pub has_gaps: bool,
+}
+
+/// How far the frames of a source are done with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Done {
+    /// The frame is the so many-th of the run; 0 before the first.
+    pub sequence: u64,
+    /// One past its last position in the elevation ring.
+    pub elevation_end: u64,
+    /// One past its last slot ([`FrameSource::position`]).
+    pub slots_end: u64,
 }
 
 /// Why a source has no next frame.
@@ -115,11 +128,34 @@ pub trait FrameSource {
     /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
     fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool;
 
-    /// The device is done with the frame of this sequence number (counted from 1) and those before it.
+    /// Position of the slot that comes next; counts up over all slots.
+    fn position(&self) -> u64;
+
+    /// A frame is done with, and so are those before it: what it named may be replaced.
     ///
     /// # Errors
     /// The source is damaged.
-    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError>;
+    fn complete(&mut self, done: &Done) -> Result<(), SourceError>;
+
+    /// The elevation arrays below a position belong to no frame, and no frame before them is with the device.
+    ///
+    /// # Errors
+    /// The source is damaged.
+    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError>;
+
+    /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
+    /// done with.
+    fn rewind(&mut self) -> Done;
+
+    /// Whether a renderer that was killed has completed the last frame of the run.
+    fn is_over(&self) -> bool {
+        false
+    }
+
+    /// Whether this renderer may be killed and replaced by another one.
+    fn is_supervised(&self) -> bool {
+        false
+    }
 
     /// A frame is finished, which took so long: for the rate control. Sources that have none do not listen.
     fn timed(&mut self, timing: &FrameTiming);

@@ -1,6 +1,6 @@
 //! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages before it.
 
-use super::{FrameSource, SourceError, SourceShape};
+use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -140,7 +140,9 @@ pub struct RecordedSource {
     frame: usize,
     /// 0: the marker; 1..: tiles; then the end.
     slot: usize,
-    released: u64,
+    /// Slots that were delivered.
+    position: u64,
+    done: Done,
     written: u64,
 }
 
@@ -148,7 +150,7 @@ impl RecordedSource {
     /// Plays `recording` `laps` times.
     #[must_use]
     pub fn new(recording: Arc<Recording>, laps: u64) -> Self {
-        Self { recording, laps, lap: 0, frame: 0, slot: 0, released: 0, written: 0 }
+        Self { recording, laps, lap: 0, frame: 0, slot: 0, position: 0, done: Done::default(), written: 0 }
     }
 
     /// Frames that were said to have left the sink.
@@ -163,7 +165,8 @@ impl RecordedSource {
 
     fn values(&self, position: u64) -> Option<u64> {
         let posts = u64::from(self.recording.world.elevation_posts()).pow(2);
-        (position >= self.released && self.recording.arrays > 0).then(|| position % self.recording.arrays * posts)
+        (position >= self.done.elevation_end && self.recording.arrays > 0)
+            .then(|| position % self.recording.arrays * posts)
     }
 }
 
@@ -173,7 +176,8 @@ impl FrameSource for RecordedSource {
         SourceShape {
             world: self.recording.world,
             elevation_arrays: self.recording.arrays,
-            elevation_start: 0,
+            done: Done::default(),
+            is_resumed: false,
             color_slots: self.recording.color_slots,
             frames: [first, first + self.laps * self.recording.frames.len() as u64],
             has_gaps: false,
@@ -196,7 +200,14 @@ impl FrameSource for RecordedSource {
         let frames = self.lap * self.recording.frames.len() as u64;
         let arrays = self.lap * self.recording.arrays;
         let content = if self.slot == 0 {
-            SlotContent::Marker(FrameMarker { frame: frame.marker.frame + frames, ..frame.marker })
+            let before = self.frame.checked_sub(1).and_then(|before| self.recording.frames.get(before));
+            SlotContent::Marker(FrameMarker {
+                frame: frame.marker.frame + frames,
+                sequence: frames + self.frame as u64 + 1,
+                elevation_start: before.map_or(0, |before| before.end.elevation_end).wrapping_add(arrays),
+                maker: 1,
+                ..frame.marker
+            })
         } else if let Some(tile) = frame.tiles.get(self.slot - 1) {
             SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
         } else {
@@ -208,6 +219,7 @@ impl FrameSource for RecordedSource {
             })
         };
         self.slot += 1;
+        self.position += 1;
         if self.slot > frame.tiles.len() + 1 {
             (self.slot, self.frame) = (0, self.frame + 1);
             if self.frame == self.recording.frames.len() {
@@ -246,9 +258,25 @@ impl FrameSource for RecordedSource {
         true
     }
 
-    fn complete(&mut self, _sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
-        self.released = self.released.max(elevation_end);
+    fn position(&self) -> u64 {
+        self.position
+    }
+
+    fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
+        self.done = *done;
         Ok(())
+    }
+
+    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+        self.done.elevation_end = self.done.elevation_end.max(upto);
+        Ok(())
+    }
+
+    fn rewind(&mut self) -> Done {
+        let frames = self.recording.frames.len().max(1) as u64;
+        (self.lap, self.frame) = (self.done.sequence / frames, (self.done.sequence % frames) as usize);
+        (self.slot, self.position) = (0, self.done.slots_end);
+        self.done
     }
 
     fn timed(&mut self, _timing: &FrameTiming) {}

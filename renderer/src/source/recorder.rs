@@ -1,6 +1,6 @@
 //! Records the frames of another source as they pass.
 
-use super::{FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
+use super::{Done, FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
@@ -128,8 +128,20 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.read_color(slot, generation, out)
     }
 
-    fn complete(&mut self, sequence: u64, elevation_end: u64) -> Result<(), SourceError> {
-        self.inner.complete(sequence, elevation_end)
+    fn position(&self) -> u64 {
+        self.inner.position()
+    }
+
+    fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
+        self.inner.complete(done)
+    }
+
+    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+        self.inner.release_elevations(upto)
+    }
+
+    fn rewind(&mut self) -> Done {
+        self.inner.rewind()
     }
 
     fn timed(&mut self, timing: &FrameTiming) {

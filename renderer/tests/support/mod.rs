@@ -123,7 +123,8 @@ impl<'a> Scene<'a> {
 
     /// Adds a frame of these tiles.
     pub fn frame(&mut self, camera: &Camera, tiles: Vec<TileSlot>) {
-        let marker = FrameMarker { frame: self.frame, camera: *camera, r_z_px: 10.0, r_c_px: 1.0, reserved: [0; 24] };
+        let (frame, camera) = (self.frame, *camera);
+        let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, ..FrameMarker::zeroed() };
         let end = FrameEnd {
             frame: self.frame,
             tile_count: tiles.len() as u32,
