@@ -9,8 +9,8 @@ pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    CourseArgs, FlyArgs, MeasurementArgs, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
-    ResourceArgs, StillArgs,
+    CourseArgs, FlyArgs, MeasurementArgs, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    StillArgs,
 };
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
