@@ -4,6 +4,7 @@
 use super::{FrameSink, Picture, SinkError};
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
+use terravision_common::run::OPEN_END;
 
 /// Fills the gaps between the frames that another sink is given.
 pub struct RepeatSink {
@@ -64,8 +65,8 @@ impl FrameSink for RepeatSink {
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
-        // Only what went with a renderer that was killed is missing here.
-        if let Some((size, rgba)) = self.last.take() {
+        // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
+        if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
             self.repeat(self.frames[1], Camera::zeroed(), size, &rgba)?;
         }
         self.inner.finish()
