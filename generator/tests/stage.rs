@@ -1,5 +1,6 @@
 //! The generator between its rings: every camera becomes a tree, in order; what is no camera ends it.
 
+use bytemuck::Zeroable;
 use std::sync::Arc;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
@@ -10,6 +11,7 @@ use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunStat
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::TreeLimits;
+use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
 use terravision_generator::{Generator, GeneratorError, Ports};
 
@@ -92,10 +94,12 @@ fn sides_of(config: &RunConfig) -> Sides {
     let (told, events) = memory::ring(256).expect("valid");
     let ports =
         Ports { control: Arc::clone(&control), cameras: camera_reader, trees: tree_writer, events: Events::new(told) };
+    Sides { control, ports, cameras, trees, events, generator: generator(config) }
+}
+
+fn generator(config: &RunConfig) -> Generator<SyntheticTerrain> {
     let terrain = SyntheticTerrain::new(&world(), Relief::Mountains { height_m: 400.0 }, 1);
-    let limits = TreeLimits { nodes: NODES, elevation_leaves: 1024 };
-    let generator = Generator::new(&world(), terrain, config, limits);
-    Sides { control, ports, cameras, trees, events, generator }
+    Generator::new(&world(), terrain, config, TreeLimits { nodes: NODES, elevation_leaves: 1024 })
 }
 
 impl Sides {
@@ -124,6 +128,31 @@ fn cameras_become_trees_in_order() {
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
     assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
     assert!(told.iter().all(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::Generate as u64));
+}
+
+#[test]
+fn a_generator_after_another_goes_on_behind_its_trees() {
+    let mut sides = sides([30, 50]);
+    let taken = |sides: &mut Sides| sides.trees.next(&sides.control).expect("published").header().frame;
+    (0..5).for_each(|k| sides.send(30 + k, camera(k)));
+    sides.frame().expect("a tree");
+    assert_eq!(taken(&mut sides), 30);
+    // It is killed over frame 31, with the camera in its hands ...
+    sides.ports.cameras.take(&sides.control).expect("sent");
+    for (begun, expected) in [(false, 31), (true, 33)] {
+        if begun {
+            // ... and once more behind the tree of frame 32, before it gave the camera back.
+            let header = TreeHeader { frame: 32, ..TreeHeader::zeroed() };
+            sides.ports.trees.write(&sides.control, |_| header).expect("room");
+            assert_eq!(taken(&mut sides), 32);
+        }
+        sides.ports.cameras.put_back();
+        sides.generator = generator(&config([30, 50]));
+        sides.generator.resume(&mut sides.ports).expect("not corrupt");
+        sides.frame().expect("a tree");
+        assert_eq!(taken(&mut sides), expected);
+    }
+    assert_eq!(sides.ports.trees.published(), 4);
 }
 
 #[test]

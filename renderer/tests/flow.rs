@@ -11,7 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::node::NodeId;
 use terravision_common::shm::{RunState, memory};
-use terravision_common::slot::{Slot, SlotContent};
+use terravision_common::slot::{FrameMarker, Slot, SlotContent};
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
@@ -315,7 +315,9 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                     control.set_state(RunState::Stopping);
                     return;
                 }
-                if ring.push(&Slot::new(&SlotContent::Marker(frame.marker)), &control).is_err() {
+                let (sequence, elevation_start) = (sequence as u64 + 1, arrays.next_position());
+                let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
+                if ring.push(&Slot::new(&SlotContent::Marker(marker)), &control).is_err() {
                     return;
                 }
                 let mut tiles = frame.tiles.clone();
@@ -333,7 +335,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                     let (slot, generation) = *placed.entry(tile.color_slot).or_insert_with(|| {
                         assert!(inner.read_color(tile.color_slot, tile.color_generation, &mut tile_bytes));
                         let mut fill = pool
-                            .allocate(node, sequence as u64 + 1, control.completed_sequence())
+                            .allocate(node, sequence, control.completed_sequence())
                             .expect("memory of this process holds the recording");
                         fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
                         fill.publish()

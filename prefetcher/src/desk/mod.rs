@@ -28,7 +28,7 @@ use books::{Books, MISSING};
 use std::collections::HashSet;
 use terravision_common::database::{Layer, Tile};
 use terravision_common::outcome::{Outcome, TileOutcome};
-use terravision_common::shm::{Control, Gauge, PoolWriter, Residency, WantHead};
+use terravision_common::shm::{Control, Gauge, PoolWriter, Residency, SlotState, WantHead};
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
@@ -125,6 +125,9 @@ impl Desk {
     #[must_use]
     pub fn new(world: &World, elevation: PoolWriter, color: PoolWriter, has_retries: bool) -> Self {
         let (top, _) = top_levels(world);
+        // Of a prefetcher before this one.
+        let held = |pool: &PoolWriter| pool.slots().filter(|slot| slot.state != SlotState::Free).count() as u64;
+        let filled = [held(&elevation), held(&color)];
         let mut desk = Self {
             world: *world,
             pools: [elevation, color],
@@ -136,7 +139,7 @@ impl Desk {
             is_passed_over: false,
             room_ahead: [0; 2],
             told_no_room: [None; 2],
-            filled: [0; 2],
+            filled,
             ended: Vec::new(),
             outcomes: Vec::new(),
             news: Vec::new(),

@@ -59,7 +59,7 @@ fn loom_ring_touches_no_item_that_is_held_and_gives_it_again() {
                 wait(items.positions.writable(), || producer.try_push(&item).unwrap().then_some(()));
             }
         });
-        let mut take = |consumer: &mut ReadEnd<_>| wait(items.positions.readable(), || consumer.try_take().unwrap());
+        let take = |consumer: &mut ReadEnd<_>| wait(items.positions.readable(), || consumer.try_take().unwrap());
         assert_eq!((take(&mut consumer), take(&mut consumer)), (1, 2));
         // Its reader was killed; the one after it finds both again.
         drop(consumer);
