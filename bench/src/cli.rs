@@ -1,6 +1,7 @@
 //! The command line of `terravision bench`.
 
 use crate::queues::Queue;
+use crate::rays;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 use terravision_common::level::Measure;
@@ -33,6 +34,8 @@ pub enum Verb {
     Ingest,
     /// A flight against the clock, with and without feedback, while a process takes a core away in the middle
     Realtime(RealtimeArgs),
+    /// Voxel ray casting in the set-up of its paper: coherence, roll, workers
+    Rays(RaysArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]
     Load(LoadArgs),
@@ -53,6 +56,14 @@ pub struct RealtimeArgs {
     /// Frame rate of the flight, as a share of what is reached without a clock
     #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
     pub share: f64,
+}
+
+/// Arguments of `rays`.
+#[derive(Debug, Clone, Args)]
+pub struct RaysArgs {
+    /// Pictures of each kind
+    #[arg(long, value_name = "N", default_value_t = rays::ROUNDS)]
+    pub rounds: u32,
 }
 
 /// Arguments of the hidden load.
