@@ -123,6 +123,9 @@ impl View {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Planes {
     s: Vec<f32>,
+    /// Planes per unit of s where they are evenly spaced: from 0 to `even_end`.
+    even_per_s: f32,
+    even_end: f32,
 }
 
 /// How densely rays are sampled.
@@ -144,6 +147,8 @@ impl Planes {
         let per_depth = view.s_per_depth();
         let nearest = f64::from(sampling.interval_voxels * finest_m * per_depth);
         let growth = f64::from(sampling.interval_voxels * sampling.voxel_px / view.focal_px());
+        self.even_per_s = (1.0 / nearest) as f32;
+        self.even_end = if growth > 0.0 { (nearest / growth) as f32 } else { f32::INFINITY };
         let mut s = 0.0f64;
         while s < f64::from(far) && self.s.len() < Self::MOST {
             self.s.push(s as f32);
@@ -159,7 +164,22 @@ impl Planes {
 
     /// The first plane at or after a parameter.
     #[must_use]
+    #[inline(always)]
     pub fn at_or_after(&self, s: f32) -> u32 {
+        if s <= 0.0 {
+            return 0;
+        }
+        if s < self.even_end {
+            // One early, and on from there: rounding.
+            let from = ((s * self.even_per_s) as u32).saturating_sub(1);
+            let near = self.s.get(from as usize..from as usize + 4);
+            if let Some(planes) = near
+                && planes[0] < s
+                && planes[3] >= s
+            {
+                return from + 1 + u32::from(planes[1] < s) + u32::from(planes[2] < s);
+            }
+        }
         self.s.partition_point(|&plane| plane < s) as u32
     }
 }
@@ -211,5 +231,11 @@ mod tests {
         let k = planes.at_or_after(4.0 * grown) as usize;
         assert!(((s[k + 1] - s[k]) / (s[1] - s[0]) - 4.0).abs() < 0.01);
         assert!(s[k] >= 4.0 * grown && s[k - 1] < 4.0 * grown);
+        for at in (0..40_000).map(|n| n as f32 * 3.1) {
+            assert_eq!(planes.at_or_after(at), s.partition_point(|&plane| plane < at) as u32, "{at}");
+        }
+        for (k, at) in s.iter().enumerate() {
+            assert_eq!(planes.at_or_after(*at), k as u32);
+        }
     }
 }
