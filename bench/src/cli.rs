@@ -1,6 +1,7 @@
 //! The command line of `terravision bench`.
 
 use crate::queues::Queue;
+use crate::rays;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 use terravision_common::level::Measure;
@@ -38,6 +39,8 @@ pub enum Verb {
     Link(LinkArgs),
     /// A long flight at random: whether memory and open files stay as they are
     LongRun(LongRunArgs),
+    /// Voxel ray casting in the set-up of its paper: coherence, roll, workers
+    Rays(RaysArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]
     Load(LoadArgs),
@@ -93,6 +96,14 @@ pub struct LongRunArgs {
     /// Another number flies another way
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+}
+
+/// Arguments of `rays`.
+#[derive(Debug, Clone, Args)]
+pub struct RaysArgs {
+    /// Pictures of each kind
+    #[arg(long, value_name = "N", default_value_t = rays::ROUNDS)]
+    pub rounds: u32,
 }
 
 /// Arguments of the hidden load.

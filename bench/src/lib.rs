@@ -11,6 +11,7 @@ pub mod machine;
 pub mod measurement;
 pub mod plot;
 pub mod queues;
+pub mod rays;
 pub mod realtime;
 pub mod recording;
 pub mod report;

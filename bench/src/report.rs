@@ -6,7 +6,7 @@ use crate::machine::Machine;
 use crate::measurement::{Measurement, table};
 use crate::plot::{self, Curve};
 use crate::session::Settings;
-use crate::{link, long_run, queues, realtime, stages, world};
+use crate::{link, long_run, queues, rays, realtime, stages, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
@@ -35,6 +35,7 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         Some(Verb::Stages) => name == "stages",
         Some(Verb::Replay) => name == "replay",
         Some(Verb::Ingest) => name == "ingest",
+        Some(Verb::Rays(_)) => name == "rays",
         Some(Verb::Reader(_) | Verb::Realtime(_) | Verb::Link(_) | Verb::LongRun(_) | Verb::Load(_)) => false,
     };
     // Minutes long: only when it is asked for.
@@ -49,6 +50,13 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
     }
     if wants("queues") {
         found.measurements.extend(queues::run(queues::Load::default()).context("queues")?);
+    }
+    if wants("rays") {
+        let rounds = match verb {
+            Some(Verb::Rays(args)) => args.rounds,
+            _ => rays::ROUNDS,
+        };
+        rays::run(rounds, &mut found).context("rays")?;
     }
     if wants("stages") || wants("replay") {
         let settings = Settings {

@@ -1,0 +1,490 @@
+//! Rays of a line, from the bottom up (voxel-flythrough-1999 §4).
+//!
+//! A higher ray meets a height field further off, so a ray starts where the one below it hit. That holds when its samples
+//! lie above those of the lower ray, and a little beside them no more than the ground can rise in between: sample `s` of
+//! ray i is `eye + s·D_i`, so it is `s·(D_i − D_j)` from that of ray j, and
+//!
+//! ```text
+//! D_i.z − D_j.z  >=  steepest · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
+//! ```
+//!
+//! where no ground is steeper than `steepest`. Forward-only methods take this for granted, but planes of rays are not vertical
+//! beside the middle of a pitched picture, and pixels of a rolled line are not above each other: then a ray may run into
+//! a cliff that the one below it passed by. Here it is tested for each ray against the rays of its line, nearest
+//! first; a ray for which none will do goes back to where it is in the air for sure, by the highest cells of blocks.
+//! A start that lies in the ground all the same is stepped back from.
+
+use crate::color::ColorSource;
+use crate::frame::{Frame, Place};
+use crate::ground::{LOG_BLOCK, Span, THRESHOLD, Tile};
+use crate::view::Ray;
+use glam::Vec3;
+use std::ops::Add;
+
+/// How a ray's start is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Coherence {
+    /// From the rays below it, when that is proven to miss nothing.
+    #[default]
+    Proven,
+    /// From the ray below it, always: what forward-only methods do. Misses ground, for comparison only.
+    ForwardOnly,
+    /// At the eye, or where the ray comes over the ground: plain ray casting.
+    Plain,
+}
+
+/// What was done for a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Rays.
+    pub rays: u64,
+    /// Points of rays that were looked at.
+    pub samples: u64,
+    /// Those of them whose density was interpolated.
+    pub densities: u64,
+    /// Rays whose start no ray below them proved.
+    pub unproven: u64,
+    /// Steps back out of the ground.
+    pub steps_back: u64,
+    /// Rays that met ground.
+    pub hits: u64,
+}
+
+impl Add for Counts {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            rays: self.rays + other.rays,
+            samples: self.samples + other.samples,
+            densities: self.densities + other.densities,
+            unproven: self.unproven + other.unproven,
+            steps_back: self.steps_back + other.steps_back,
+            hits: self.hits + other.hits,
+        }
+    }
+}
+
+/// How rays of a line are cast.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LineOptions {
+    pub(crate) coherence: Coherence,
+    /// Slope that no ground exceeds, with room for rounding, squared.
+    pub(crate) steepest_squared: f32,
+}
+
+/// A ray that was cast: in the air at all planes from `entry` up to `reach`.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    ray: Ray,
+    entry: u32,
+    reach: u32,
+}
+
+/// Rays below that are tried. Two pixels of a scan-converted line, a few apart, lie more nearly above each other the
+/// further apart they are.
+const MOST_KNOWN: usize = 4;
+
+/// How a walk along a ray ended.
+#[derive(Debug, Clone, Copy)]
+enum End {
+    /// A sample is in the ground.
+    Hit(Sample),
+    /// All samples before this plane are in the air, and none after it is over ground.
+    Left(u32),
+}
+
+/// A sample in the ground.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    plane: u32,
+    /// Its density, if it was looked at.
+    inside: Option<f32>,
+    /// That of the sample before, if it was looked at.
+    outside: Option<f32>,
+}
+
+/// The tile that a line's rays are in: the same for many of them.
+#[derive(Clone, Copy)]
+struct Current<'a> {
+    index: u32,
+    spans: &'a [Span],
+    densities: &'a [u8],
+    blocks: &'a [u16],
+    cells: [u32; 2],
+    layers: usize,
+    is_accurate: bool,
+    per_m: f32,
+    /// The eye's place in cells and layers.
+    at_0: Vec3,
+}
+
+/// A number's whole part, as a number and as an index: past any cell count for a negative number. A whole number may give
+/// the cell below it, of which it is the end.
+#[inline(always)]
+fn cell(at: f32) -> (u32, f32) {
+    // Adding 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
+    let rounded = (at - 0.5) + 8_388_608.0;
+    (rounded.to_bits().wrapping_sub(0x4b00_0000), rounded - 8_388_608.0)
+}
+
+impl Current<'_> {
+    /// Place of a point of a ray in cells and layers.
+    #[inline(always)]
+    fn at(&self, per_s: Vec3, s: f32) -> Vec3 {
+        per_s * s + self.at_0
+    }
+
+    #[inline(always)]
+    fn is_over(&self, at: Vec3) -> bool {
+        cell(at.x).0 < self.cells[0] && cell(at.y).0 < self.cells[1]
+    }
+
+    #[inline(always)]
+    fn span(&self, i: u32, j: u32) -> Span {
+        self.spans.get(j as usize * self.cells[0] as usize + i as usize).copied().unwrap_or_default()
+    }
+
+    /// Trilinear density at a place in the cell `(i, j)`, whose corner is `low`.
+    #[inline(always)]
+    fn density(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
+        let height = at.z.clamp(0.0, (self.layers - 2) as f32 + 1.0);
+        let (k, lower) = if height > 0.5 { cell(height) } else { (0, 0.0) };
+        let (fu, fv, fk) = (at.x - low[0], at.y - low[1], height - lower);
+        let row = (self.cells[0] as usize + 1) * self.layers;
+        let south = j as usize * row + i as usize * self.layers + k as usize;
+        let north = south + row;
+        let pair = |at: usize| match self.densities.get(at..at + 2) {
+            Some(&[low, high]) => (f32::from(low), f32::from(high)),
+            _ => (0.0, 0.0),
+        };
+        let (sw, se, nw, ne) = (pair(south), pair(south + self.layers), pair(north), pair(north + self.layers));
+        let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let low = lerp(lerp(sw.0, se.0, fu), lerp(nw.0, ne.0, fu), fv);
+        let high = lerp(lerp(sw.1, se.1, fu), lerp(nw.1, ne.1, fu), fv);
+        lerp(low, high, fk)
+    }
+}
+
+impl<C: ColorSource + ?Sized> Frame<'_, C> {
+    /// Casts the rays of a line's pixels, bottom up.
+    pub(crate) fn cast_line<const APPROXIMATE: bool>(
+        &self,
+        options: &LineOptions,
+        pixels: impl Iterator<Item = [u32; 2]>,
+    ) -> Counts {
+        let mut counts = Counts::default();
+        let mut known: [Option<Known>; MOST_KNOWN] = [None; MOST_KNOWN];
+        let mut next = 0;
+        let Some(mut current) = self.current(0) else { return self.cast_nothing(pixels) };
+        let planes = self.planes.s().len() as u32;
+        let is_beside = self.is_eye_beside();
+        for pixel in pixels {
+            counts.rays += 1;
+            let ray = self.view.ray(pixel);
+            let entry = if is_beside { self.planes.at_or_after(self.entry(&ray)) } else { 0 };
+            let below = self.ray_below(options, &ray, &known, next);
+            let end = self.end_of(&ray);
+            let result = match below {
+                Some(below) => {
+                    // Where the lower ray was not over the ground yet it says nothing.
+                    let gap = below.entry.min(below.reach).min(end);
+                    let in_gap = if entry < gap {
+                        self.walk::<APPROXIMATE, false>(&ray, entry, gap, &mut current, &mut counts)
+                    } else {
+                        End::Left(gap)
+                    };
+                    match in_gap {
+                        End::Left(plane) if plane >= gap => {
+                            let start = below.reach.max(entry);
+                            self.walk::<APPROXIMATE, false>(&ray, start, end, &mut current, &mut counts)
+                        }
+                        // It hit, or came past a corner of the ground.
+                        _ => in_gap,
+                    }
+                }
+                None => {
+                    counts.unproven += 1;
+                    let start = entry.max(self.start_below_top(&ray));
+                    if options.coherence == Coherence::Plain {
+                        self.walk::<APPROXIMATE, false>(&ray, start, end, &mut current, &mut counts)
+                    } else {
+                        self.walk::<APPROXIMATE, true>(&ray, start, end, &mut current, &mut counts)
+                    }
+                }
+            };
+            let reach = match result {
+                End::Hit(sample) => {
+                    let (plane, s) = self.refined::<APPROXIMATE>(&ray, sample, &current, &mut counts);
+                    counts.hits += 1;
+                    self.picture.put(pixel, self.shade(current.index, &ray, s), s * ray.depth);
+                    plane
+                }
+                End::Left(plane) => {
+                    self.picture.put(pixel, self.sky, f32::NAN);
+                    // A ray that rose above everything is in the air for ever. Beyond the ground's border it says nothing.
+                    if plane >= end { planes } else { plane.min(self.planes.at_or_after(self.departure(&ray))) }
+                }
+            };
+            known[next] = Some(Known { ray, entry, reach });
+            next = (next + 1) % MOST_KNOWN;
+        }
+        counts
+    }
+
+    fn is_eye_beside(&self) -> bool {
+        let (min, max) = (self.bounds.min, self.bounds.max);
+        min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
+    }
+
+    /// The nearest ray below that proves where this one may start.
+    #[inline(always)]
+    fn ray_below(
+        &self,
+        options: &LineOptions,
+        ray: &Ray,
+        known: &[Option<Known>; MOST_KNOWN],
+        next: usize,
+    ) -> Option<Known> {
+        match options.coherence {
+            Coherence::Plain => None,
+            Coherence::ForwardOnly => known[(next + MOST_KNOWN - 1) % MOST_KNOWN],
+            Coherence::Proven => (1..=MOST_KNOWN).find_map(|back| {
+                let below = known[(next + MOST_KNOWN - back) % MOST_KNOWN]?;
+                ray.is_above(&below.ray, options.steepest_squared).then_some(below)
+            }),
+        }
+    }
+
+    /// The plane after which a rising ray is above all ground.
+    #[inline(always)]
+    fn end_of(&self, ray: &Ray) -> u32 {
+        if ray.direction.z > 0.0 {
+            self.planes.at_or_after(self.highest.max(0.0) / ray.direction.z)
+        } else if ray.direction.z == 0.0 && self.highest < 0.0 {
+            0
+        } else {
+            self.planes.s().len() as u32
+        }
+    }
+
+    /// The first plane at which a falling ray is not above all ground.
+    fn start_below_top(&self, ray: &Ray) -> u32 {
+        if ray.direction.z < 0.0 && self.highest < 0.0 {
+            self.planes.at_or_after(self.highest / ray.direction.z)
+        } else {
+            0
+        }
+    }
+
+    /// A tile, ready to be sampled.
+    fn current(&self, index: u32) -> Option<Current<'_>> {
+        let tile: &Tile = self.ground.tiles().get(index as usize)?;
+        let placed = self.placed.get(index as usize)?;
+        Some(Current {
+            index,
+            spans: self.ground.spans(tile),
+            densities: self.ground.densities(tile),
+            blocks: self.ground.blocks(tile),
+            cells: tile.cells,
+            layers: tile.layers as usize,
+            is_accurate: tile.is_accurate,
+            per_m: placed.per_m,
+            at_0: -placed.corner * placed.per_m,
+        })
+    }
+
+    /// Sky, for a ground without tiles.
+    fn cast_nothing(&self, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
+        let mut counts = Counts::default();
+        for pixel in pixels {
+            counts.rays += 1;
+            self.picture.put(pixel, self.sky, f32::NAN);
+        }
+        counts
+    }
+
+    /// Looks at the samples of a ray from plane `from` up to `end`. `current` is the tile to begin in, and where it ended.
+    #[inline(always)]
+    fn walk<'f, const APPROXIMATE: bool, const SKIPS: bool>(
+        &'f self,
+        ray: &Ray,
+        from: u32,
+        end: u32,
+        current: &mut Current<'f>,
+        counts: &mut Counts,
+    ) -> End {
+        let planes = &self.planes.s()[..(end as usize).min(self.planes.s().len())];
+        let mut k = from as usize;
+        let mut is_found = false;
+        let mut outside = None;
+        loop {
+            let per_s = ray.direction * current.per_m;
+            let [columns, rows] = current.cells;
+            let is_graded = !APPROXIMATE && current.is_accurate;
+            let mut looked_at_block = u32::MAX;
+            loop {
+                let Some(&s) = planes.get(k) else { return End::Left(end) };
+                let mut at = current.at(per_s, s);
+                let ((mut i, mut low_u), (mut j, mut low_v)) = (cell(at.x), cell(at.y));
+                if i >= columns || j >= rows {
+                    if !is_found {
+                        break;
+                    }
+                    // The tree says that it is here; the difference is rounding.
+                    (at.x, at.y) = (at.x.clamp(0.0, columns as f32), at.y.clamp(0.0, rows as f32));
+                    (i, j) = ((at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1));
+                    (low_u, low_v) = (i as f32, j as f32);
+                }
+                is_found = false;
+                let span = current.span(i, j);
+                counts.samples += 1;
+                if at.z >= f32::from(span.highest) + 1.0 {
+                    k += 1;
+                    if SKIPS {
+                        let block = (j >> LOG_BLOCK) * columns.div_ceil(1 << LOG_BLOCK) + (i >> LOG_BLOCK);
+                        if block != looked_at_block {
+                            looked_at_block = block;
+                            k = self.skip(current, per_s, [i, j], at.z, block, k);
+                        }
+                    }
+                    outside = None;
+                    continue;
+                }
+                if !is_graded || at.z < f32::from(span.lowest) {
+                    return End::Hit(Sample { plane: k as u32, inside: None, outside });
+                }
+                counts.densities += 1;
+                let density = current.density([i, j], [low_u, low_v], at);
+                if density > THRESHOLD {
+                    return End::Hit(Sample { plane: k as u32, inside: Some(density), outside });
+                }
+                outside = Some(density);
+                k += 1;
+            }
+            loop {
+                let Some(&s) = planes.get(k) else { return End::Left(end) };
+                match self.find(ray, s) {
+                    Place::Tile(tile) => {
+                        let Some(next) = self.current(tile) else { return End::Left(k as u32) };
+                        *current = next;
+                        is_found = true;
+                        break;
+                    }
+                    Place::HoleUntil(exit) => {
+                        k = (k + 1).max(self.planes.at_or_after(exit) as usize);
+                        outside = None;
+                    }
+                    Place::Left => return End::Left(k as u32),
+                }
+            }
+        }
+    }
+
+    /// The first plane from `k` on at which a ray that is above all boundary cells of a block may not be any more.
+    fn skip(&self, current: &Current<'_>, per_s: Vec3, cell: [u32; 2], height: f32, block: u32, k: usize) -> usize {
+        let top = current.blocks.get(block as usize).map_or(f32::INFINITY, |highest| f32::from(*highest) + 1.0);
+        if height < top {
+            return k;
+        }
+        let mut s = f32::INFINITY;
+        for (axis, cell) in cell.into_iter().enumerate() {
+            let low = (cell >> LOG_BLOCK) << LOG_BLOCK;
+            let high = (low + (1 << LOG_BLOCK)).min(current.cells[axis]);
+            let (per_s, at_0) = (per_s[axis], current.at_0[axis]);
+            if per_s > 0.0 {
+                s = s.min((high as f32 - at_0) / per_s);
+            } else if per_s < 0.0 {
+                s = s.min((low as f32 - at_0) / per_s);
+            }
+        }
+        if per_s.z < 0.0 {
+            s = s.min((top - current.at_0.z) / per_s.z);
+        }
+        // One plane early: rounding.
+        k.max(self.planes.at_or_after(s).saturating_sub(1) as usize)
+    }
+
+    /// Where a ray passes the surface before a sample that is in the ground: the first such plane, and the parameter between
+    /// it and the one before, by the two densities.
+    #[inline(always)]
+    fn refined<const APPROXIMATE: bool>(
+        &self,
+        ray: &Ray,
+        sample: Sample,
+        current: &Current<'_>,
+        counts: &mut Counts,
+    ) -> (u32, f32) {
+        let planes = self.planes.s();
+        let mut plane = sample.plane as usize;
+        let density = |plane: usize| self.density_at::<APPROXIMATE>(ray, planes[plane], current);
+        let mut here = sample.inside;
+        let mut before = sample.outside;
+        while plane > 0 {
+            before = before.or_else(|| density(plane - 1));
+            let Some(outside) = before else { break };
+            if outside <= THRESHOLD {
+                let [from, to] = [planes[plane - 1], planes[plane]];
+                if APPROXIMATE || !current.is_accurate {
+                    return (plane as u32, to);
+                }
+                let inside = here.or_else(|| density(plane)).unwrap_or(255.0);
+                let share = (THRESHOLD - outside) / (inside - outside).max(1e-3);
+                return (plane as u32, from + (to - from) * share.clamp(0.0, 1.0));
+            }
+            counts.steps_back += 1;
+            plane -= 1;
+            (here, before) = (before, None);
+        }
+        (plane as u32, planes[plane])
+    }
+
+    /// Density at a parameter of a ray that is in a tile or near it; 0 and 255 where the boundary array alone decides, `None`
+    /// where no ground is.
+    #[inline(always)]
+    fn density_at<const APPROXIMATE: bool>(&self, ray: &Ray, s: f32, current: &Current<'_>) -> Option<f32> {
+        let at = current.at(ray.direction * current.per_m, s);
+        if current.is_over(at) {
+            Some(Self::density_in::<APPROXIMATE>(current, at))
+        } else {
+            self.density_elsewhere::<APPROXIMATE>(ray, s)
+        }
+    }
+
+    #[inline(never)]
+    fn density_elsewhere<const APPROXIMATE: bool>(&self, ray: &Ray, s: f32) -> Option<f32> {
+        let Place::Tile(tile) = self.find(ray, s) else { return None };
+        let current = self.current(tile)?;
+        let mut at = current.at(ray.direction * current.per_m, s);
+        let inside = |at: f32, cells: u32| at.clamp(0.01, cells as f32 - 0.01);
+        (at.x, at.y) = (inside(at.x, current.cells[0]), inside(at.y, current.cells[1]));
+        Some(Self::density_in::<APPROXIMATE>(&current, at))
+    }
+
+    #[inline(always)]
+    fn density_in<const APPROXIMATE: bool>(current: &Current<'_>, at: Vec3) -> f32 {
+        let ((i, low_u), (j, low_v)) = (cell(at.x), cell(at.y));
+        if APPROXIMATE || !current.is_accurate {
+            return if at.z >= f32::from(current.span(i, j).highest) + 1.0 { 0.0 } else { 255.0 };
+        }
+        current.density([i, j], [low_u, low_v], at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_parts_are_indices_and_negative_numbers_are_none() {
+        for (at, expected) in [(0.0, 0), (0.2, 0), (0.999, 0), (1.001, 1), (700.4, 700), (511.5, 511)] {
+            assert_eq!(cell(at), (expected, expected as f32), "{at}");
+        }
+        for whole in 1..600 {
+            let (index, low) = cell(whole as f32);
+            assert!((whole - 1..=whole).contains(&index) && low == index as f32);
+        }
+        for at in [-1e-9f32, -0.2, -0.5, -3.0, -1e6, -1e9, 1e9, f32::NAN, f32::INFINITY] {
+            assert!(cell(at).0 > 1 << 22, "{at}");
+        }
+    }
+}

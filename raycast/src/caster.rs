@@ -1,0 +1,140 @@
+//! Pictures of a ground.
+
+use crate::cast::{Coherence, Counts, LineOptions};
+use crate::color::ColorSource;
+use crate::frame::{Frame, Placed, place};
+use crate::ground::Ground;
+use crate::lines::Lines;
+use crate::picture::Picture;
+use crate::view::{Planes, Sampling, View};
+use crate::workers::{Workers, WorkersError};
+use terravision_common::camera::Camera;
+
+/// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
+/// write to at once.
+const LINES_AT_A_TIME: usize = 16;
+
+/// How rays are cast.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Lines of voxel samples, each ray starting where the one below it hit.
+    #[default]
+    Coherent,
+    /// The same samples, every ray from the beginning.
+    Plain,
+    /// As [`Method::Coherent`], never proving anything: wrong beside cliffs, for comparison only.
+    ForwardOnly,
+    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines.
+    Mipmap,
+}
+
+/// Options of a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CastOptions {
+    /// How rays are cast.
+    pub method: Method,
+    /// Whether the boundary array alone decides, in tiles with voxels too.
+    pub is_approximate: bool,
+    /// How densely rays are sampled.
+    pub sampling: Sampling,
+    /// Colour where no ground is.
+    pub sky_rgb: [u8; 3],
+}
+
+impl Default for CastOptions {
+    fn default() -> Self {
+        Self {
+            method: Method::Coherent,
+            is_approximate: false,
+            sampling: Sampling { interval_voxels: 0.6, voxel_px: 1.0 },
+            sky_rgb: [150, 190, 235],
+        }
+    }
+}
+
+/// Draws pictures; keeps its memory from one to the next.
+#[derive(Debug)]
+pub struct Caster {
+    workers: Workers,
+    placed: Vec<Placed>,
+    planes: Planes,
+    lines: Lines,
+}
+
+impl Caster {
+    /// With this many threads, the calling one among them.
+    ///
+    /// # Errors
+    /// The system gives no threads.
+    pub fn new(workers: usize) -> Result<Self, WorkersError> {
+        let workers = Workers::new(workers)?;
+        Ok(Self { workers, placed: Vec::new(), planes: Planes::default(), lines: Lines::default() })
+    }
+
+    /// Draws the ground as a camera sees it, which is valid and has the picture's size. The picture does not depend on the number of
+    /// workers. Heights are as they are in the ground: whoever fills it exaggerates them.
+    ///
+    /// # Panics
+    /// When camera and picture differ in size.
+    pub fn draw<C: ColorSource + ?Sized>(
+        &mut self,
+        ground: &Ground,
+        colors: &C,
+        camera: &Camera,
+        options: &CastOptions,
+        picture: &Picture,
+    ) -> Counts {
+        assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
+        let view = View::new(camera);
+        let bounds = place(ground, &view, &mut self.placed);
+        self.lines.set(picture.size(), camera.roll_rad);
+        let from_datum = (view.eye_in_world().z - ground.datum_m()) as f32;
+        let voxel_m = ground.tiles().iter().map(|tile| tile.spacing_m).fold(f32::INFINITY, f32::min);
+        // No ground is further off than the furthest corner of its bounds.
+        let far = bounds.min.abs().max(bounds.max.abs()).length();
+        let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
+        self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
+        let [r, g, b] = options.sky_rgb;
+        let frame = Frame {
+            ground,
+            placed: &self.placed,
+            bounds,
+            view,
+            planes: &self.planes,
+            colors,
+            picture,
+            sky: u32::from_le_bytes([r, g, b, 255]),
+            highest: if has_ground { ground.highest_voxel_m() - from_datum } else { f32::NEG_INFINITY },
+        };
+        let coherence = match options.method {
+            Method::Coherent | Method::Mipmap => Coherence::Proven,
+            Method::Plain => Coherence::Plain,
+            Method::ForwardOnly => Coherence::ForwardOnly,
+        };
+        // A hundredth more for the rounding of directions.
+        let line_options = LineOptions { coherence, steepest_squared: (1.01 * ground.steepest()).powi(2) };
+        let lines = &self.lines;
+        let count = self.workers.count();
+        self.workers.run(|worker| {
+            let mut counts = Counts::default();
+            for first in (worker * LINES_AT_A_TIME..lines.count()).step_by(count * LINES_AT_A_TIME) {
+                for line in first..lines.count().min(first + LINES_AT_A_TIME) {
+                    let pixels = lines.pixels(line);
+                    counts = counts
+                        + match (options.method, options.is_approximate) {
+                            (Method::Mipmap, _) => frame.cast_exact(&line_options, pixels),
+                            (_, true) => frame.cast_line::<true>(&line_options, pixels),
+                            (_, false) => frame.cast_line::<false>(&line_options, pixels),
+                        };
+                }
+            }
+            counts
+        })
+    }
+
+    /// How many threads there are.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        self.workers.count()
+    }
+}

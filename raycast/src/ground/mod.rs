@@ -1,0 +1,365 @@
+//! The ground that rays are cast on: tiles of heights, side by side, of any mixture of levels, made into voxels.
+//!
+//! A tile of `n` x `n` cells has `(n + 1)²` columns of voxels, one per elevation post; a voxel is as high as it is wide,
+//! and layers are counted from the same height for all tiles of a level, so that two tiles have equal columns on the edge
+//! that they share. Per cell of four columns the *boundary array* has the lowest and the highest boundary cell: below them
+//! is ground, above them air.
+
+mod density;
+mod model;
+mod tree;
+
+pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
+pub(crate) use model::{LOG_BLOCK, Span};
+pub(crate) use tree::{Found, Link};
+
+use crate::color::{ColorLayout, ColorPlace};
+use tree::Tree;
+
+/// Geometry that all tiles of a ground share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundShape {
+    /// Side of a node of level 0, lattice units (elevation posts of level 0): a power of two.
+    pub side: u32,
+    /// Distance of two lattice points, metres.
+    pub lattice_unit_m: f64,
+    /// Levels of the quad tree.
+    pub levels: u8,
+    /// Layers of colour.
+    pub color: ColorLayout,
+    /// How densities are made.
+    pub filter: Filter,
+}
+
+/// A tile to be added to a ground.
+#[derive(Debug, Clone, Copy)]
+pub struct TileSpec<'a> {
+    /// Lower left corner of its node, lattice units.
+    pub origin: [u32; 2],
+    /// Level of the node: its side is `side << level`.
+    pub level: u8,
+    /// log2 of the distance of its posts, lattice units.
+    pub log_spacing: u8,
+    /// Cells that it has east and north, at most those that fill its node.
+    pub cells: [u32; 2],
+    /// Heights of its posts, metres above `datum_m`, rows from south to north.
+    pub heights: &'a [f32],
+    /// Heights from row to row, at least `cells[0] + 1`.
+    pub stride: usize,
+    /// What heights are above, metres in world coordinates (the eye's height for elevation arrays of the ring).
+    pub datum_m: f64,
+    /// Its colours.
+    pub color: ColorPlace,
+    /// Whether it gets voxels of its own. Without, it is drawn by the boundary array alone.
+    pub is_accurate: bool,
+}
+
+/// Why a tile is not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GroundError {
+    /// Its place is not a node's.
+    #[error("a tile of level {level} at {origin:?} is no node of the ground's {levels} levels")]
+    Place {
+        /// Lower left corner.
+        origin: [u32; 2],
+        /// Level.
+        level: u8,
+        /// How many there are.
+        levels: u8,
+    },
+    /// It has no cells, or more than fill its node, or fewer heights than cells.
+    #[error("a tile of {}x{} cells with {heights} heights does not fill its node", .cells[0], .cells[1])]
+    Cells {
+        /// Cells.
+        cells: [u32; 2],
+        /// Heights.
+        heights: usize,
+    },
+    /// A height is not a number.
+    #[error("height {index} of the tile at {origin:?} is no finite number")]
+    Height {
+        /// Lower left corner.
+        origin: [u32; 2],
+        /// Which.
+        index: usize,
+    },
+    /// Another tile is there.
+    #[error("the tile at {origin:?} covers another one")]
+    Occupied {
+        /// Lower left corner.
+        origin: [u32; 2],
+    },
+}
+
+/// A tile as rays see it. Heights are metres above the ground's datum.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tile {
+    /// Lower left corner, lattice units.
+    pub(crate) origin: [u32; 2],
+    pub(crate) log_spacing: u8,
+    pub(crate) spacing_m: f32,
+    pub(crate) cells: [u32; 2],
+    /// Where its arrays begin.
+    pub(crate) heights_at: usize,
+    pub(crate) spans_at: usize,
+    pub(crate) densities_at: usize,
+    pub(crate) maxima_at: usize,
+    pub(crate) blocks_at: usize,
+    /// Voxels of a column.
+    pub(crate) layers: u32,
+    /// Height of its lowest layer, voxels above height 0 in world coordinates.
+    pub(crate) lowest_layer: i32,
+    pub(crate) highest_m: f32,
+    pub(crate) is_accurate: bool,
+    pub(crate) color: ColorPlace,
+}
+
+impl Tile {
+    pub(crate) fn posts(&self) -> [usize; 2] {
+        self.cells.map(|n| n as usize + 1)
+    }
+}
+
+/// Tiles side by side. All memory is kept from frame to frame: a ground of the size of the last one allocates nothing.
+#[derive(Debug)]
+pub struct Ground {
+    shape: GroundShape,
+    datum_m: f64,
+    tiles: Vec<Tile>,
+    tree: Tree,
+    heights: Vec<f32>,
+    spans: Vec<Span>,
+    densities: Vec<u8>,
+    maxima: Vec<f32>,
+    blocks: Vec<u16>,
+    scratch: model::Scratch,
+    steepest: f32,
+    lowest_m: f32,
+    highest_m: f32,
+    highest_voxel_m: f32,
+    end: [u32; 2],
+}
+
+impl Ground {
+    /// An empty ground.
+    #[must_use]
+    pub fn new(shape: GroundShape) -> Self {
+        let mut ground = Self {
+            shape,
+            datum_m: 0.0,
+            tiles: Vec::new(),
+            tree: Tree::default(),
+            heights: Vec::new(),
+            spans: Vec::new(),
+            densities: Vec::new(),
+            maxima: Vec::new(),
+            blocks: Vec::new(),
+            scratch: model::Scratch::default(),
+            steepest: 0.0,
+            lowest_m: 0.0,
+            highest_m: 0.0,
+            highest_voxel_m: 0.0,
+            end: [0; 2],
+        };
+        ground.clear(0.0);
+        ground
+    }
+
+    /// Its geometry.
+    #[must_use]
+    pub fn shape(&self) -> &GroundShape {
+        &self.shape
+    }
+
+    /// Takes all tiles away. Those that come are kept as metres above `datum_m`, which is best near the eye's height.
+    pub fn clear(&mut self, datum_m: f64) {
+        self.datum_m = datum_m;
+        self.tiles.clear();
+        self.tree.clear(self.shape.side.ilog2(), u32::from(self.shape.levels.max(1)) - 1);
+        self.heights.clear();
+        self.spans.clear();
+        self.densities.clear();
+        self.maxima.clear();
+        self.blocks.clear();
+        self.steepest = 0.0;
+        self.lowest_m = f32::INFINITY;
+        self.highest_m = f32::NEG_INFINITY;
+        self.highest_voxel_m = f32::NEG_INFINITY;
+        self.end = [0; 2];
+    }
+
+    /// Adds a tile. [`Ground::finish`] makes rays see it.
+    ///
+    /// # Errors
+    /// [`GroundError`]; the ground is as before.
+    pub fn add(&mut self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
+        let TileSpec { origin, level, cells, stride, .. } = *spec;
+        let levels = self.shape.levels;
+        let log_node = self.shape.side.ilog2() + u32::from(level);
+        let log_root = self.shape.side.ilog2() + u32::from(levels) - 1;
+        let is_place = level < levels
+            && log_root < 32
+            && origin.iter().all(|v| v % (1 << log_node) == 0)
+            && origin.iter().all(|v| u64::from(*v) < 1 << log_root);
+        if !is_place {
+            return Err(GroundError::Place { origin, level, levels });
+        }
+        let is_filled = |n: u32| n > 0 && u64::from(n) << spec.log_spacing <= 1 << log_node;
+        let needed = cells[1] as usize * stride + cells[0] as usize + 1;
+        if !cells.iter().all(|n| is_filled(*n)) || stride <= cells[0] as usize || spec.heights.len() < needed {
+            return Err(GroundError::Cells { cells, heights: spec.heights.len() });
+        }
+        let heights_at = self.heights.len();
+        let offset = spec.datum_m - self.datum_m;
+        let (mut lowest_m, mut highest_m) = (f32::INFINITY, f32::NEG_INFINITY);
+        for row in 0..=cells[1] as usize {
+            for &height in &spec.heights[row * stride..][..=cells[0] as usize] {
+                let height = (f64::from(height) + offset) as f32;
+                lowest_m = lowest_m.min(height);
+                highest_m = highest_m.max(height);
+                self.heights.push(height);
+            }
+        }
+        let added = &self.heights[heights_at..];
+        if let Some(index) = added.iter().position(|height| !height.is_finite()) {
+            self.heights.truncate(heights_at);
+            return Err(GroundError::Height { origin, index });
+        }
+        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, highest_m).is_err() {
+            self.heights.truncate(heights_at);
+            return Err(GroundError::Occupied { origin });
+        }
+        self.lowest_m = self.lowest_m.min(lowest_m);
+        self.highest_m = self.highest_m.max(highest_m);
+        for (axis, end) in self.end.iter_mut().enumerate() {
+            *end = (*end).max(origin[axis] + (cells[axis] << spec.log_spacing));
+        }
+        self.tiles.push(Tile {
+            origin,
+            log_spacing: spec.log_spacing,
+            spacing_m: (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32,
+            cells,
+            heights_at,
+            spans_at: 0,
+            densities_at: 0,
+            maxima_at: 0,
+            blocks_at: 0,
+            layers: 0,
+            lowest_layer: 0,
+            highest_m,
+            is_accurate: spec.is_accurate,
+            color: spec.color,
+        });
+        Ok(())
+    }
+
+    /// Makes the models of all tiles that were added: densities, boundary arrays, maxima.
+    pub fn finish(&mut self) {
+        for index in 0..self.tiles.len() {
+            self.make_model(index);
+        }
+    }
+
+    /// Number of tiles.
+    #[must_use]
+    pub fn tile_count(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// Bytes of all models.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.densities.len() + size_of_val(&self.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
+    }
+
+    /// The steepest slope that rays can meet, metres up per metre: an upper bound over all cells.
+    #[must_use]
+    pub fn steepest(&self) -> f32 {
+        self.steepest
+    }
+
+    /// What heights are above, world coordinates.
+    #[must_use]
+    pub fn datum_m(&self) -> f64 {
+        self.datum_m
+    }
+
+    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there are no tiles.
+    #[must_use]
+    pub fn range_m(&self) -> [f32; 2] {
+        [self.lowest_m, self.highest_m]
+    }
+
+    /// The top of the highest boundary cell, metres above the datum.
+    pub(crate) fn highest_voxel_m(&self) -> f32 {
+        self.highest_voxel_m
+    }
+
+    /// One past the tiles, east and north, lattice units.
+    pub(crate) fn end(&self) -> [u32; 2] {
+        self.end
+    }
+
+    pub(crate) fn tiles(&self) -> &[Tile] {
+        &self.tiles
+    }
+
+    pub(crate) fn tree(&self) -> &Tree {
+        &self.tree
+    }
+
+    pub(crate) fn heights(&self, tile: &Tile) -> &[f32] {
+        let [columns, rows] = tile.posts();
+        &self.heights[tile.heights_at..][..columns * rows]
+    }
+
+    pub(crate) fn spans(&self, tile: &Tile) -> &[Span] {
+        &self.spans[tile.spans_at..][..tile.cells[0] as usize * tile.cells[1] as usize]
+    }
+
+    pub(crate) fn densities(&self, tile: &Tile) -> &[u8] {
+        let [columns, rows] = tile.posts();
+        let bytes = if tile.is_accurate { columns * rows * tile.layers as usize } else { 0 };
+        &self.densities[tile.densities_at..][..bytes]
+    }
+
+    /// The highest boundary cell of blocks of `1 << LOG_BLOCK` cells a side.
+    pub(crate) fn blocks(&self, tile: &Tile) -> &[u16] {
+        &self.blocks[tile.blocks_at..]
+    }
+
+    pub(crate) fn maxima(&self, tile: &Tile) -> &[f32] {
+        &self.maxima[tile.maxima_at..]
+    }
+
+    /// Height of the surface at a point, bilinear, metres above the datum; `None` where no tile is. Lattice units.
+    #[must_use]
+    pub fn height_at(&self, point: [f64; 2]) -> Option<f32> {
+        match self.tree.find(point) {
+            Found::Tile(tile) => Some(self.height_in(&self.tiles[tile as usize], point)),
+            Found::Hole(..) | Found::Outside => None,
+        }
+    }
+
+    /// Bilinear height in a tile; a point outside of its cells is taken to their border.
+    fn height_in(&self, tile: &Tile, point: [f64; 2]) -> f32 {
+        let unit = f64::from(1u32 << tile.log_spacing);
+        let place = |axis: usize| {
+            let at = (point[axis] - f64::from(tile.origin[axis])) / unit;
+            let at = at.clamp(0.0, f64::from(tile.cells[axis]));
+            let cell = (at as usize).min(tile.cells[axis] as usize - 1);
+            (cell, (at - cell as f64) as f32)
+        };
+        let ((i, u), (j, v)) = (place(0), place(1));
+        let stride = tile.posts()[0];
+        let heights = self.heights(tile);
+        let z = |i: usize, j: usize| heights[j * stride + i];
+        let south = z(i, j) + (z(i + 1, j) - z(i, j)) * u;
+        let north = z(i, j + 1) + (z(i + 1, j + 1) - z(i, j + 1)) * u;
+        south + (north - south) * v
+    }
+}
+
+#[cfg(test)]
+mod tests;

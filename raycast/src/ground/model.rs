@@ -1,0 +1,224 @@
+//! What is made of a tile's heights: voxel densities, the boundary array, and maxima.
+
+use super::density::{Column, THRESHOLD};
+use super::{Found, Ground, Tile};
+
+/// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the lowest one is ground, the
+/// whole upper face of the highest one air.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Span {
+    /// Lowest boundary cell.
+    pub(crate) lowest: u16,
+    /// Highest boundary cell.
+    pub(crate) highest: u16,
+}
+
+/// Layers below and above what a tile's surface needs, so that samples an interval away from it are still graded.
+const MARGIN: i32 = 3;
+/// A tile with more layers (a cliff of a hundred times its own width) gets no voxels.
+const MOST_LAYERS: usize = 4096;
+/// log2 of the cells along a side of a block of the skipping array.
+pub(crate) const LOG_BLOCK: u32 = 4;
+
+/// One tile's intermediate values, in memory that is used again.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    /// Heights of the tile and around it, layers of the tile.
+    around: Vec<f32>,
+    /// Of each column the highest voxel that is ground.
+    tops: Vec<u16>,
+    /// Of each column the upward part of the normal.
+    ups: Vec<f32>,
+    column: Vec<u8>,
+}
+
+impl Ground {
+    /// Makes the model of a tile; the heights of all tiles are there.
+    pub(super) fn make_model(&mut self, index: usize) {
+        let filter = self.shape.filter;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let tile = self.tiles[index];
+        let [columns, rows] = tile.posts();
+        let radius = filter.radius();
+        let stride = columns + 2 * radius;
+        self.gather(&tile, radius, &mut scratch.around);
+        // In double precision: layers of neighbouring tiles have to lie at the same heights.
+        let scale = 1.0 / f64::from(tile.spacing_m);
+        let in_voxels = |height: f32| (f64::from(height) + self.datum_m) * scale;
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for &height in &scratch.around {
+            low = low.min(in_voxels(height));
+            high = high.max(in_voxels(height));
+        }
+        let lowest_layer = low.floor() as i32 - MARGIN;
+        let layers = (high.ceil() - f64::from(lowest_layer)) as usize + MARGIN as usize + 1;
+        for height in &mut scratch.around {
+            *height = (in_voxels(*height) - f64::from(lowest_layer)) as f32;
+        }
+        let is_accurate = tile.is_accurate && layers <= MOST_LAYERS;
+        let (spans_at, blocks_at) = (self.spans.len(), self.blocks.len());
+        let densities_at = self.densities.len();
+        let model =
+            Tile { lowest_layer, is_accurate, layers: layers as u32, spans_at, blocks_at, densities_at, ..tile };
+        if is_accurate {
+            self.densities.resize(densities_at + columns * rows * layers, 0);
+        }
+        scratch.tops.clear();
+        scratch.ups.clear();
+        scratch.column.resize(layers, 0);
+        for j in 0..rows {
+            for i in 0..columns {
+                let at = (j + radius) * stride + i + radius;
+                let column = Column { heights: &scratch.around, stride, at };
+                scratch.ups.push(column.normal_up());
+                let voxels = if is_accurate {
+                    let at = densities_at + (j * columns + i) * layers;
+                    &mut self.densities[at..at + layers]
+                } else {
+                    &mut scratch.column
+                };
+                column.fill(filter, voxels);
+                scratch.tops.push(top(voxels));
+            }
+        }
+        self.steepest = self.steepest.max(self.push_spans(&model, &scratch, radius));
+        self.push_blocks(&model);
+        let maxima_at = self.push_maxima(&model);
+        self.tiles[index] = Tile { maxima_at, ..model };
+        self.scratch = scratch;
+    }
+
+    /// Heights of a tile's posts and of `radius` more on each side, metres above the datum: those of its neighbours, so that
+    /// two tiles of a level make the same of an edge that they share. Where no neighbour is, the border goes on.
+    fn gather(&self, tile: &Tile, radius: usize, out: &mut Vec<f32>) {
+        out.clear();
+        let [columns, rows] = tile.posts();
+        let heights = self.heights(tile);
+        let radius = radius as i64;
+        for j in -radius..rows as i64 + radius {
+            for i in -radius..columns as i64 + radius {
+                let inside = |at: i64, count: usize| at.clamp(0, count as i64 - 1);
+                let (x, y) = (inside(i, columns), inside(j, rows));
+                let own = heights[y as usize * columns + x as usize];
+                let neighbour = |post| self.neighbour_height(tile, post);
+                out.push(match (x, y) == (i, j) {
+                    true => own,
+                    // Past the corner of two tiles at the border of all ground, the border goes on as well.
+                    false => {
+                        neighbour([i, j]).or_else(|| neighbour([i, y])).or_else(|| neighbour([x, j])).unwrap_or(own)
+                    }
+                });
+            }
+        }
+    }
+
+    /// Height of a post outside of a tile, given by its column and row in it.
+    fn neighbour_height(&self, tile: &Tile, post: [i64; 2]) -> Option<f32> {
+        let unit = 1i64 << tile.log_spacing;
+        let point = [0, 1].map(|axis| (i64::from(tile.origin[axis]) + post[axis] * unit) as f64);
+        // A post on the border of two tiles belongs to both; the one that is nearer to this tile surely has it.
+        let nudge = [0, 1].map(|axis| if post[axis] > 0 { point[axis] - 0.5 } else { point[axis] });
+        match self.tree.find(nudge) {
+            Found::Tile(neighbour) => {
+                let neighbour = &self.tiles[neighbour as usize];
+                let end = |axis: usize| {
+                    f64::from(neighbour.origin[axis])
+                        + f64::from(neighbour.cells[axis]) * f64::from(1u32 << neighbour.log_spacing)
+                };
+                (point[0] <= end(0) && point[1] <= end(1)).then(|| self.height_in(neighbour, point))
+            }
+            Found::Hole(..) | Found::Outside => None,
+        }
+    }
+
+    /// The boundary array of a tile; returns its steepest slope.
+    fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, radius: usize) -> f32 {
+        let [columns, rows] = tile.posts();
+        let stride = columns + 2 * radius;
+        let mut steepest = 0.0f32;
+        for j in 0..rows - 1 {
+            for i in 0..columns - 1 {
+                let at = j * columns + i;
+                let corners = [at, at + 1, at + columns, at + columns + 1];
+                let (mut lowest, mut highest) = (u16::MAX, 0);
+                let (mut least_up, mut most_up) = (1.0f32, 0.0f32);
+                for corner in corners {
+                    lowest = lowest.min(scratch.tops[corner]);
+                    highest = highest.max(scratch.tops[corner]);
+                    least_up = least_up.min(scratch.ups[corner]);
+                    most_up = most_up.max(scratch.ups[corner]);
+                }
+                self.spans.push(Span { lowest, highest });
+                let at = (j + radius) * stride + i + radius;
+                let corners = [at, at + 1, at + stride, at + stride + 1].map(|at| scratch.around[at]);
+                let range = corners.into_iter().fold(f32::NEG_INFINITY, f32::max)
+                    - corners.into_iter().fold(f32::INFINITY, f32::min);
+                // Between columns whose densities fall at different rates the surface is a mean of heights weighted by
+                // these rates; the range of the corners bounds the slope of an unweighted mean.
+                steepest = steepest.max(range * most_up / least_up);
+            }
+        }
+        steepest
+    }
+
+    /// The highest boundary cell of blocks of cells.
+    fn push_blocks(&mut self, tile: &Tile) {
+        let [columns, rows] = tile.cells.map(|n| n as usize);
+        let side = 1usize << LOG_BLOCK;
+        for south in (0..rows).step_by(side) {
+            for west in (0..columns).step_by(side) {
+                let mut highest = 0;
+                for j in south..rows.min(south + side) {
+                    let row = &self.spans[tile.spans_at + j * columns..];
+                    highest = row[west..columns.min(west + side)].iter().fold(highest, |h, span| h.max(span.highest));
+                }
+                self.blocks.push(highest);
+                let top = f64::from(tile.lowest_layer) + f64::from(highest) + 1.0;
+                let top_m = (top * f64::from(tile.spacing_m) - self.datum_m) as f32;
+                self.highest_voxel_m = self.highest_voxel_m.max(top_m);
+            }
+        }
+    }
+
+    /// The highest post of blocks of 2, 4, 8, … cells a side, their borders included, until one block is all.
+    fn push_maxima(&mut self, tile: &Tile) -> usize {
+        let start = self.maxima.len();
+        let [columns, rows] = tile.posts();
+        let mut cells = tile.cells.map(|n| n as usize);
+        let mut finer = start;
+        let mut level = 0;
+        while cells.into_iter().max() > Some(1) {
+            let coarser = cells.map(|n| n.div_ceil(2));
+            let end = self.maxima.len();
+            for j in 0..coarser[1] {
+                for i in 0..coarser[0] {
+                    let mut highest = f32::NEG_INFINITY;
+                    if level == 0 {
+                        for row in 2 * j..=(2 * j + 2).min(rows - 1) {
+                            let row = &self.heights[tile.heights_at + row * columns..][..columns];
+                            let posts = &row[2 * i..=(2 * i + 2).min(columns - 1)];
+                            highest = posts.iter().copied().fold(highest, f32::max);
+                        }
+                    } else {
+                        for row in 2 * j..(2 * j + 2).min(cells[1]) {
+                            for column in 2 * i..(2 * i + 2).min(cells[0]) {
+                                highest = highest.max(self.maxima[finer + row * cells[0] + column]);
+                            }
+                        }
+                    }
+                    self.maxima.push(highest);
+                }
+            }
+            finer = end;
+            cells = coarser;
+            level += 1;
+        }
+        start
+    }
+}
+
+/// The highest voxel of a column that is ground; 0 for a column of air, which there is none of.
+fn top(voxels: &[u8]) -> u16 {
+    let top = voxels.iter().rposition(|&density| f32::from(density) > THRESHOLD);
+    top.unwrap_or(0).min(usize::from(u16::MAX)) as u16
+}

@@ -1,0 +1,163 @@
+//! Which tile is at a point: a quad tree of the tiles, and the highest ground below each of its nodes.
+
+/// What a link of the tree leads to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Link {
+    /// Nothing.
+    Empty,
+    /// The tile of this index.
+    Tile(u32),
+    /// The node of this index.
+    Node(u32),
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    pub(crate) children: [Link; 4],
+    /// Highest ground below it, metres above the datum.
+    pub(crate) highest_m: f32,
+}
+
+/// Where a descent ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Found {
+    /// In a tile.
+    Tile(u32),
+    /// In a square without tiles: its lower left corner and log2 of its side, lattice units.
+    Hole([u32; 2], u32),
+    /// Outside of the root.
+    Outside,
+}
+
+/// The tree. Level 0 nodes have sides of `2^log_side` lattice units.
+#[derive(Debug, Default)]
+pub(crate) struct Tree {
+    nodes: Vec<Node>,
+    root: Option<Link>,
+    log_side: u32,
+    root_level: u32,
+}
+
+/// A tile is there already, or below or above the place of another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Occupied;
+
+impl Tree {
+    pub(crate) fn clear(&mut self, log_side: u32, root_level: u32) {
+        self.nodes.clear();
+        self.root = None;
+        self.log_side = log_side;
+        self.root_level = root_level;
+    }
+
+    pub(crate) fn root(&self) -> Link {
+        self.root.unwrap_or(Link::Empty)
+    }
+
+    pub(crate) fn root_level(&self) -> u32 {
+        self.root_level
+    }
+
+    pub(crate) fn log_side(&self) -> u32 {
+        self.log_side
+    }
+
+    pub(crate) fn node(&self, index: u32) -> &Node {
+        &self.nodes[index as usize]
+    }
+
+    /// The child of a node that holds a point, of side `2^log`.
+    pub(crate) fn child(&self, node: u32, point: [u32; 2], log: u32) -> Link {
+        self.node(node).children[child(point, log)]
+    }
+
+    /// Puts a tile of `level` at its origin, lattice units.
+    pub(crate) fn insert(&mut self, origin: [u32; 2], level: u32, tile: u32, highest_m: f32) -> Result<(), Occupied> {
+        let mut place: Option<(usize, usize)> = None;
+        let mut at = self.root_level;
+        loop {
+            let link = match place {
+                None => self.root.unwrap_or(Link::Empty),
+                Some((node, child)) => self.nodes[node].children[child],
+            };
+            if at == level {
+                if link != Link::Empty {
+                    return Err(Occupied);
+                }
+                self.set(place, Link::Tile(tile));
+                return Ok(());
+            }
+            let node = match link {
+                Link::Tile(_) => return Err(Occupied),
+                Link::Node(node) => node as usize,
+                Link::Empty => {
+                    self.nodes.push(Node { children: [Link::Empty; 4], highest_m: f32::NEG_INFINITY });
+                    let node = self.nodes.len() - 1;
+                    self.set(place, Link::Node(node as u32));
+                    node
+                }
+            };
+            self.nodes[node].highest_m = self.nodes[node].highest_m.max(highest_m);
+            at -= 1;
+            place = Some((node, child(origin, self.log_side + at)));
+        }
+    }
+
+    fn set(&mut self, place: Option<(usize, usize)>, link: Link) {
+        match place {
+            None => self.root = Some(link),
+            Some((node, child)) => self.nodes[node].children[child] = link,
+        }
+    }
+
+    /// The tile at a point, lattice units.
+    pub(crate) fn find(&self, point: [f64; 2]) -> Found {
+        let side = (1u64 << (self.log_side + self.root_level)) as f64;
+        if !point.iter().all(|v| (0.0..side).contains(v)) {
+            return Found::Outside;
+        }
+        let point = point.map(|v| v as u32);
+        let mut link = self.root();
+        let mut log = self.log_side + self.root_level;
+        loop {
+            match link {
+                Link::Tile(tile) => return Found::Tile(tile),
+                Link::Empty => return Found::Hole(point.map(|v| (v >> log) << log), log),
+                Link::Node(node) => {
+                    log -= 1;
+                    link = self.nodes[node as usize].children[child(point, log)];
+                }
+            }
+        }
+    }
+}
+
+/// Which child of its parent the node of side `2^log` is that holds a point.
+fn child(point: [u32; 2], log: u32) -> usize {
+    ((point[0] >> log) & 1 | ((point[1] >> log) & 1) << 1) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_of_several_levels_are_found_and_holes_have_their_size() {
+        let mut tree = Tree::default();
+        tree.clear(4, 2);
+        tree.insert([0, 0], 1, 7, 5.0).unwrap();
+        tree.insert([48, 32], 0, 8, 9.0).unwrap();
+        assert_eq!(tree.insert([16, 0], 0, 9, 1.0), Err(Occupied));
+        assert_eq!(tree.insert([32, 32], 1, 9, 1.0), Err(Occupied));
+        assert_eq!(tree.find([31.9, 0.0]), Found::Tile(7));
+        assert_eq!(tree.find([48.0, 47.5]), Found::Tile(8));
+        assert_eq!(tree.find([47.9, 47.5]), Found::Hole([32, 32], 4));
+        assert_eq!(tree.find([33.0, 31.0]), Found::Hole([32, 0], 5));
+        assert_eq!((tree.find([64.0, 0.0]), tree.find([0.0, -0.1])), (Found::Outside, Found::Outside));
+        let Link::Node(root) = tree.root() else { panic!("the root has children") };
+        assert_eq!(tree.node(root).highest_m, 9.0);
+        tree.clear(9, 0);
+        tree.insert([0, 0], 0, 0, 1.0).unwrap();
+        assert_eq!(tree.find([511.0, 3.0]), Found::Tile(0));
+    }
+}

@@ -1,0 +1,35 @@
+//! Voxel ray casting on the processor (voxel-flythrough-1999): a second way to draw the ground, whose cost does not depend
+//! on how rough it is. No polygon, no graphics device, no other process.
+//!
+//! ```text
+//! heights, tile by tile ─▶ Ground: densities · boundary array · maxima     (ground/)
+//! camera ─▶ View: rays, planes ─▶ Lines: each pixel once, for any roll     (view, lines)
+//!                │
+//!                ▼  lines, interleaved over workers                        (caster, workers)
+//!          cast: from the bottom up, each ray from where the last one hit  (cast)
+//!          mipmap: one exact ray per pixel                                 (mipmap)
+//!                ▼
+//!          Picture: colour and depth
+//! ```
+//!
+//! A [`ground::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots, or tiles of a
+//! database. Colours stay where they are, a [`color::ColorSource`] hands out the bytes. [`caster::Caster::draw`]
+//! allocates nothing from the second frame of a size on.
+
+#![forbid(unsafe_code)]
+
+pub mod cast;
+pub mod caster;
+pub mod color;
+mod frame;
+pub mod ground;
+pub mod lines;
+mod mipmap;
+pub mod picture;
+pub mod view;
+pub mod workers;
+pub mod world;
+
+pub use cast::{Coherence, Counts};
+pub use caster::{CastOptions, Caster, Method};
+pub use picture::Picture;

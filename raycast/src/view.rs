@@ -1,0 +1,241 @@
+//! From a camera to rays, and the planes that they are sampled on.
+//!
+//! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along a *guide*, a direction
+//! in the vertical plane of the view axis that is as level as the picture allows: samples of one `s` lie in a nearly
+//! vertical plane, and a ray that is higher in the picture passes it nearly above the lower one. That is what makes
+//! coherence provable (see [`crate::cast`]).
+
+use glam::{DVec3, Vec3};
+use terravision_common::camera::Camera;
+
+/// Rays are at most this far from the guide, as long as the field of view allows.
+const WIDEST_RAD: f64 = 60.0 / 180.0 * std::f64::consts::PI;
+/// Beyond, rays are sampled more coarsely instead: `D` is never longer than one over this.
+const LEAST_ALONG_GUIDE: f32 = 0.25;
+
+/// A frame's rays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    eye_in_world: DVec3,
+    /// Direction through the centre of the upper left pixel, of depth 1, and its change per column and row.
+    first: Vec3,
+    per_column: Vec3,
+    per_row: Vec3,
+    guide: Vec3,
+    /// Depth of a sample at s = 1 on the view axis.
+    forward_along_guide: f32,
+    focal_px: f32,
+}
+
+/// One ray: `eye + s·direction`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Per unit of s, world space.
+    pub direction: Vec3,
+    /// Metres along the view axis per unit of s.
+    pub depth: f32,
+}
+
+impl Ray {
+    /// Whether, at every parameter, this ray is so far above another one that the ground cannot rise from the other to
+    /// this one. `steepest_squared`: the square of a slope that no ground exceeds.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_above(&self, other: &Self, steepest_squared: f32) -> bool {
+        let by = self.direction - other.direction;
+        by.z > 0.0 && by.z * by.z >= steepest_squared * (by.x * by.x + by.y * by.y)
+    }
+}
+
+impl View {
+    /// The rays of a camera, which is valid ([`Camera::is_valid`]).
+    #[must_use]
+    pub fn new(camera: &Camera) -> Self {
+        let [_, _, forward] = camera.axes_in_world();
+        let at = |x: f64, y: f64| camera.ray_in_world(x + 0.5, y + 0.5);
+        let first = at(0.0, 0.0);
+        let [tan_x, tan_y] = camera.half_tangents();
+        let half_diagonal = tan_x.hypot(tan_y).atan();
+        // The steepest ray, whichever way the camera rolls, decides how far the guide tips down (or up).
+        let steepest = camera.pitch_rad.sin().asin();
+        let tip = (steepest.abs() + half_diagonal - WIDEST_RAD).clamp(0.0, steepest.abs()).copysign(steepest);
+        // A camera past the vertical looks over its back: the guide lies on the view axis' side.
+        let side = if camera.pitch_rad.cos() < 0.0 { -1.0 } else { 1.0 };
+        let (sin, cos) = camera.heading_rad.sin_cos();
+        let guide = DVec3::new(side * sin * tip.cos(), side * cos * tip.cos(), tip.sin());
+        Self {
+            eye_in_world: camera.eye(),
+            first: first.as_vec3(),
+            per_column: (at(1.0, 0.0) - first).as_vec3(),
+            per_row: (at(0.0, 1.0) - first).as_vec3(),
+            guide: guide.as_vec3(),
+            forward_along_guide: forward.dot(guide) as f32,
+            focal_px: camera.focal_px() as f32,
+        }
+    }
+
+    /// The eye, world space.
+    #[must_use]
+    pub fn eye_in_world(&self) -> DVec3 {
+        self.eye_in_world
+    }
+
+    /// Pixels per metre at a depth of one metre.
+    #[must_use]
+    pub fn focal_px(&self) -> f32 {
+        self.focal_px
+    }
+
+    /// What a length on the view axis is in s.
+    #[must_use]
+    pub fn s_per_depth(&self) -> f32 {
+        self.forward_along_guide
+    }
+
+    /// Direction of depth 1 through a pixel's centre.
+    #[inline(always)]
+    #[must_use]
+    pub fn direction(&self, [x, y]: [u32; 2]) -> Vec3 {
+        self.first + self.per_column * x as f32 + self.per_row * y as f32
+    }
+
+    /// Directions of depth 1 change by this from column to column and from row to row.
+    #[must_use]
+    pub fn steps(&self) -> [Vec3; 2] {
+        [self.per_column, self.per_row]
+    }
+
+    /// The ray through a pixel's centre.
+    #[inline(always)]
+    #[must_use]
+    pub fn ray(&self, pixel: [u32; 2]) -> Ray {
+        let direction = self.direction(pixel);
+        let along = direction.dot(self.guide);
+        let least = LEAST_ALONG_GUIDE * LEAST_ALONG_GUIDE * direction.length_squared();
+        let along = if along > 0.0 && along * along > least { along } else { least.sqrt() };
+        let depth = 1.0 / along;
+        Ray { direction: direction * depth, depth }
+    }
+}
+
+/// The parameters that rays are sampled at: a sampling interval apart, in voxels of the finest level nearby, and of the
+/// level that the screen's resolution asks for further off.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Planes {
+    s: Vec<f32>,
+    /// Planes per unit of s where they are evenly spaced: from 0 to `even_end`.
+    even_per_s: f32,
+    even_end: f32,
+}
+
+/// How densely rays are sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampling {
+    /// Voxels from sample to sample on the view axis.
+    pub interval_voxels: f32,
+    /// Wanted size of a voxel on screen, pixels: how sampling grows with distance. 0: it does not.
+    pub voxel_px: f32,
+}
+
+impl Planes {
+    /// Most planes: 0.6 voxels apart, about as many as a ray through a thousand tiles of 16 cells takes.
+    pub const MOST: usize = 1 << 15;
+
+    /// Sets them for a view, out to parameter `far`; `finest_m` is the side of the finest voxels.
+    pub fn set(&mut self, view: &View, sampling: &Sampling, finest_m: f32, far: f32) {
+        self.s.clear();
+        let per_depth = view.s_per_depth();
+        let nearest = f64::from(sampling.interval_voxels * finest_m * per_depth);
+        let growth = f64::from(sampling.interval_voxels * sampling.voxel_px / view.focal_px());
+        self.even_per_s = (1.0 / nearest) as f32;
+        self.even_end = if growth > 0.0 { (nearest / growth) as f32 } else { f32::INFINITY };
+        let mut s = 0.0f64;
+        while s < f64::from(far) && self.s.len() < Self::MOST {
+            self.s.push(s as f32);
+            s += nearest.max(growth * s);
+        }
+    }
+
+    /// The parameters, rising from 0.
+    #[must_use]
+    pub fn s(&self) -> &[f32] {
+        &self.s
+    }
+
+    /// The first plane at or after a parameter.
+    #[must_use]
+    #[inline(always)]
+    pub fn at_or_after(&self, s: f32) -> u32 {
+        if s <= 0.0 {
+            return 0;
+        }
+        if s < self.even_end {
+            // One early, and on from there: rounding.
+            let from = ((s * self.even_per_s) as u32).saturating_sub(1);
+            let near = self.s.get(from as usize..from as usize + 4);
+            if let Some(planes) = near
+                && planes[0] < s
+                && planes[3] >= s
+            {
+                return from + 1 + u32::from(planes[1] < s) + u32::from(planes[2] < s);
+            }
+        }
+        self.s.partition_point(|&plane| plane < s) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn rays_are_those_of_the_camera_and_no_sample_is_far_from_the_last(
+            heading in -7.0f64..7.0, pitch in -1.6f64..1.6, roll in -4.0f64..4.0, vfov in 0.1f64..1.4,
+            x in 0u32..320, y in 0u32..240,
+        ) {
+            let camera = Camera {
+                eye_in_world: [10.0, 20.0, 30.0], heading_rad: heading, pitch_rad: pitch, roll_rad: roll,
+                vfov_rad: vfov, width: 320, height: 240, timestamp_nanos: 0,
+            };
+            let view = View::new(&camera);
+            let wanted = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let ray = view.ray([x, y]);
+            let found = (ray.direction / ray.depth).as_dvec3();
+            prop_assert!((found - wanted).length() < 1e-5, "{found} {wanted}");
+            prop_assert!(ray.direction.length() <= 1.001 / LEAST_ALONG_GUIDE && ray.depth > 0.0);
+            prop_assert!(view.s_per_depth() > 0.49);
+        }
+    }
+
+    #[test]
+    fn planes_are_an_interval_apart_and_grow_where_voxels_become_small() {
+        let camera = Camera {
+            eye_in_world: [0.0; 3],
+            heading_rad: 0.0,
+            pitch_rad: -0.2,
+            roll_rad: 0.0,
+            vfov_rad: 0.8,
+            width: 640,
+            height: 480,
+            timestamp_nanos: 0,
+        };
+        let view = View::new(&camera);
+        let mut planes = Planes::default();
+        planes.set(&view, &Sampling { interval_voxels: 0.6, voxel_px: 1.0 }, 10.0, 100_000.0);
+        let s = planes.s();
+        let near = s[1] / view.s_per_depth();
+        assert!((near - 6.0).abs() < 1e-3 && s[0] == 0.0);
+        let grown = view.focal_px() * 10.0 * view.s_per_depth();
+        let k = planes.at_or_after(4.0 * grown) as usize;
+        assert!(((s[k + 1] - s[k]) / (s[1] - s[0]) - 4.0).abs() < 0.01);
+        assert!(s[k] >= 4.0 * grown && s[k - 1] < 4.0 * grown);
+        for at in (0..40_000).map(|n| n as f32 * 3.1) {
+            assert_eq!(planes.at_or_after(at), s.partition_point(|&plane| plane < at) as u32, "{at}");
+        }
+        for (k, at) in s.iter().enumerate() {
+            assert_eq!(planes.at_or_after(*at), k as u32);
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Threads that share a frame's lines.
+
+use std::ops::Add;
+
+/// Why there are no threads.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[error("cannot start {count} threads for rays: {source}")]
+pub struct WorkersError {
+    /// How many were wanted.
+    count: usize,
+    /// Why.
+    #[source]
+    source: rayon::ThreadPoolBuildError,
+}
+
+/// A fixed number of threads, the calling one being the first of them. They live until this is dropped; a frame that is
+/// shared between them allocates nothing.
+#[derive(Debug)]
+pub struct Workers {
+    count: usize,
+    pool: Option<rayon::ThreadPool>,
+}
+
+impl Workers {
+    /// Starts `count` threads, at least one.
+    ///
+    /// # Errors
+    /// The system gives none.
+    pub fn new(count: usize) -> Result<Self, WorkersError> {
+        let count = count.max(1);
+        if count == 1 {
+            return Ok(Self { count, pool: None });
+        }
+        let name = |index| format!("rays-{index}");
+        let builder = || rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(name);
+        // As a member of the pool the calling thread works instead of waiting, and hands work over without a queue that
+        // allocates. A thread is a member of one pool for ever; a second pool gets threads of its own.
+        let pool = builder().use_current_thread().build().or_else(|_| builder().build());
+        Ok(Self { count, pool: Some(pool.map_err(|source| WorkersError { count, source })?) })
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Has each worker do `work(its number)`, waits for all, adds up what they return.
+    pub fn run<T: Add<Output = T> + Send>(&self, work: impl Fn(usize) -> T + Sync) -> T {
+        match &self.pool {
+            None => work(0),
+            Some(pool) => pool.install(|| share(&work, 0, self.count)),
+        }
+    }
+}
+
+/// Halves until one worker's part is left: joins live on the stack.
+fn share<T: Add<Output = T> + Send>(work: &(impl Fn(usize) -> T + Sync), first: usize, end: usize) -> T {
+    if end - first == 1 {
+        return work(first);
+    }
+    let middle = first + (end - first) / 2;
+    let (a, b) = rayon::join(|| share(work, first, middle), || share(work, middle, end));
+    a + b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_worker_does_its_part_once() {
+        for count in [0, 1, 2, 3, 7] {
+            let workers = Workers::new(count).unwrap();
+            assert_eq!(workers.run(|n| 1u64 << (8 * n)), (0..count.max(1)).map(|n| 1u64 << (8 * n)).sum::<u64>());
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Coherent rays find what plain rays find: on ground and in poses where forward-only rays do not, too.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+mod support;
+
+use proptest::prelude::*;
+use support::{Field, UNIT_M, camera};
+use terravision_common::camera::Camera;
+use terravision_raycast::ground::Filter;
+use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+
+const SIZE: [u32; 2] = [96, 72];
+const CELLS: usize = 120;
+
+fn depths(field: &Field, side: usize, filter: Filter, camera: &Camera, method: Method) -> (Vec<f32>, Counts) {
+    let mut caster = Caster::new(1).unwrap();
+    let picture = Picture::new(SIZE);
+    let options = CastOptions { method, ..CastOptions::default() };
+    let counts = caster.draw(&field.ground(side, filter), &field.colors()[..], camera, &options, &picture);
+    (picture.depth().collect(), counts)
+}
+
+/// The longest sampling interval of a picture along the view axis: rays are sampled on common planes.
+fn interval_m(camera: &Camera) -> f32 {
+    let [tx, ty] = camera.half_tangents();
+    // The guide is at most 60 degrees from a ray and the view axis at most that far from the guide.
+    (0.6 * UNIT_M * 2.0 * (1.0 + tx * tx + ty * ty).sqrt()) as f32
+}
+
+/// Pixels at which two pictures of depth differ by more than a limit.
+fn count_different(a: &[f32], b: &[f32], limit: f32) -> usize {
+    let is_other = |a: f32, b: f32| a.is_nan() != b.is_nan() || (a - b).abs() > limit;
+    a.iter().zip(b).filter(|(a, b)| is_other(**a, **b)).count()
+}
+
+fn eye_over(field: &Field, x: f64, y: f64, height_m: f64) -> [f64; 3] {
+    let [x, y] = [x, y].map(|share| share * CELLS as f64 * UNIT_M);
+    [x, y, field.at(x, y).unwrap() + height_m]
+}
+
+#[test]
+fn beside_towers_forward_only_rays_miss_what_coherent_rays_find() {
+    let field = Field::towers(CELLS, 150.0, 5);
+    let mut missed = 0;
+    for (angles, vfov) in [
+        ([20.0, -35.0, 0.0], 70.0),
+        ([200.0, -50.0, 0.0], 80.0),
+        ([75.0, -30.0, 33.0], 60.0),
+        ([300.0, -20.0, 130.0], 60.0),
+        ([10.0, -85.0, -70.0], 60.0),
+    ] {
+        let camera = camera(eye_over(&field, 0.5, 0.45, 320.0), angles, vfov, SIZE);
+        let of = |method| depths(&field, 128, Filter::OrientedBox, &camera, method).0;
+        let plain = of(Method::Plain);
+        let limit = interval_m(&camera);
+        assert_eq!(count_different(&of(Method::Coherent), &plain, limit), 0, "{angles:?}");
+        missed += count_different(&of(Method::ForwardOnly), &plain, limit);
+    }
+    assert!(missed > 100, "the poses are such that it matters: {missed}");
+}
+
+#[test]
+fn on_natural_ground_nearly_every_ray_starts_where_another_one_hit() {
+    let field = Field::hills(CELLS, 300.0, 3);
+    let camera = camera(eye_over(&field, 0.5, 0.1, 400.0), [0.0, -30.0, 0.0], 45.0, SIZE);
+    let (_, counts) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
+    let (_, plain) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
+    assert!(counts.unproven * 20 < counts.rays, "{counts:?}");
+    assert!(counts.samples * 7 < plain.samples, "{counts:?} {plain:?}");
+    assert_eq!(counts.rays, u64::from(SIZE[0] * SIZE[1]));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn coherent_and_plain_rays_agree_within_a_sampling_interval(
+        seed in 0u64..1000, is_towers: bool, is_gaussian: bool, is_tiled: bool,
+        x in 0.05..0.95f64, y in 0.05..0.95f64, height in 20.0..500.0f64,
+        heading in 0.0..360.0f64, pitch in -90.0..30.0f64, roll in -180.0..180.0f64, vfov in 20.0..90.0f64,
+    ) {
+        let field = if is_towers { Field::towers(CELLS, 120.0, seed) } else { Field::hills(CELLS, 400.0, seed) };
+        let filter = if is_gaussian { Filter::Gaussian } else { Filter::OrientedBox };
+        let side = if is_tiled { 16 } else { 128 };
+        let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
+        let (plain, counts) = depths(&field, side, filter, &camera, Method::Plain);
+        let (coherent, _) = depths(&field, side, filter, &camera, Method::Coherent);
+        let different = count_different(&coherent, &plain, interval_m(&camera));
+        prop_assert_eq!(different, 0, "of {:?}", counts);
+    }
+
+    #[test]
+    fn from_beside_the_ground_they_agree_as_well(
+        seed in 0u64..1000, distance in 0.0..500.0f64, height in 100.0..400.0f64, turn in -40.0..40.0f64,
+        pitch in -60.0..0.0f64, roll in -180.0..180.0f64,
+    ) {
+        let field = Field::hills(CELLS, 400.0, seed);
+        let eye = [-distance, 0.5 * CELLS as f64 * UNIT_M, height];
+        let camera = camera(eye, [90.0 + turn, pitch, roll], 60.0, SIZE);
+        let (plain, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
+        let (coherent, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
+        prop_assert_eq!(count_different(&coherent, &plain, interval_m(&camera)), 0);
+    }
+}

@@ -1,0 +1,148 @@
+//! Grounds to cast rays on.
+
+#![allow(
+    dead_code,
+    unreachable_pub,
+    clippy::unwrap_used,
+    reason = "each test uses a part of it, helpers fail by panicking"
+)]
+
+use glam::DVec2;
+use terravision_common::camera::Camera;
+use terravision_raycast::color::{ColorLayout, ColorPlace};
+use terravision_raycast::ground::{Filter, Ground, GroundShape, TileSpec};
+
+/// Metres between posts.
+pub const UNIT_M: f64 = 10.0;
+
+/// Heights of `cells + 1` posts a side.
+pub struct Field {
+    pub cells: usize,
+    pub heights: Vec<f32>,
+}
+
+/// White noise from 0 to 1.
+pub fn noise(x: u64, y: u64, seed: u64) -> f64 {
+    let mut h = x.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F) ^ (seed << 32 | seed);
+    h = (h ^ (h >> 33)).wrapping_mul(0xFF51_AFD7_ED55_8CCD);
+    h = (h ^ (h >> 33)).wrapping_mul(0xC4CE_B9FE_1A85_EC53);
+    ((h ^ (h >> 33)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+impl Field {
+    pub fn of(cells: usize, height_m: impl Fn(usize, usize) -> f64) -> Self {
+        let posts = cells + 1;
+        Self { cells, heights: (0..posts * posts).map(|k| height_m(k % posts, k / posts) as f32).collect() }
+    }
+
+    /// Hills with detail down to the post: natural ground.
+    pub fn hills(cells: usize, relief_m: f64, seed: u64) -> Self {
+        let octave = |x: usize, y: usize, log: u32| {
+            let (i, j) = (x >> log, y >> log);
+            let period = (1usize << log) as f64;
+            let ease = |at: usize, from: usize| {
+                let t = (at - (from << log)) as f64 / period;
+                t * t * (3.0 - 2.0 * t)
+            };
+            let (u, v) = (ease(x, i), ease(y, j));
+            let at = |i: usize, j: usize| noise(i as u64, j as u64, seed + u64::from(log));
+            let south = at(i, j) + (at(i + 1, j) - at(i, j)) * u;
+            let north = at(i, j + 1) + (at(i + 1, j + 1) - at(i, j + 1)) * u;
+            south + (north - south) * v
+        };
+        Self::of(cells, |x, y| (0..=6).map(|log| octave(x, y, log) * relief_m * 0.5f64.powi(7 - log as i32)).sum())
+    }
+
+    /// A plain with towers of one to four posts: cliffs on all sides.
+    pub fn towers(cells: usize, height_m: f64, seed: u64) -> Self {
+        Self::of(cells, |x, y| {
+            let (i, j) = (x / 9, y / 9);
+            let is_tower = noise(i as u64, j as u64, seed) > 0.7;
+            let width = 1 + (noise(i as u64, j as u64, seed + 1) * 4.0) as usize;
+            if is_tower && x % 9 < width && y % 9 < width {
+                height_m
+            } else {
+                noise(x as u64, y as u64, seed + 2) * 3.0
+            }
+        })
+    }
+
+    /// The ground of this field in one tile, or in tiles of `side` cells.
+    pub fn ground(&self, side: usize, filter: Filter) -> Ground {
+        let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
+        let shape = GroundShape {
+            side: side as u32,
+            lattice_unit_m: UNIT_M,
+            levels,
+            color: ColorLayout { side: self.cells as u32, mips: 1 },
+            filter,
+        };
+        let mut ground = Ground::new(shape);
+        self.fill(&mut ground, side);
+        ground
+    }
+
+    /// Fills a ground of its shape.
+    pub fn fill(&self, ground: &mut Ground, side: usize) {
+        ground.clear(0.0);
+        let posts = self.cells + 1;
+        for south in (0..self.cells).step_by(side) {
+            for west in (0..self.cells).step_by(side) {
+                let cells = [west, south].map(|at| (self.cells - at).min(side) as u32);
+                ground
+                    .add(&TileSpec {
+                        origin: [west as u32, south as u32],
+                        level: 0,
+                        log_spacing: 0,
+                        cells,
+                        heights: &self.heights[south * posts + west..],
+                        stride: posts,
+                        datum_m: 0.0,
+                        color: self.color_place(),
+                        is_accurate: true,
+                    })
+                    .unwrap();
+            }
+        }
+        ground.finish();
+    }
+
+    fn color_place(&self) -> ColorPlace {
+        ColorPlace::new(0, DVec2::new(0.0, self.cells as f64 * UNIT_M), UNIT_M)
+    }
+
+    /// One layer of colour, a texel per cell: every one of its own.
+    pub fn colors(&self) -> Vec<Vec<u8>> {
+        let texel = |k: usize| [(k % self.cells) as u8, (k / self.cells) as u8, (k % 7 * 30) as u8, 255];
+        vec![(0..self.cells * self.cells).flat_map(texel).collect()]
+    }
+
+    /// Bilinear height at a point, metres.
+    pub fn at(&self, x: f64, y: f64) -> Option<f64> {
+        let (u, v) = (x / UNIT_M, y / UNIT_M);
+        let end = self.cells as f64;
+        if !(0.0..=end).contains(&u) || !(0.0..=end).contains(&v) {
+            return None;
+        }
+        let (i, j) = ((u as usize).min(self.cells - 1), (v as usize).min(self.cells - 1));
+        let (u, v) = (u - i as f64, v - j as f64);
+        let z = |i: usize, j: usize| f64::from(self.heights[j * (self.cells + 1) + i]);
+        let south = z(i, j) + (z(i + 1, j) - z(i, j)) * u;
+        let north = z(i, j + 1) + (z(i + 1, j + 1) - z(i, j + 1)) * u;
+        Some(south + (north - south) * v)
+    }
+}
+
+/// A camera, angles in degrees.
+pub fn camera(eye: [f64; 3], [heading, pitch, roll]: [f64; 3], vfov_deg: f64, [width, height]: [u32; 2]) -> Camera {
+    Camera {
+        eye_in_world: eye,
+        heading_rad: heading.to_radians(),
+        pitch_rad: pitch.to_radians(),
+        roll_rad: roll.to_radians(),
+        vfov_rad: vfov_deg.to_radians(),
+        width,
+        height,
+        timestamp_nanos: 0,
+    }
+}
