@@ -106,7 +106,7 @@ impl BytesStorm {
         let end = Instant::now() + Duration::from_secs_f64(self.seconds);
         let mut next_write = Instant::now();
         // Half of the flights have one segment written over, so that no other trouble ends them sooner.
-        let only = (round % 2 == 0).then(|| random.below(TARGETS.len() + 1));
+        let only = round.is_multiple_of(2).then(|| random.below(TARGETS.len() + 1));
         while Instant::now() < end && !flight.has_ended() {
             if Instant::now() >= next_write {
                 next_write += self.every;
