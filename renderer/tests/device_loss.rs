@@ -15,9 +15,12 @@ use terravision_renderer::source::{RecordedSource, Recording};
 const SIZE: [u32; 2] = [64, 48];
 const FRAMES: u32 = 12;
 
-/// Keeps number and pixels of every picture.
+/// Number and pixels of every picture.
+type Pictures = Vec<(u64, Vec<u8>)>;
+
+/// Keeps them.
 #[derive(Clone, Default)]
-struct Album(Arc<Mutex<Vec<(u64, Vec<u8>)>>>);
+struct Album(Arc<Mutex<Pictures>>);
 
 impl FrameSink for Album {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
@@ -48,7 +51,7 @@ fn flight() -> Arc<Recording> {
     scene.finish()
 }
 
-fn play(recording: &Arc<Recording>, options: EngineOptions) -> (Result<RunSummary, RunError>, Vec<(u64, Vec<u8>)>) {
+fn play(recording: &Arc<Recording>, options: EngineOptions) -> (Result<RunSummary, RunError>, Pictures) {
     let album = Album::default();
     let lanes = Lanes::start(vec![Box::new(album.clone()) as Box<dyn FrameSink>]).expect("threads start");
     let mut source = RecordedSource::new(Arc::clone(recording), 1);

@@ -61,7 +61,7 @@ pub struct Device {
     memory: vk::PhysicalDeviceMemoryProperties,
     names: Option<ext::debug_utils::Device>,
     host_pointer_properties: Option<vk::PFN_vkGetMemoryHostPointerPropertiesEXT>,
-    /// For tests: the submit that finds the device lost; `u64::MAX` for none.
+    /// For tests: the submit that finds the device lost; 0 when one has, `u64::MAX` for none.
     lost_at: AtomicU64,
     raw: RawDevice,
 }
@@ -194,7 +194,9 @@ impl Device {
     pub(super) unsafe fn submit(&self, commands: vk::CommandBuffer) -> Result<SubmitValue, GpuError> {
         let mut queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         let value = queue.1 + 1;
-        if self.is_lost_at(value) {
+        if value >= self.lost_at.load(Ordering::Relaxed) {
+            // From here on nothing comes back from it either.
+            self.lose_at(0);
             return Err(self.failure("submitting a frame", vk::Result::ERROR_DEVICE_LOST));
         }
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
@@ -215,8 +217,7 @@ impl Device {
     /// # Errors
     /// The device was lost.
     pub fn wait(&self, value: SubmitValue, timeout: Duration) -> Result<bool, GpuError> {
-        let next = self.queue.lock().unwrap_or_else(PoisonError::into_inner).1 + 1;
-        if self.is_lost_at(next) {
+        if self.lost_at.load(Ordering::Relaxed) == 0 {
             return Err(self.failure("waiting for a frame", vk::Result::ERROR_DEVICE_LOST));
         }
         self.wait_value(value, timeout)
@@ -224,12 +225,8 @@ impl Device {
 
     /// From now on the `submit`-th frame, from 1, finds the device lost; for tests, which have no other way to lose one.
     pub fn lose_at(&self, submit: u64) {
-        // Relaxed: the queue's lock orders it.
+        // Relaxed: one thread submits and waits.
         self.lost_at.store(submit, Ordering::Relaxed);
-    }
-
-    fn is_lost_at(&self, next_submit: u64) -> bool {
-        next_submit >= self.lost_at.load(Ordering::Relaxed)
     }
 
     fn wait_value(&self, value: SubmitValue, timeout: Duration) -> Result<bool, GpuError> {

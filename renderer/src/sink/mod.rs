@@ -39,6 +39,9 @@ pub struct Picture<'a> {
     pub is_settled: bool,
 }
 
+/// Width and height of a picture, and its pixels, RGBA.
+pub type Pixels = ([u32; 2], Vec<u8>);
+
 /// A sink could not do its work.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -122,12 +125,12 @@ pub trait FrameSink: Send {
     /// The output could not be completed.
     fn finish(&mut self) -> Result<(), SinkError>;
 
-    /// Size and pixels (RGBA) of a frame that a sink before this one, which was killed, has written; `None` where that
+    /// A frame that a sink before this one, which was killed, has written; `None` where that
     /// cannot be had.
     ///
     /// # Errors
     /// What is there is no picture.
-    fn read_back(&mut self, _frame: u64) -> Result<Option<([u32; 2], Vec<u8>)>, SinkError> {
+    fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
         Ok(None)
     }
 }

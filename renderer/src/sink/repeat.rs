@@ -1,7 +1,7 @@
 //! A film of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
 //! picture is there once more, so that the film keeps the flight's time.
 
-use super::{FrameSink, Picture, SinkError};
+use super::{FrameSink, Picture, Pixels, SinkError};
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::run::OPEN_END;
@@ -14,7 +14,7 @@ pub struct RepeatSink {
     /// The frame that has to be written next.
     next: u64,
     /// What was written last: size and pixels.
-    last: Option<([u32; 2], Vec<u8>)>,
+    last: Option<Pixels>,
 }
 
 impl std::fmt::Debug for RepeatSink {
@@ -83,7 +83,7 @@ mod tests {
     /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
     struct Log {
         written: Written,
-        left: Option<([u32; 2], Vec<u8>)>,
+        left: Option<Pixels>,
     }
 
     impl FrameSink for Log {
@@ -96,7 +96,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<([u32; 2], Vec<u8>)>, SinkError> {
+        fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
             Ok(self.left.take())
         }
     }

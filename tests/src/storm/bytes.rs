@@ -25,8 +25,8 @@ const TARGETS: [SegmentKind; 8] = [
     SegmentKind::TileOutcomes,
     SegmentKind::EventsRenderer,
 ];
-/// Segments begin with a page of header and positions; tables, trees and slots lie behind it.
-const HEAD_BYTES: usize = 4096;
+/// Header and positions of a segment; tables, trees and slots lie behind the first page.
+const HEAD_BYTES: usize = 1024;
 const BEHIND_HEAD_BYTES: usize = 65536;
 /// Stages of a flight that are started again before it is given up.
 const RESTARTS: u32 = 4;

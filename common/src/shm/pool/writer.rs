@@ -205,7 +205,9 @@ impl PoolWriter {
         let usage = words.usage();
         match usage.state {
             super::SlotState::Free => Some(0),
-            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot as usize])),
+            // Never 0: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
+            // room only when no slot is free.
+            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot as usize]).max(1)),
             _ => None,
         }
     }

@@ -171,6 +171,23 @@ fn a_writer_that_takes_over_keeps_published_tiles_and_frees_half_filled_slots() 
 }
 
 #[test]
+fn a_writer_that_takes_over_takes_free_slots_before_tiles_that_were_expected() {
+    let segment = segment(SegmentKind::ColorPool, 8, 64).unwrap();
+    let mut first = PoolWriter::attach(&segment).unwrap();
+    for number in 0..4 {
+        first.allocate_expected(node(number), 9, 8).unwrap().publish();
+    }
+    drop(first);
+    // It knows not what was expected; nothing of it has to go before all slots are full.
+    let mut second = PoolWriter::attach(&segment).unwrap();
+    for number in 4..8 {
+        second.allocate(node(number), 20, 19).unwrap().publish();
+    }
+    assert!((0..8).all(|number| second.find(node(number)).is_some()));
+    assert!(second.allocate(node(8), 21, 20).is_some(), "then the oldest goes");
+}
+
+#[test]
 fn decoding_threads_fill_slots_while_the_writer_goes_on() {
     within_deadline(|| {
         let (mut writer, reader) = memory::pool(64, 4096).unwrap();
