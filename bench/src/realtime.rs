@@ -102,6 +102,7 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
     }
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        found.drawn.push("realtime");
         draw(&folder.join("realtime.svg"), &flights)?;
     }
     Ok(())

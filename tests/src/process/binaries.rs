@@ -21,7 +21,14 @@ fn folder() -> &'static Path {
         };
         let target = folder.parent().expect("a profile's folder lies in the target folder");
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
-        let output = Command::new(env!("CARGO"))
+        let mut cargo = Command::new(env!("CARGO"));
+        // What cargo tells this test of itself would be news to build scripts, which would make their crates anew.
+        for (name, _) in std::env::vars_os() {
+            if name.to_str().is_some_and(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
+                cargo.env_remove(name);
+            }
+        }
+        let output = cargo
             .args(["build", "--workspace", "--bins", "--offline", "--profile", profile, "--manifest-path"])
             .arg(&manifest)
             .arg("--target-dir")
