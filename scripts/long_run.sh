@@ -34,6 +34,6 @@ target=${CARGO_TARGET_DIR:-target}/release
 world=${TERRAVISION_WORLD:-$out/long-run-$nodes.tv}
 if [[ ! -f $world/manifest.json ]]; then
   mkdir -p "$out"
-  "$target/terravision-ingest" sparse --detailed-nodes "$nodes" -o "$world"
+  "$target/terravision-ingest" sparse --detailed-nodes "$nodes" --octaves 8 -o "$world"
 fi
 exec "$target/terravision" bench long-run "${arguments[@]}" --world "$world" -o "$out/long-run"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Holds a frame rate while a process takes a core away: a flight against the clock at 60 % of what this machine reaches,
-# with feedback and without, two minutes each. Prints a table, and draws out/realtime/realtime-flights.svg.
+# with feedback and without, two minutes each. Prints a table, and draws out/realtime/realtime.svg.
 #
 #   scripts/realtime.sh           the whole: about six minutes, on a machine that does nothing else
 #   scripts/realtime.sh --short   20 s each, for tests: that it runs, not how well

@@ -91,6 +91,7 @@ pub fn run(args: &LinkArgs, options: &Options, found: &mut Found) -> anyhow::Res
     found.measurements.extend(figures(&flights));
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        found.drawn.push("link");
         draw(&folder.join("link.svg"), &flights, args)?;
     }
     Ok(())

@@ -55,6 +55,7 @@ pub fn run(args: &LongRunArgs, options: &Options, found: &mut Found) -> anyhow::
     found.measurements.extend(figures(&samples, &report));
     if let Some(folder) = &options.output {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        found.drawn.push("long-run");
         draw(&folder.join("long-run.svg"), &samples, options.memory_mib)?;
     }
     Ok(())

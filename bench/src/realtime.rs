@@ -69,7 +69,7 @@ struct Flight {
     load_cores: f64,
 }
 
-/// Flies, measures, draws `realtime-flights.svg` when plots are wanted.
+/// Flies, measures, draws `realtime.svg` when plots are wanted.
 ///
 /// # Errors
 /// When a flight fails.
@@ -102,7 +102,8 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
     }
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        draw(&folder.join("realtime-flights.svg"), &flights)?;
+        found.drawn.push("realtime");
+        draw(&folder.join("realtime.svg"), &flights)?;
     }
     Ok(())
 }

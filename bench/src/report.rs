@@ -18,6 +18,8 @@ pub struct Found {
     pub measurements: Vec<Measurement>,
     /// Curves over frames.
     pub curves: Vec<Curve>,
+    /// Benches that have drawn a plot of their own.
+    pub drawn: Vec<&'static str>,
     /// Facts that are no numbers: the device, the database.
     pub facts: Vec<(&'static str, String)>,
 }
@@ -116,6 +118,7 @@ fn print(machine: &Machine, found: &Found, options: &Options) -> anyhow::Result<
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
         let mut benches: Vec<&str> = found.measurements.iter().map(|m| m.bench).collect();
         benches.dedup();
+        benches.retain(|bench| !found.drawn.contains(bench));
         for bench in benches {
             let of_bench: Vec<_> = found.measurements.iter().filter(|m| m.bench == bench).cloned().collect();
             plot::bars(folder, bench, &of_bench)?;

@@ -58,6 +58,9 @@ pub struct SparseArgs {
     /// Every colour tile has the one colour that names its node
     #[arg(long)]
     pub named: bool,
+    /// Octaves of noise in relief and colour: more take more bytes
+    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
+    pub octaves: u32,
 }
 
 /// Arguments of `ingest`, as typed.

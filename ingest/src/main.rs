@@ -44,8 +44,12 @@ fn main() -> ExitCode {
             Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
         }),
         Verb::Sparse(args) => {
-            let options =
-                SparseOptions { detailed_nodes: args.detailed_nodes, doublings: args.doublings, is_named: args.named };
+            let options = SparseOptions {
+                detailed_nodes: args.detailed_nodes,
+                doublings: args.doublings,
+                is_named: args.named,
+                octaves: args.octaves,
+            };
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());
             sparse::write(&args.output, options, &work).map(|_| args.output.display().to_string())

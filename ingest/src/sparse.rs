@@ -31,6 +31,8 @@ pub struct SparseOptions {
     pub doublings: u8,
     /// Every colour tile, also of the plain, has the one colour that names its node ([`name_color`]).
     pub is_named: bool,
+    /// How fine the detail is: octaves of noise in relief and colour. More take more bytes and more time.
+    pub octaves: u32,
 }
 
 /// Colour of the plain.
@@ -46,6 +48,7 @@ const SPACING_M: f64 = 10.0;
 struct Content {
     /// Side of the detailed square, lattice units.
     side: f64,
+    octaves: u32,
 }
 
 impl Content {
@@ -61,7 +64,7 @@ impl Content {
     fn height(&self, x: f64, y: f64) -> f32 {
         match self.detail(x, y) {
             detail if detail > 0.0 => {
-                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, 4)))
+                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, self.octaves)))
             }
             _ => PLAIN_M,
         }
@@ -72,7 +75,7 @@ impl Content {
         if detail == 0.0 {
             return PLAIN;
         }
-        let tone = octaves(x / 40.0, y / 40.0, 8, 4);
+        let tone = octaves(x / 40.0, y / 40.0, 8, self.octaves);
         [0, 1, 2].map(|c| (f32::from(PLAIN[c]) + detail * (60.0 * tone + 12.0 * c as f32)).clamp(0.0, 255.0) as u8)
     }
 
@@ -112,7 +115,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     let plan =
         Plan { world, elevation: lattice, color: lattice, elevation_bounds: Vec::new(), color_bounds: Vec::new() };
     let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
-    let content = Content { side: f64::from(options.detailed_nodes * elevation_tile) };
+    let content = Content { side: f64::from(options.detailed_nodes * elevation_tile), octaves: options.octaves };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
         let elevation =
@@ -242,7 +245,8 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("tv-sparse-{}", std::process::id()));
         let worlds = [0, 2].map(|doublings| {
             let path = folder.join(format!("{doublings}.tv"));
-            write(&path, SparseOptions { detailed_nodes: 4, doublings, is_named: false }, &Work::quiet(2)).unwrap();
+            write(&path, SparseOptions { detailed_nodes: 4, doublings, is_named: false, octaves: 4 }, &Work::quiet(2))
+                .unwrap();
             Database::open(&path).unwrap()
         });
         let mut scratch = TileScratch::default();
@@ -265,7 +269,7 @@ mod tests {
     #[test]
     fn a_named_world_has_a_tile_of_one_colour_for_each_node() {
         let folder = std::env::temp_dir().join(format!("tv-named-{}", std::process::id()));
-        let options = SparseOptions { detailed_nodes: 16, doublings: 1, is_named: true };
+        let options = SparseOptions { detailed_nodes: 16, doublings: 1, is_named: true, octaves: 4 };
         write(&folder, options, &Work::quiet(2)).unwrap();
         let database = Database::open(&folder).unwrap();
         let world = *database.world();

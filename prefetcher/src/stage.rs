@@ -121,6 +121,7 @@ pub fn serve<S: PayloadSource>(
     let has_ended = crew.has_ended();
     let mut desk = Desk::new(world, elevation, color, config.prefetch.has_retries);
     let mut ahead = Ahead::new(world, ranges, config, path);
+    desk.show(&control);
     let mut accounts = Accounts::default();
     let mut tiles = Vec::new();
     let mut cycle_end = monotonic_nanos() + CYCLE_NANOS;

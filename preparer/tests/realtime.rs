@@ -18,9 +18,19 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
     assert_eq!(numbers, (0..60).map(|k| 100 + 3 * k).collect::<Vec<_>>());
     assert!(frames.iter().all(|frame| !frame.tiles.is_empty() && frame.end.unavailable_count < frame.end.wanted_count));
     // All frames tell what they lacked, and that is what their ends say.
-    let lacked: Vec<(u64, u64)> = (events.iter().filter(|event| event.kind == EventKind::FrameLacked as u32))
-        .map(|event| (event.frame, event.value))
-        .collect();
+    let told = || events.iter().filter(|event| event.kind == EventKind::FrameLacked as u32);
+    let lacked: Vec<(u64, u64)> = told().map(|event| (event.frame, event.value & 0xFFFF_FFFF)).collect();
+    // Ground is as fine as wanted where nothing lacks, and only there all of it.
+    let sharp: Vec<f32> = told().map(|event| f32::from_bits((event.value >> 32) as u32)).collect();
+    assert!(
+        sharp
+            .iter()
+            .zip(&lacked)
+            .all(|(share, (_, count))| (0.0..=1.0).contains(share) && (*count > 0 || *share == 1.0))
+    );
+    assert!(
+        sharp.iter().any(|share| *share < 0.9) && sharp[30..].iter().sum::<f32>() > sharp[..30].iter().sum::<f32>()
+    );
     assert_eq!(lacked, frames.iter().map(|f| (f.marker.frame, f.end.unavailable_count.into())).collect::<Vec<_>>());
 }
 

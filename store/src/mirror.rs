@@ -14,7 +14,7 @@ use terravision_common::database::{Index, MANIFEST_FILE, Manifest, ManifestError
 use terravision_common::world::World;
 
 /// No manifest is larger.
-const MOST_MANIFEST_BYTES: u64 = 16 << 20;
+pub(crate) const MOST_MANIFEST_BYTES: u64 = 16 << 20;
 /// The file of height ranges is read in pieces of this size, a few at a time.
 const PART_BYTES: u64 = 1 << 20;
 const PARTS_AT_ONCE: usize = 4;

@@ -14,6 +14,7 @@ use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
 use crate::flights::Flights;
 use crate::memory::{Memory, Piece};
+use crate::mirror::MOST_MANIFEST_BYTES;
 use crate::network::{Network, Request};
 use crate::transport::Answer;
 use bytes::{Bytes, BytesMut};
@@ -38,7 +39,7 @@ const MEMORY_BYTES: usize = 16 << 20;
 /// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3, section 3).
 const HEAD_BYTES: u64 = 16_384;
 /// Damaged bytes are read anew this many times.
-const DAMAGED_RETRIES: u32 = 3;
+const DAMAGED_RETRIES: u32 = 5;
 /// Pieces that wait to be written to the disk cache; more are not kept.
 const MOST_PENDING: usize = 256;
 
@@ -336,11 +337,15 @@ impl Remote {
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
+        if let Some(changed) = self.changed.get() {
+            // Whoever looked before this one has found out.
+            return Err(FetchError::Failed(Arc::clone(changed)));
+        }
         let ask = |file, range: Option<Range<u64>>, most_bytes| {
             let request = Request { file, range, most_bytes, retries: network.most_retries() };
             async move { network.read(&request, |answer| async move { Ok(answer.bytes) }).await }
         };
-        let manifest = ask(MANIFEST_FILE, None, self.manifest_text.len() as u64).await;
+        let manifest = ask(MANIFEST_FILE, None, MOST_MANIFEST_BYTES).await;
         let is_same = match (manifest, archive.head.get()) {
             (Ok(manifest), _) if manifest != self.manifest_text => false,
             (Ok(_), Some(head)) => {

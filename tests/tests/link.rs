@@ -82,5 +82,26 @@ fn the_bench_flies_with_each_prediction() {
     }
     assert!(value("linear against oracle: fetched") > 0.0 && value("linear against off: not as wanted") >= 0.0);
     let plot = fs::read_to_string(folder.join("plots/link.svg")).unwrap();
-    assert!(plot.contains("oracle") && plot.contains("polyline"));
+    assert!(plot.contains("oracle") && plot.contains("tiles missing") && plot.contains("polyline"));
+}
+
+#[test]
+fn the_bench_of_long_flights_looks_at_memory_and_files() {
+    assert!(binary("terravision-bench").is_file());
+    let folder = TestFolder::new("long-run");
+    let bench = Terravision::verb("bench")
+        .args(["long-run", "--json", "--seconds", "8", "--size", "160x90", "--memory-mib", "256", "--world"])
+        .arg(synth_world(1024).database())
+        .arg("-o")
+        .arg(folder.join("plots"))
+        .succeed();
+    let found: Value = serde_json::from_slice(&bench.stdout).unwrap();
+    let value = |name: &str| {
+        let all = found["measurements"].as_array().unwrap();
+        all.iter().find(|m| m["name"] == name).and_then(|m| m["value"].as_f64())
+    };
+    assert!(value("memory with the pools, all processes") > Some(50.0), "{found}");
+    assert!(value("open files") > Some(20.0) && value("tiles loaded") > Some(100.0), "{found}");
+    assert!(value("memory of their own, last quarter against second") > Some(0.5), "{found}");
+    assert!(fs::read_to_string(folder.join("plots/long-run.svg")).unwrap().contains("all processes"));
 }

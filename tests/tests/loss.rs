@@ -66,7 +66,9 @@ impl Seen {
             }
             self.texels += 1;
             let point = [frame.ground[3 * k], frame.ground[3 * k + 1]];
-            match tile_of(world, point, [rgba[0], rgba[1], rgba[2]]) {
+            // Positions are as exact as depths are; a pixel is ten times as wide.
+            let distance = (point[0] - info.position[0]).hypot(point[1] - info.position[1]);
+            match tile_of(world, point, 0.5 + 5e-4 * distance, [rgba[0], rgba[1], rgba[2]]) {
                 Some(node) => self.by_level[usize::from(node.q())] += 1,
                 None => {
                     self.wrong += 1;
@@ -78,8 +80,8 @@ impl Seen {
     }
 }
 
-/// The tile whose name a colour is, of those that lie above a point of the CRS. On a border both sides will do.
-fn tile_of(world: &World, point: [f64; 2], rgb: [u8; 3]) -> Option<NodeId> {
+/// The tile whose name a colour is, of those that lie above a point of the CRS, or so close to it.
+fn tile_of(world: &World, point: [f64; 2], within_m: f64, rgb: [u8; 3]) -> Option<NodeId> {
     let fields = world.fields();
     let node = |shift: [f64; 2], q: u8| {
         let at = [0, 1].map(|axis| {
@@ -89,8 +91,7 @@ fn tile_of(world: &World, point: [f64; 2], rgb: [u8; 3]) -> Option<NodeId> {
         NodeId::new(at[0], at[1], q)
     };
     let is_name = |node: &NodeId| name_color(*node).into_iter().zip(rgb).all(|(a, b)| a.abs_diff(b) <= TOLERANCE);
-    // Positions are as exact as depth is: a centimetre or so, and more far away.
-    let shifts = [[0.0, 0.0], [0.5, 0.5], [0.5, -0.5], [-0.5, 0.5], [-0.5, -0.5]];
+    let shifts = [[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|at| at.map(|v| v * within_m));
     (world.finest_color_level()..world.levels())
         .flat_map(|q| shifts.into_iter().filter_map(move |shift| node(shift, q)))
         .find(is_name)
@@ -125,6 +126,22 @@ fn fly(server: &TestServer, folder: &TestFolder, ring: &str, seconds: f64) -> Ru
         .arg(folder.join("cache"))
         .deadline(Duration::from_secs_f64(120.0 + 2.0 * seconds))
         .spawn()
+}
+
+#[test]
+fn a_texel_of_another_tile_is_found() {
+    let world = terravision_common::database::read_world(&named_world()).unwrap();
+    let q = world.finest_color_level();
+    let side = world.node_side_m(q);
+    let [x0, y0] = world.fields().origin;
+    let point = [x0 + 5.5 * side, y0 + 6.5 * side];
+    let named = |m, n, q| tile_of(&world, point, 1.0, name_color(NodeId::new(m, n, q).unwrap()));
+    assert_eq!(named(5, 6, q), NodeId::new(5, 6, q));
+    assert_eq!(named(2, 3, q + 1), NodeId::new(2, 3, q + 1));
+    for (m, n) in [(4, 6), (6, 6), (5, 5), (5, 7), (7, 4)] {
+        assert_eq!(named(m, n, q), None);
+    }
+    assert_eq!((named(3, 3, q + 1), tile_of(&world, point, 1.0, [150, 190, 235])), (None, None));
 }
 
 #[test]

@@ -11,6 +11,7 @@ use terravision_common::node::NodeId;
 use terravision_common::world::World;
 use terravision_store::{Cause, FetchError, Location, RetryOptions, Store, StoreError, StoreOptions};
 use terravision_tests::folder::TestFolder;
+use terravision_tests::process::Terravision;
 use terravision_tests::server::{Fault, Link, Rule, TestServer};
 use terravision_tests::worlds::synth_world;
 
@@ -154,6 +155,36 @@ fn a_server_gives_the_tiles_of_the_folder_in_ranges_over_few_connections() {
     store.read_elevation(root, &mut heights[0], &mut scratch).unwrap();
     local.read_elevation(root, &mut heights[1], &mut scratch).unwrap();
     assert_eq!(heights[0], heights[1]);
+}
+
+#[test]
+fn an_archive_gives_the_tiles_of_the_folder_from_this_machine_and_from_a_server() {
+    let folder = TestFolder::new("store-archive");
+    let database = synth_world(1024).database();
+    for (name, format) in [("gnu world.tar", "gnu"), ("pax.tar", "pax")] {
+        Terravision::program("tar")
+            .args(["--format", format, "-cf"])
+            .arg(folder.join(name))
+            .arg("-C")
+            .arg(database.parent().unwrap())
+            .arg("world.tv")
+            .succeed();
+    }
+    let server = TestServer::serve(folder.path());
+    for location in [folder.join("gnu world.tar").display().to_string(), server.url("pax.tar?key=1")] {
+        let location = Location::parse(&location).unwrap();
+        let store = Store::open(&location, &options(&folder)).unwrap();
+        assert_eq!(store.manifest(), local().manifest());
+        let tiles = tiles(store.world());
+        assert_same("archive", &tiles, &read(&store, &tiles));
+        assert!(store.errors().folded().is_empty() && store.figures().requests > 10, "{:?}", store.figures());
+    }
+    fs::write(folder.join("no.tar"), vec![b'x'; 4096]).unwrap();
+    for (name, words) in [("no.tar", "no tar archive"), ("none.tar", "No such file")] {
+        let error = Store::open(&Location::parse(&folder.join(name).display().to_string()).unwrap(), &options(&folder));
+        let error = error.unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains(words), "{error}");
+    }
 }
 
 #[test]

@@ -88,7 +88,7 @@ pub struct PassedOn {
 /// `terravision info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
@@ -332,7 +332,7 @@ EXAMPLES
 The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
 number of lifted frames is told.")]
 pub struct FlyArgs {
-    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
@@ -377,7 +377,7 @@ EXAMPLES
   terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
       --quality best -o a.png --depth depth.tif --ground ground.tif")]
 pub struct StillArgs {
-    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
@@ -419,7 +419,7 @@ pub struct StillArgs {
 /// `terravision path`.
 #[derive(Debug, Args)]
 pub struct PathArgs {
-    /// The terrain database: a folder that `terravision ingest` made, or where a copy of it is: http://, https:// or
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,

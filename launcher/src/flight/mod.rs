@@ -286,6 +286,8 @@ impl Run {
 
     fn close(self, plan: &FlightPlan, started_nanos: u64) -> RunFigures {
         let counter = |counter| self.control.counter(counter);
+        let mut window = self.window;
+        window.sample(&self.control);
         RunFigures {
             started_nanos,
             ended_nanos: monotonic_nanos(),
@@ -302,7 +304,7 @@ impl Run {
             clock_start_nanos: self.control.clock_start(),
             shared_memory_bytes: plan.layout.total_bytes() + self.ring.as_ref().map_or(0, FrameRing::total_bytes),
             prefetch: PrefetchFigures::of(&self.control),
-            window: self.window,
+            window,
             collector: self.collector,
             memory: self.memory,
             pids: self.pids,

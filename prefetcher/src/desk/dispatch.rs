@@ -217,6 +217,11 @@ impl Desk {
             self.give_up(tile, control, crew);
         }
         self.books.rewind();
+        self.show(control);
+    }
+
+    /// Shows in the control block how things stand.
+    pub fn show(&self, control: &Control) {
         control.set_gauge(Gauge::PrefetchWindow, self.window.n().into());
         control.set_gauge(Gauge::TileLatencyNanos, self.latency_nanos().unwrap_or(0));
         control.set_gauge(Gauge::RoundTripNanos, self.window.latency_nanos().unwrap_or(0));
