@@ -105,7 +105,11 @@ mod tests {
         let written = Written::default();
         let left = left.map(|byte| ([1, 1], vec![byte; 4]));
         let log = Log { written: Arc::clone(&written), left };
-        let mut sink = RepeatSink::new(Box::new(log), [5, 10], before).unwrap();
+        fill(RepeatSink::new(Box::new(log), [5, 10], before).unwrap(), frames);
+        written.lock().unwrap().clone()
+    }
+
+    fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
             let camera = Camera::zeroed();
@@ -113,8 +117,14 @@ mod tests {
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();
-        let written = written.lock().unwrap().clone();
-        written
+    }
+
+    #[test]
+    fn a_flight_without_a_known_end_ends_with_its_last_frame() {
+        let written = Written::default();
+        let log = Log { written: Arc::clone(&written), left: None };
+        fill(RepeatSink::new(Box::new(log), [0, OPEN_END], 0).unwrap(), &[0, 2]);
+        assert_eq!(*written.lock().unwrap(), [(0, 0), (1, 0), (2, 2)]);
     }
 
     #[test]
