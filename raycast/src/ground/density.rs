@@ -62,7 +62,8 @@ impl Column<'_> {
                 let height = self.height(0, 0);
                 let slope = THRESHOLD / BOX_HALF_WIDTH * self.normal_up();
                 for (layer, out) in out.iter_mut().enumerate() {
-                    *out = (THRESHOLD + slope * (height - layer as f32)).round() as u8;
+                    // Rounded: the conversion cuts, and keeps what is out of range at its ends.
+                    *out = (THRESHOLD + 0.5 + slope * (height - layer as f32)) as u8;
                 }
             }
             Filter::Gaussian => self.fill_gaussian(out),
@@ -87,7 +88,7 @@ impl Column<'_> {
                 }
             }
             for (out, sum) in out.iter_mut().zip(&sums) {
-                *out = (255.0 * sum).round() as u8;
+                *out = (255.0 * sum + 0.5) as u8;
             }
         }
     }

@@ -135,6 +135,7 @@ pub struct Ground {
     blocks: Vec<u16>,
     scratch: model::Scratch,
     steepest: f32,
+    steepest_voxels: f32,
     lowest_m: f32,
     highest_m: f32,
     highest_voxel_m: f32,
@@ -157,6 +158,7 @@ impl Ground {
             blocks: Vec::new(),
             scratch: model::Scratch::default(),
             steepest: 0.0,
+            steepest_voxels: 0.0,
             lowest_m: 0.0,
             highest_m: 0.0,
             highest_voxel_m: 0.0,
@@ -183,6 +185,7 @@ impl Ground {
         self.maxima.clear();
         self.blocks.clear();
         self.steepest = 0.0;
+        self.steepest_voxels = 0.0;
         self.lowest_m = f32::INFINITY;
         self.highest_m = f32::NEG_INFINITY;
         self.highest_voxel_m = f32::NEG_INFINITY;
@@ -273,7 +276,14 @@ impl Ground {
         self.densities.len() + size_of_val(&self.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
     }
 
-    /// The steepest slope that rays can meet, metres up per metre: an upper bound over all cells.
+    /// The steepest slope of the surface of voxels, metres up per metre: an upper bound over all cells, infinite where a cliff
+    /// makes a wall.
+    #[must_use]
+    pub fn steepest_voxels(&self) -> f32 {
+        self.steepest_voxels
+    }
+
+    /// The steepest slope of bilinear heights, metres up per metre: an upper bound over all cells.
     #[must_use]
     pub fn steepest(&self) -> f32 {
         self.steepest

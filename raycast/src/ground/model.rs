@@ -1,6 +1,6 @@
 //! What is made of a tile's heights: voxel densities, the boundary array, and maxima.
 
-use super::density::{Column, THRESHOLD};
+use super::density::{BOX_HALF_WIDTH, Column, Filter, THRESHOLD};
 use super::{Found, Ground, Tile};
 
 /// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the lowest one is ground, the
@@ -81,7 +81,7 @@ impl Ground {
                 scratch.tops.push(top(voxels));
             }
         }
-        self.steepest = self.steepest.max(self.push_spans(&model, &scratch, radius));
+        self.push_spans(&model, &scratch, radius);
         self.push_blocks(&model);
         let maxima_at = self.push_maxima(&model);
         self.tiles[index] = Tile { maxima_at, ..model };
@@ -131,11 +131,10 @@ impl Ground {
         }
     }
 
-    /// The boundary array of a tile; returns its steepest slope.
-    fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, radius: usize) -> f32 {
+    /// The boundary array of a tile, and the slopes of its cells.
+    fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, radius: usize) {
         let [columns, rows] = tile.posts();
         let stride = columns + 2 * radius;
-        let mut steepest = 0.0f32;
         for j in 0..rows - 1 {
             for i in 0..columns - 1 {
                 let at = j * columns + i;
@@ -151,14 +150,19 @@ impl Ground {
                 self.spans.push(Span { lowest, highest });
                 let at = (j + radius) * stride + i + radius;
                 let corners = [at, at + 1, at + stride, at + stride + 1].map(|at| scratch.around[at]);
-                let range = corners.into_iter().fold(f32::NEG_INFINITY, f32::max)
-                    - corners.into_iter().fold(f32::INFINITY, f32::min);
-                // Between columns whose densities fall at different rates the surface is a mean of heights weighted by
-                // these rates; the range of the corners bounds the slope of an unweighted mean.
-                steepest = steepest.max(range * most_up / least_up);
+                let [sw, se, nw, ne] = corners;
+                let east = (se - sw).abs().max((ne - nw).abs());
+                let north = (nw - sw).abs().max((ne - se).abs());
+                let slope = (east * east + north * north).sqrt();
+                self.steepest = self.steepest.max(slope);
+                let steepest = match self.shape.filter {
+                    Filter::OrientedBox => voxel_slope(corners, slope, [least_up, most_up]),
+                    // Plateaus of density between a high and a low column become walls.
+                    Filter::Gaussian => f32::INFINITY,
+                };
+                self.steepest_voxels = self.steepest_voxels.max(steepest);
             }
         }
-        steepest
     }
 
     /// The highest boundary cell of blocks of cells.
@@ -214,6 +218,24 @@ impl Ground {
             level += 1;
         }
         start
+    }
+}
+
+/// A slope that the surface of voxels does not exceed in a cell, given that of its heights and the normals at its corners.
+fn voxel_slope(corners: [f32; 4], slope: f32, [least_up, most_up]: [f32; 2]) -> f32 {
+    let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+    let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
+    let range = highest - lowest;
+    // Between columns whose densities fall at different rates the surface is a mean of heights weighted by these rates.
+    let graded = slope * most_up / least_up;
+    if range * most_up <= BOX_HALF_WIDTH {
+        graded
+    } else if range * most_up <= 2.0 * BOX_HALF_WIDTH {
+        // Where one column is all ground or all air, the others alone tell heights, at half their weight or more.
+        graded.max(4.0 * BOX_HALF_WIDTH / least_up)
+    } else {
+        // Between two columns that do not overlap density is the same at many heights: a wall.
+        f32::INFINITY
     }
 }
 
