@@ -36,7 +36,9 @@ fn check(report: &Value, frames: u64, [finest, coarsest]: [f64; 2]) {
         let values = numbers(report, name);
         assert!(values.iter().all(|r| (low - 1e-4..=high + 1e-4).contains(r)), "{name}: {values:?}");
     }
-    assert!(numbers(report, "latency_ms").iter().all(|latency| *latency > 0.0));
+    // 0 is of a frame that shows the camera of the one before.
+    let latencies = numbers(report, "latency_ms");
+    assert!(latencies[0] > 0.0 && latencies.iter().all(|latency| *latency >= 0.0));
     assert!(numbers(report, "sharp").iter().all(|share| (0.0..=1.0).contains(share)));
     let tiles = numbers(report, "tiles_resident").into_iter().zip(numbers(report, "tiles_wanted"));
     assert!(tiles.into_iter().all(|(resident, wanted)| resident > 0.0 && resident <= wanted));
