@@ -6,6 +6,8 @@ use crate::thinning::Thinning;
 use crate::trim::Trim;
 use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation};
 use bytemuck::Zeroable;
+use terravision_common::camera::Camera;
+use terravision_common::facet::node_elevation;
 use terravision_common::level::LevelFunction;
 use terravision_common::shm::WaitError;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
@@ -98,7 +100,7 @@ impl FrameMaker {
         }
     }
 
-    /// Blocks are not trimmed to the frustum: for whoever draws the frame from another eye.
+    /// Blocks are not trimmed to what is seen: for whoever draws the frame from another eye.
     #[must_use]
     pub fn with_whole_blocks(self) -> Self {
         Self { is_trimmed: false, ..self }
@@ -132,14 +134,14 @@ impl FrameMaker {
             ..FrameMarker::zeroed()
         }))?;
         self.thinning.thin(&self.truncation, level, tiles, &mut self.heights)?;
-        self.trim.look(&header.camera);
+        self.trim.look(&header.camera, self.ground_under_eye(&header.camera, level.exaggeration(), tiles));
         let mut tile_count = 0;
         for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
             let snaps = self.thinning.snaps(at, leaf);
             let (heights, trim, origin) = (&mut self.heights, &mut self.trim, self.world.node_origin(leaf.node));
             let position = out.array(&mut |values| {
                 heights.make(level, tiles, leaf, values)?;
-                trim.enter(origin, leaf.node.q(), values);
+                trim.enter(origin, leaf.node.q(), values, snaps);
                 Ok(())
             })?;
             let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
@@ -168,6 +170,15 @@ impl FrameMaker {
         }))?;
         out.finish()?;
         Ok(counts)
+    }
+
+    /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
+    fn ground_under_eye(&self, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
+        let root = self.world.root();
+        // Casts of negative numbers give 0.
+        let [x, y] = [0, 1].map(|axis| (camera.eye_in_world[axis] / self.world.lattice_unit_m()) as u64);
+        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, x, y);
+        tiles.elevation(root).map_or(f64::INFINITY, height)
     }
 }
 

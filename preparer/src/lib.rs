@@ -3,14 +3,15 @@
 //! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
 //!   [`loader`] has brought into the pools by the prefetcher.
 //! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays, with no
-//!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] out what is beside the picture.
-//!   [`frame`] puts it all into the rings. [`sharpness`] says how much of what is seen is as fine as wanted.
+//!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] what is beside the picture or
+//!   behind the [`horizon`] of what is nearer. [`frame`] puts it all into the rings. [`sharpness`] says how much of what is seen is as fine as wanted.
 //! * [`stage`] connects these with the segments of a run.
 
 pub mod await_tiles;
 pub mod frame;
 pub mod frame_tree;
 pub mod heights;
+pub mod horizon;
 pub mod loader;
 pub mod sharpness;
 pub mod stage;

@@ -1,9 +1,11 @@
-//! Trimming: the part of a colour leaf's block that lies in the view frustum.
+//! Trimming: the part of a colour leaf's block that is seen.
 //!
-//! The generator culls by node; at the border of the picture most of a node may be outside. Here every vertex is known,
-//! so rows and columns of facets of which all vertices are outside of one frustum plane are not drawn at all. What is
-//! trimmed would not have produced a pixel.
+//! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
+//! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
+//! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is trimmed would not have produced a
+//! pixel.
 
+use crate::horizon::{Horizon, Vertices};
 use terravision_common::camera::Camera;
 use terravision_common::slot::TileSlot;
 use terravision_common::world::World;
@@ -25,6 +27,7 @@ pub struct Trim {
     ys: Vec<f64>,
     /// A bit per plane that the vertex is outside of.
     outside: Vec<u8>,
+    horizon: Horizon,
 }
 
 impl Trim {
@@ -41,18 +44,21 @@ impl Trim {
             xs: vec![0.0; posts],
             ys: vec![0.0; posts],
             outside: vec![0; posts * posts],
+            horizon: Horizon::new(world),
         }
     }
 
-    /// Takes the frustum of a frame's camera.
-    pub fn look(&mut self, camera: &Camera) {
+    /// Takes the frustum of a frame's camera; `ground_m` is the height of the ground under the eye, of any level.
+    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]];
         self.eye = camera.eye();
+        self.horizon.look(camera, ground_m);
     }
 
-    /// Takes the array of an elevation leaf: heights relative to the eye, as the slots of its blocks have it.
-    pub fn enter(&mut self, origin: [u64; 2], q: u8, heights: &[f32]) {
+    /// Takes the array of an elevation leaf, near to far: heights relative to the eye, as the slots of its blocks have it.
+    /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge.
+    pub fn enter(&mut self, origin: [u64; 2], q: u8, heights: &[f32], snaps: (u8, [u8; 4])) {
         let axes = [(&mut self.xs, self.eye.x), (&mut self.ys, self.eye.y)];
         for (axis, (metres, eye)) in axes.into_iter().enumerate() {
             for (index, metres) in (0u64..).zip(metres.iter_mut()) {
@@ -72,6 +78,8 @@ impl Trim {
                 *outside = bits;
             }
         }
+        let vertices = Vertices { xs: &self.xs, ys: &self.ys, heights };
+        self.horizon.enter(vertices, 1 << snaps.0, snaps.1.map(|snap| 1 << snap));
     }
 
     /// Trims a block of the entered leaf; `false` when nothing of it is left.
@@ -86,13 +94,13 @@ impl Trim {
             if x0 >= x1 || y0 >= y1 {
                 return false;
             }
-            if self.is_outside([x0, y0], [x1, (y0 + step).min(y1)]) {
+            if self.is_unseen([x0, y0], [x1, (y0 + step).min(y1)]) {
                 start[1] = y0 + step;
-            } else if self.is_outside([x0, last_strip(y0, y1, step)], [x1, y1]) {
+            } else if self.is_unseen([x0, last_strip(y0, y1, step)], [x1, y1]) {
                 end[1] = last_strip(y0, y1, step);
-            } else if self.is_outside([x0, y0], [(x0 + step).min(x1), y1]) {
+            } else if self.is_unseen([x0, y0], [(x0 + step).min(x1), y1]) {
                 start[0] = x0 + step;
-            } else if self.is_outside([last_strip(x0, x1, step), y0], [x1, y1]) {
+            } else if self.is_unseen([last_strip(x0, x1, step), y0], [x1, y1]) {
                 end[0] = last_strip(x0, x1, step);
             } else {
                 slot.start = start;
@@ -102,9 +110,13 @@ impl Trim {
         }
     }
 
-    /// Whether all vertices of a closed range of the array are outside of the same plane.
-    fn is_outside(&self, from: [u16; 2], to: [u16; 2]) -> bool {
-        let [x0, y0, x1, y1] = [from[0], from[1], to[0], to[1]].map(usize::from);
+    /// Whether all vertices of a closed range of the array are outside of the same plane, or its facets are hidden.
+    fn is_unseen(&self, from: [u16; 2], to: [u16; 2]) -> bool {
+        let (from, to) = (from.map(usize::from), to.map(usize::from));
+        self.is_outside(from, to) || self.horizon.is_hidden(from, to)
+    }
+
+    fn is_outside(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
         let mut all = u8::MAX;
         for row in self.outside.chunks_exact(self.posts).take(y1 + 1).skip(y0) {
             all = row[x0..=x1].iter().fold(all, |all, bits| all & bits);

@@ -3,11 +3,15 @@
 
 mod support;
 
+use glam::DVec3;
 use proptest::prelude::*;
 use std::collections::HashSet;
 use support::{Case, Mesh, NODES, Vertex, case, tile_slots};
+use terravision_common::camera::Camera;
+use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::slot::SlotContent;
+use terravision_common::synthetic::Relief;
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 use terravision_preparer::frame::FrameMaker;
@@ -78,29 +82,59 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Trimming takes away only triangles that are outside of one plane of the frustum.
-fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
+/// Corners of a triangle, metres from the eye.
+fn from_eye(case: &Case, triangle: &[Vertex; 3]) -> [DVec3; 3] {
+    let (unit, eye) = (case.world.lattice_unit_m(), case.camera.eye());
+    triangle.map(|(x, y, z)| DVec3::new(x as f64 * unit - eye.x, y as f64 * unit - eye.y, f64::from(f32::from_bits(z))))
+}
+
+/// Whether a ray from the eye meets the upper side of a triangle before it is at `to`.
+fn is_before([a, b, c]: [DVec3; 3], to: DVec3) -> bool {
+    let normal = (b - a).cross(c - a);
+    let (approach, distance) = (normal.dot(to), normal.dot(a));
+    // The upper side is seen by who comes down through it, and before the end of the ray.
+    if approach >= 0.0 || distance <= approach {
+        return false;
+    }
+    let at = to * (distance / approach);
+    let inside = |p: DVec3, q: DVec3| (q - p).cross(at - p).dot(normal) >= -1e-9 * normal.length_squared();
+    inside(a, b) && inside(b, c) && inside(c, a)
+}
+
+/// Triangles that were trimmed and are not wholly outside of one plane of the frustum: those that are hidden.
+fn hidden_triangles(case: &Case, all: &[[Vertex; 3]], trimmed: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
+    let left: HashSet<_> = trimmed.iter().collect();
+    let [a, b, c, d] = case.camera.frustum_normals_in_world();
+    let planes = [a, b, c, d, case.camera.axes_in_world()[2]];
+    let is_outside = |t: &[Vertex; 3]| planes.iter().any(|n| from_eye(case, t).iter().all(|p| n.dot(*p) < 0.0));
+    all.iter().filter(|t| !left.contains(t) && !is_outside(t)).copied().collect()
+}
+
+/// Trimming takes away only triangles that are outside of one plane of the frustum, or hidden by those that are left.
+fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
     let tiles = case.tiles(tree);
     let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));
     let frame = case.frame_of(FrameMaker::new(&case.world, NODES), tree, &tiles);
-    let trimmed: HashSet<[Vertex; 3]> = Mesh::of(&case.world, &frame).triangles.into_iter().collect();
+    let trimmed = Mesh::of(&case.world, &frame);
     let all: HashSet<[Vertex; 3]> = whole.triangles.iter().copied().collect();
-    prop_assert!(trimmed.is_subset(&all));
-    let [a, b, c, d] = case.camera.frustum_normals_in_world();
-    let planes = [a, b, c, d, case.camera.axes_in_world()[2]];
-    let eye = case.camera.eye();
-    for triangle in all.difference(&trimmed) {
-        let points = triangle.map(|(x, y, z)| {
-            glam::DVec3::new(x as f64 * 10.0 - eye.x, y as f64 * 10.0 - eye.y, f32::from_bits(z).into())
-        });
-        let is_outside = planes.iter().any(|n| points.iter().all(|p| n.dot(*p) < 0.0));
-        prop_assert!(is_outside, "{triangle:?} was trimmed and may be seen");
+    prop_assert!(trimmed.triangles.iter().all(|t| all.contains(t)));
+    let hidden = hidden_triangles(case, &whole.triangles, &trimmed.triangles);
+    let planes = case.camera.frustum_normals_in_world();
+    for triangle in hidden.iter().step_by(1 + hidden.len() / 16) {
+        let [a, b, c] = from_eye(case, triangle);
+        let inner = |u: f64, v: f64| a + (b - a) * u + (c - a) * v;
+        for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5), (0.3, 0.3)] {
+            let to = inner(u, v);
+            let is_in_picture = planes.iter().all(|n| n.dot(to) > 0.0);
+            let is_hidden = || trimmed.triangles.iter().any(|t| is_before(from_eye(case, t), to));
+            prop_assert!(!is_in_picture || is_hidden(), "{triangle:?} was trimmed and may be seen at {to}");
+        }
     }
     match frame.slots().last().and_then(|slot| slot.read()) {
         Some(SlotContent::End(end)) => prop_assert_eq!(end.tile_count as usize, frame.slots().len() - 2),
         other => prop_assert!(false, "the frame ends with {:?}", other),
     }
-    Ok(())
+    Ok(hidden.len())
 }
 
 proptest! {
@@ -120,4 +154,28 @@ proptest! {
     fn the_mesh_of_any_tree_is_one_surface(case in case(), density in 100u8..250) {
         check(&case, &wild_tree(&case.world, case.seed, density))?;
     }
+}
+
+/// Low over mountains most of the ground lies behind ridges.
+#[test]
+fn ground_behind_a_ridge_is_trimmed() {
+    let world = support::world([512, 512], 8, [0, 0], 8);
+    let mut hidden = 0;
+    for seed in 0..8 {
+        let camera = Camera {
+            eye_in_world: [2560.0, 300.0, 900.0],
+            heading_rad: 0.1 * seed as f64 - 0.4,
+            pitch_rad: -0.1,
+            roll_rad: 0.1,
+            vfov_rad: 1.0,
+            width: 320,
+            height: 200,
+            timestamp_nanos: 0,
+        };
+        let relief = Relief::Mountains { height_m: 1500.0 };
+        let (measure, r_px) = (Measure::Max, [4.0, 2.0]);
+        let case = Case { world, relief, camera, measure, r_px, exaggeration: 1.0, missing: 0, seed };
+        hidden += check_trimming(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
+    }
+    assert!(hidden > 1000, "{hidden} triangles were found to be hidden");
 }

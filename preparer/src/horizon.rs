@@ -1,0 +1,296 @@
+//! Hidden ground: facets that lie wholly behind ground that is drawn before them need not be drawn.
+//!
+//! Leaves come near to far. Over a height field, whatever is seen along a vertical plane through the eye below the
+//! highest ground so far is hidden by that ground: a ray to it would have to come up through the surface. So one number
+//! per direction, the *horizon*, is all that has to be kept. Directions are those of an upright picture plane ahead of the
+//! eye, on which facets stay triangles whatever the camera's pitch and roll:
+//!
+//! ```text
+//! u = across / ahead     v = up / ahead      ahead = (p − eye) · heading, horizontal
+//! ```
+//!
+//! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken from the rows and columns
+//! of drawn edges; a block of facets is hidden when its highest vertex lies below the horizon of every bin that it touches.
+
+use glam::DVec2;
+use terravision_common::camera::Camera;
+use terravision_common::world::World;
+
+/// Bins across the picture: narrower than a facet is wide.
+const BINS: usize = 512;
+/// Every how many lines of vertices raise the horizon: it costs time, and a ridge is broader than one line.
+const LINES_APART: usize = 2;
+/// How far below the horizon hidden ground has to be, pixels: the renderer works in single precision, and its edges in
+/// 256ths of a pixel.
+const MARGIN_PX: f64 = 0.25;
+/// Directions this steep, as ahead over distance, have no place on the upright plane.
+const LEAST_AHEAD: f64 = 0.2;
+/// Leaves with a vertex nearer than this, metres ahead of the eye, neither hide nor are hidden.
+const NEAREST_M: f64 = 0.1;
+
+/// Vertices of a leaf: where they lie from the eye, metres. Heights by row from the south.
+#[derive(Debug, Clone, Copy)]
+pub struct Vertices<'a> {
+    /// East of the eye, by column.
+    pub xs: &'a [f64],
+    /// North of it, by row.
+    pub ys: &'a [f64],
+    /// Above it, by row, then column.
+    pub heights: &'a [f32],
+}
+
+/// The horizon of one frame; keeps its buffers.
+#[derive(Debug)]
+pub struct Horizon {
+    extent_m: [f64; 2],
+    is_active: bool,
+    /// The camera's heading.
+    ahead: DVec2,
+    /// Takes `u` to bins: those of the picture are `0..BINS`.
+    bins_per_u: f32,
+    /// In `u` and `v`.
+    margin: f32,
+    bins: Vec<f32>,
+    /// Upright coordinates of the entered leaf's vertices, `u` in bins.
+    us: Vec<f32>,
+    vs: Vec<f32>,
+    bounds: Bounds,
+    /// Of the entered leaf, by blocks of `step` facets' sides.
+    hidden: Vec<bool>,
+    step: usize,
+    /// Columns of vertices over a row of blocks.
+    columns: Vec<Bounds>,
+    posts: usize,
+}
+
+/// What a set of vertices spans on the upright plane.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low_u: f32,
+    high_u: f32,
+    bottom: f32,
+    top: f32,
+}
+
+impl Bounds {
+    const NONE: Self =
+        Self { low_u: f32::INFINITY, high_u: f32::NEG_INFINITY, bottom: f32::INFINITY, top: f32::NEG_INFINITY };
+
+    /// Without regard for NaN, unlike `f32::min`: that compiles to one instruction.
+    #[inline(always)]
+    fn with(self, other: Self) -> Self {
+        let min = |a: f32, b: f32| if a < b { a } else { b };
+        let max = |a: f32, b: f32| if a > b { a } else { b };
+        Self {
+            low_u: min(self.low_u, other.low_u),
+            high_u: max(self.high_u, other.high_u),
+            bottom: min(self.bottom, other.bottom),
+            top: max(self.top, other.top),
+        }
+    }
+
+    #[inline(always)]
+    fn of(u: f32, v: f32) -> Self {
+        Self { low_u: u, high_u: u, bottom: v, top: v }
+    }
+}
+
+impl Horizon {
+    /// Buffers for leaves of a world.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let posts = world.elevation_posts() as usize;
+        Self {
+            extent_m: world.extent_m(),
+            is_active: false,
+            ahead: DVec2::Y,
+            bins_per_u: 1.0,
+            margin: 0.0,
+            bins: vec![f32::NEG_INFINITY; BINS],
+            us: vec![0.0; posts * posts],
+            vs: vec![0.0; posts * posts],
+            bounds: Bounds::NONE,
+            hidden: vec![false; posts * posts],
+            step: 1,
+            columns: vec![Bounds::NONE; posts],
+            posts,
+        }
+    }
+
+    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated. Nothing is hidden from
+    /// an eye beside the world, which may see under its edge, from one under the ground, nor in a steep view.
+    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
+        let (sin, cos) = camera.heading_rad.sin_cos();
+        self.ahead = DVec2::new(sin, cos);
+        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
+        let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
+        let is_over = |axis: usize| (0.0..=self.extent_m[axis]).contains(&camera.eye_in_world[axis]);
+        self.is_active = is_over(0)
+            && is_over(1)
+            && camera.eye_in_world[2] > ground_m
+            && corners.iter().all(|corner| corner.dot(self.ahead) >= LEAST_AHEAD);
+        if self.is_active {
+            let across = corners.map(|corner| (corner.perp_dot(self.ahead) / corner.dot(self.ahead)).abs());
+            self.bins_per_u = (0.5 * BINS as f64 / across.into_iter().fold(1e-9, f64::max)) as f32;
+            self.margin = (MARGIN_PX / camera.focal_px()) as f32;
+            self.bins.fill(f32::NEG_INFINITY);
+        }
+    }
+
+    /// Takes the vertices of the next leaf, near to far, and finds what of it is hidden, in blocks of `step` facets'
+    /// sides, the longest of its steps; then the leaf hides what comes after it. It is drawn with every vertex that is a
+    /// multiple of `grid`, on its west, east, south and north edges of `edges`.
+    pub fn enter(&mut self, vertices: Vertices<'_>, grid: usize, edges: [usize; 4]) {
+        self.step = edges.into_iter().fold(grid, usize::max);
+        if self.is_active && self.is_under(vertices) {
+            self.is_active = false;
+        }
+        if !self.is_active {
+            return;
+        }
+        if !self.project(vertices) {
+            self.hidden.fill(false);
+        } else if self.find_hidden() {
+            self.raise(grid, edges);
+        }
+    }
+
+    /// Whether a block of the entered leaf, from `x0, y0` to `x1, y1` in posts and multiples of the step, is hidden.
+    #[must_use]
+    pub fn is_hidden(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
+        let step = self.step;
+        let rows = self.hidden.chunks_exact((self.posts - 1) / step);
+        self.is_active
+            && rows
+                .take(y1.div_ceil(step))
+                .skip(y0 / step)
+                .all(|row| row[x0 / step..x1.div_ceil(step)].iter().all(|is_hidden| *is_hidden))
+    }
+
+    /// Whether the eye may be under the surface that is drawn (ground that is coarse, because its tiles are on their way):
+    /// what is hidden from above is seen from there. An eye within the range of heights of a node's ground is in its box, so
+    /// that node is in the tree; one below the range is below the ground of every level.
+    fn is_under(&self, vertices: Vertices<'_>) -> bool {
+        let last = self.posts - 1;
+        let around = |metres: &[f64]| {
+            let holds_eye = |at: &usize| metres[*at] <= 0.0 && metres[(at + self.step).min(last)] >= 0.0;
+            (0..last).step_by(self.step).find(holds_eye).map(|at| at..=(at + self.step).min(last))
+        };
+        let (Some(columns), Some(mut rows)) = (around(vertices.xs), around(vertices.ys)) else { return false };
+        rows.any(|row| columns.clone().any(|column| vertices.heights[row * self.posts + column] >= 0.0))
+    }
+
+    /// Finds where the vertices are on the upright plane; `false` when one has no place there.
+    fn project(&mut self, vertices: Vertices<'_>) -> bool {
+        let mut least_ahead = f64::INFINITY;
+        let mut bounds = Bounds::NONE;
+        let rows = self.us.chunks_exact_mut(self.posts).zip(self.vs.chunks_exact_mut(self.posts));
+        for (((us, vs), heights), y) in rows.zip(vertices.heights.chunks_exact(self.posts)).zip(vertices.ys) {
+            for (((u, v), z), x) in us.iter_mut().zip(vs).zip(heights).zip(vertices.xs) {
+                let ahead = x * self.ahead.x + y * self.ahead.y;
+                least_ahead = if ahead < least_ahead { ahead } else { least_ahead };
+                let per_metre = (1.0 / ahead) as f32;
+                *u = (x * self.ahead.y - y * self.ahead.x) as f32 * per_metre * self.bins_per_u + 0.5 * BINS as f32;
+                *v = z * per_metre;
+                bounds = bounds.with(Bounds::of(*u, *v));
+            }
+        }
+        self.bounds = bounds;
+        least_ahead >= NEAREST_M
+    }
+
+    /// Whether anything of the entered leaf may be seen.
+    fn find_hidden(&mut self) -> bool {
+        let (step, side) = (self.step, self.posts - 1);
+        let per_row = side / step;
+        if !self.bins_of(self.bounds).iter().any(|bin| *bin > self.bounds.bottom) {
+            self.hidden[..per_row * per_row].fill(false);
+            return true;
+        }
+        let mut is_seen = false;
+        for row in 0..per_row {
+            self.columns.fill(Bounds::NONE);
+            for line in row * step..=(row + 1) * step {
+                let range = line * self.posts..(line + 1) * self.posts;
+                for ((column, u), v) in self.columns.iter_mut().zip(&self.us[range.clone()]).zip(&self.vs[range]) {
+                    *column = column.with(Bounds::of(*u, *v));
+                }
+            }
+            for block in 0..per_row {
+                let columns = &self.columns[block * step..=(block + 1) * step];
+                let bounds = columns.iter().fold(Bounds::NONE, |all, column| all.with(*column));
+                let bins = self.bins_of(bounds);
+                let top = bounds.top + self.margin;
+                let is_hidden = !bins.is_empty() && bins.iter().all(|bin| top < *bin);
+                self.hidden[row * per_row + block] = is_hidden;
+                is_seen |= !is_hidden;
+            }
+        }
+        is_seen
+    }
+
+    /// The bins that something touches; none beside the picture, which is for the frustum to say.
+    fn bins_of(&self, bounds: Bounds) -> &[f32] {
+        let margin = self.margin * self.bins_per_u;
+        let (first, last) = (bounds.low_u - margin, bounds.high_u + margin);
+        if last < 0.0 || first >= BINS as f32 {
+            return &[];
+        }
+        // Casts of negative numbers give 0.
+        &self.bins[first as usize..=(last as usize).min(BINS - 1)]
+    }
+
+    /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are drawn as they are only where
+    /// nothing collapses on them.
+    fn raise(&mut self, grid: usize, [west, east, south, north]: [usize; 4]) {
+        let last = self.posts - 1;
+        let first_of = |edge: usize| if edge > grid { grid } else { 0 };
+        let end_of = |edge: usize| if edge > grid { last - grid } else { last };
+        let (columns, rows) = ([first_of(west), end_of(east)], [first_of(south), end_of(north)]);
+        // Lines that run across the view rather than along it.
+        let is_by_rows = self.ahead.y.abs() >= self.ahead.x.abs();
+        let (along, lines, strides) =
+            if is_by_rows { (columns, rows, [1, self.posts]) } else { (rows, columns, [self.posts, 1]) };
+        if along[0] < along[1] {
+            for line in (lines[0]..=lines[1]).step_by(LINES_APART * grid) {
+                self.raise_by_line(line * strides[1], along, grid, strides[0]);
+            }
+        }
+    }
+
+    /// A line of vertices, straight as seen from above, so that `u` only rises or only falls along it.
+    fn raise_by_line(&mut self, start: usize, [from, to]: [usize; 2], grid: usize, stride: usize) {
+        let is_rising = self.us[start + from * stride] < self.us[start + to * stride];
+        let vertex = |step: usize| {
+            let at = start + stride * if is_rising { from + step * grid } else { to - step * grid };
+            (self.us[at], self.vs[at])
+        };
+        let mut previous = vertex(0);
+        // Bins that the line covers from side to side.
+        let mut bin = previous.0.ceil().max(0.0);
+        let mut lowest = f32::INFINITY;
+        let mut is_inside = false;
+        for step in 1..=(to - from) / grid {
+            let next = vertex(step);
+            let across = next.0 - previous.0;
+            if across > 0.0 {
+                let slope = (next.1 - previous.1) / across;
+                let height_at = |u: f32| previous.1 + (u - previous.0).min(across) * slope;
+                if !is_inside && next.0 >= bin {
+                    is_inside = true;
+                    lowest = height_at(bin);
+                }
+                while is_inside && next.0 >= bin + 1.0 && bin < BINS as f32 {
+                    let height = height_at(bin + 1.0);
+                    let place = &mut self.bins[bin as usize];
+                    *place = place.max(lowest.min(height));
+                    lowest = height;
+                    bin += 1.0;
+                }
+            }
+            lowest = if is_inside { lowest.min(next.1) } else { lowest };
+            previous = next;
+        }
+    }
+}
