@@ -7,6 +7,7 @@ use crate::report::Found;
 use crate::session::{Scratch, sibling};
 use crate::world;
 use anyhow::{Context, bail, ensure};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::Deserialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -22,8 +23,6 @@ const STEADY_AFTER_S: f64 = 5.0;
 const OSCILLATION_S: f64 = 5.0;
 /// Most frames of the flight that finds out what can be reached; the first half of them loads tiles.
 const FREE_FRAMES: u64 = 480;
-/// Nice value of the process that takes a core away, where that is allowed: nothing else gets it.
-const LOAD_NICE: i32 = -20;
 
 /// What of a report is looked at.
 #[derive(Debug, Deserialize)]
@@ -108,13 +107,18 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
     Ok(())
 }
 
-/// Keeps one core busy for so long, then prints how much of one it got.
+/// Keeps the last core that this process may use busy for so long, then prints how much of it it got. An ordinary program, of
+/// the same priority as the flight: they share that core, or the flight goes elsewhere.
 ///
 /// # Errors
 /// When nobody listens.
 pub fn load(seconds: f64, out: &mut impl Write) -> anyhow::Result<()> {
-    // Where it is not allowed the load shares its core with others, and says so by its figure.
-    rustix::process::setpriority_process(None, LOAD_NICE).ok();
+    let mut core = CpuSet::new();
+    let all = sched_getaffinity(None).context("cannot tell which cores there are")?;
+    if let Some(last) = (0..CpuSet::MAX_CPU).rev().find(|core| all.is_set(*core)) {
+        core.set(last);
+        sched_setaffinity(None, &core).context("cannot stay on one core")?;
+    }
     let cpu_seconds = || {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
         time.tv_sec as f64 + time.tv_nsec as f64 / 1e9

@@ -1,5 +1,5 @@
 //! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as values, worlds to fly
-//! over, a web server that misbehaves, storms.
+//! over, an S3 server, storms.
 
 pub mod flight;
 pub mod folder;
@@ -10,7 +10,6 @@ pub mod process;
 pub mod rays;
 pub mod reference;
 pub mod s3;
-pub mod server;
 pub mod shot;
 pub mod storm;
 pub mod worlds;

@@ -9,10 +9,10 @@ use std::time::Duration;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
+use terravision_limited_server::{Fault, LimitedServer, Link, Rule};
 use terravision_store::{Cause, FetchError, Location, RetryOptions, Store, StoreError, StoreOptions};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::Terravision;
-use terravision_tests::server::{Fault, Link, Rule, TestServer};
 use terravision_tests::worlds::synth_world;
 
 const FILES: [&str; 4] = ["manifest.json", "nodes.tvn", "elevation.pmtiles", "color.pmtiles"];
@@ -34,11 +34,11 @@ fn options(folder: &TestFolder) -> StoreOptions {
     }
 }
 
-fn serve() -> TestServer {
-    TestServer::serve(synth_world(1024).database().parent().unwrap())
+fn serve() -> LimitedServer {
+    LimitedServer::serve(synth_world(1024).database().parent().unwrap())
 }
 
-fn location(server: &TestServer) -> Location {
+fn location(server: &LimitedServer) -> Location {
     Location::parse(&server.url("world.tv")).unwrap()
 }
 
@@ -170,7 +170,7 @@ fn an_archive_gives_the_tiles_of_the_folder_from_this_machine_and_from_a_server(
             .arg("world.tv")
             .succeed();
     }
-    let server = TestServer::serve(folder.path());
+    let server = LimitedServer::serve(folder.path());
     for location in [folder.join("gnu world.tar").display().to_string(), server.url("pax.tar?key=1")] {
         let location = Location::parse(&location).unwrap();
         let store = Store::open(&location, &options(&folder)).unwrap();
@@ -405,7 +405,7 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     for file in FILES {
         fs::copy(synth_world(1024).database().join(file), copy.join(file)).unwrap();
     }
-    let server = TestServer::serve(folder.path());
+    let server = LimitedServer::serve(folder.path());
     let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
     let store = Store::open(&location(&server), &no_cache).unwrap();
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();

@@ -5,12 +5,15 @@
 //! at once, else it goes too short, never too far; and because each sample is taken relative to the u that *it* was drawn
 //! with, the frames that are still in the pipeline after a change do not make the controller change twice.
 //!
-//! * **Coarser fast**: two of three frames that are clearly too slow move u at once by all that they ask for. One slow
-//!   frame alone moves nothing.
-//! * **Finer slow**: only the median of several frames that were drawn with the present u counts, and the first step is
+//! * **Coarser fast**: three frames in a row that are clearly too slow move u at once by what all of them ask for. One or two
+//!   slow ones move nothing.
+//! * **Finer slow**: only frames that were drawn with the present u count, the slow ones among them too, and the first step is
 //!   small. What it cost tells how much of the time is triangles, and so how far the next one may go: where facets cost
 //!   next to nothing the picture does not have to creep back.
 //! * **Between, nothing**: while the median of a dozen frames lies inside the dead band, u stays as it is.
+//! * **The more frames scatter, the more patience**: on cores that other programs use too, every fifth frame takes half as long again or twice as
+//!   long, for no reason of ours. From the differences of successive frames the controller knows how much they scatter; "clearly too
+//!   slow" is beyond that, and after a change the next step to finer waits, long enough that nobody would call it swinging.
 //! * **At rest** the band is left: step by step finer, each step only as far as it fits into the frame's time even if all of
 //!   it is triangles. With the first frame that moves, u is what it was before the rest.
 //!
@@ -31,12 +34,25 @@ pub const BAND: [f64; 2] = [0.73, 0.92];
 /// Up to this share of the frame's time a camera at rest is given a finer picture.
 pub const REST_SHARE: f64 = 0.9;
 
-/// Two of three frames that ask for this much more of log2 r_z are believed at once: 18 % over the setpoint.
+/// Three frames in a row that all ask for this much more of log2 r_z are believed at once: 18 % over the setpoint.
 const FAST: f64 = 0.12;
+const FRAMES_FAST: usize = 3;
+/// ... or for so many times as much as frames scatter, if that is more.
+const FAST_SCATTERS: f64 = 2.0;
+/// Successive frames whose differences tell how much frames scatter: three quarters of them differ by less than the scatter.
+const FRAMES_SCATTER: usize = 48;
+const SCATTER_SHARE: f64 = 0.75;
+/// Frames that scatter less are calm. Else fast steps and steps to finer stay small, and after a change so many seconds pass for each unit of
+/// scatter beyond before there is one, at most so many.
+const CALM: f64 = 0.04;
+const PATIENCE_S: f64 = 100.0;
+const MOST_PATIENCE_S: f64 = 6.0;
+/// A step to finer has to leave room for the slow ones too: this share of frames has to fit.
+const SLOW_SHARE: f64 = 0.8;
 /// Most that log2 r_z grows in one change: to four times as large.
 const MOST_COARSER: f64 = 2.0;
-/// Most that it shrinks in a first change...
-const FIRST_FINER: f64 = 0.15;
+/// Most that it shrinks in a first change: 7 % of r_z...
+const FIRST_FINER: f64 = 0.1;
 /// ... and in one whose cost is foreseen from what the change before cost.
 const MOST_FINER: f64 = 0.5;
 /// The scatter of a median that is reckoned with, as a share of it.
@@ -138,6 +154,11 @@ pub struct RateController {
     rest_after: u32,
     /// The newest frames, whatever they were drawn with.
     newest: VecDeque<Sample>,
+    /// What the last frame would have needed, and by how much each of the newest differed in that from the one before.
+    last_needed: Option<f64>,
+    differences: VecDeque<f64>,
+    /// Frames since u was changed for their sake.
+    unchanged: u32,
     /// The newest frames that were drawn with the present u.
     present: VecDeque<Sample>,
     /// u before it became finer, and the log2 time over the target that it had then.
@@ -179,10 +200,13 @@ impl RateController {
             agreeing: FRAMES_AT_REST,
             still_frames: 0,
             rest_after,
-            newest: VecDeque::with_capacity(4),
+            newest: VecDeque::with_capacity(FRAMES_FAST + 1),
+            last_needed: None,
+            differences: VecDeque::with_capacity(FRAMES_SCATTER + 1),
+            unchanged: u32::MAX,
             present: VecDeque::with_capacity(FRAMES_NEAR + 1),
             before: None,
-            scratch: Vec::with_capacity(FRAMES_NEAR + 1),
+            scratch: Vec::with_capacity(FRAMES_SCATTER + 1),
         })
     }
 
@@ -211,12 +235,27 @@ impl RateController {
         // A frame that was drawn coarser than is drawn now, and had time over, does not speak against having become finer.
         let is_outdated = u > self.u && sample.needed <= u;
         if !is_outdated {
-            push(&mut self.newest, sample, 3);
+            push(&mut self.newest, sample, FRAMES_FAST);
         }
         if (u - self.u).abs() < 1e-6 {
             push(&mut self.present, sample, FRAMES_NEAR);
         }
+        if let Some(last) = self.last_needed.replace(sample.needed) {
+            push(&mut self.differences, (sample.needed - last).abs(), FRAMES_SCATTER);
+        }
+        self.unchanged = self.unchanged.saturating_add(1);
         self.judge();
+    }
+
+    /// By how much of log2 r_z frames differ from one to the next, but for every fourth.
+    fn scatter(&mut self) -> f64 {
+        quantile(self.differences.iter().copied(), SCATTER_SHARE, &mut self.scratch)
+    }
+
+    /// Whether enough frames have passed since the last change for a step to finer.
+    fn is_patient(&mut self) -> bool {
+        let wait_s = (PATIENCE_S * (self.scatter() - CALM)).min(MOST_PATIENCE_S);
+        f64::from(self.unchanged) * self.settings.target_nanos >= 1e9 * wait_s
     }
 
     /// The resolutions of the next frame; `is_moving`: whether its camera is another than that of the frame before.
@@ -256,11 +295,14 @@ impl RateController {
     }
 
     fn judge(&mut self) {
-        // Coarser, at once: two of the last three ask for it.
-        if self.newest.len() == 3 {
-            let needed = median(&self.newest, 3, &mut self.scratch);
-            if needed > self.u + FAST {
-                self.change(needed.min(self.u + MOST_COARSER));
+        // Coarser, at once: all of the newest frames ask for it.
+        if self.newest.len() == FRAMES_FAST {
+            let needed = self.newest.iter().map(|sample| sample.needed).fold(f64::INFINITY, f64::min);
+            let scatter = self.scatter();
+            if needed > self.u + FAST.max(FAST_SCATTERS * scatter) {
+                // What is chance now and then must not drive facets out of sight; what is none comes again, or is seen by the median.
+                let most = if scatter > CALM { FAST } else { MOST_COARSER };
+                self.change(needed.min(self.u + most));
                 return;
             }
         }
@@ -269,33 +311,36 @@ impl RateController {
             return;
         }
         let band = BAND.map(|share| 0.5 * (share / SETPOINT).log2());
-        if self.present.len() >= FRAMES_FAR {
-            let needed = median(&self.present, FRAMES_FAR, &mut self.scratch);
-            if needed < self.u - FAR {
-                self.finer(needed);
-                return;
+        let [median_far, slow_far] = self.needed(FRAMES_FAR);
+        if self.present.len() >= FRAMES_FAR && slow_far < self.u - FAR && self.is_patient() {
+            self.finer(median_far);
+        } else if self.present.len() >= FRAMES_NEAR {
+            let [median, slow] = self.needed(FRAMES_NEAR);
+            if median > self.u + band[1] {
+                self.change(median);
+            } else if median < self.u + band[0] && slow < self.u + band[1] && self.is_patient() {
+                self.finer(median);
             }
         }
-        if self.present.len() >= FRAMES_NEAR {
-            let needed = median(&self.present, FRAMES_NEAR, &mut self.scratch);
-            if needed > self.u + band[1] {
-                self.change(needed);
-            } else if needed < self.u + band[0] {
-                self.finer(needed);
-            }
-        }
+    }
+
+    /// What the newest frames drawn with the present u need: half of them, and nearly all.
+    fn needed(&mut self, count: usize) -> [f64; 2] {
+        let newest = || self.present.iter().rev().take(count).map(|sample| sample.needed);
+        [0.5, SLOW_SHARE].map(|share| quantile(newest(), share, &mut self.scratch))
     }
 
     /// Finer, by what surely fits. `needed` is what would fit if all of the time were triangles.
     fn finer(&mut self, needed: f64) {
         let octaves = 2.0 * (needed - self.u) + SETPOINT.log2();
         let time = octaves.exp2();
+        let most = if self.scatter() > CALM { FIRST_FINER } else { MOST_FINER };
         let step = match self.before {
             Some((u, before)) if u > self.u => {
                 // Time is a + b / r_z²: two settings give b / r_z² here, of all that grows with finer facets.
                 let grown = (time - before.exp2()).max(0.0) + SCATTER * time;
                 let triangles = (grown / (1.0 - (2.0 * (self.u - u)).exp2())).min(time);
-                (0.5 * (1.0 + (SETPOINT - time) / triangles).log2()).min(MOST_FINER)
+                (0.5 * (1.0 + (SETPOINT - time) / triangles).log2()).min(most)
             }
             _ => (self.u - needed).min(FIRST_FINER),
         };
@@ -316,7 +361,7 @@ impl RateController {
             self.change(self.u - step);
         } else if self.present.len() == FRAMES_NEAR {
             // Too slow for long, if not by much.
-            let needed = median(&self.present, FRAMES_NEAR, &mut self.scratch);
+            let [needed, _] = self.needed(FRAMES_NEAR);
             if needed > self.u + 0.5 * (BAND[1] / SETPOINT).log2() {
                 self.change(needed);
             }
@@ -334,23 +379,25 @@ impl RateController {
                 self.agreeing = FRAMES_NEAR;
             }
             self.u = u;
+            self.unchanged = 0;
             self.present.clear();
             self.before = None;
         }
     }
 }
 
-fn push(samples: &mut VecDeque<Sample>, sample: Sample, most: usize) {
-    if samples.len() == most {
-        samples.pop_front();
+fn push<T>(values: &mut VecDeque<T>, value: T, most: usize) {
+    if values.len() == most {
+        values.pop_front();
     }
-    samples.push_back(sample);
+    values.push_back(value);
 }
 
-/// The median of what the newest `count` samples need; of an even number the lower one of the middle.
-fn median(samples: &VecDeque<Sample>, count: usize, scratch: &mut Vec<f64>) -> f64 {
+/// The value that this share of all values does not exceed, the lower one where it lies between two; 0 of none.
+fn quantile(values: impl Iterator<Item = f64>, share: f64, scratch: &mut Vec<f64>) -> f64 {
     scratch.clear();
-    scratch.extend(samples.iter().rev().take(count).map(|sample| sample.needed));
+    scratch.extend(values);
     scratch.sort_unstable_by(f64::total_cmp);
-    scratch.get(scratch.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
+    let at = scratch.len().saturating_sub(1) as f64 * share;
+    scratch.get(at as usize).copied().unwrap_or(0.0)
 }

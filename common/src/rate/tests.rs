@@ -99,6 +99,66 @@ fn noise_moves_nothing() {
     }
 }
 
+/// The largest way there and back of r_z within so many frames, as a share: the smaller one of the two moves.
+fn swing(frames: &[simulation::SimulatedFrame], within: usize) -> f64 {
+    let u: Vec<f64> = frames.iter().map(|frame| frame.resolutions.r_z_px.log2()).collect();
+    let mut worst: f64 = 0.0;
+    for from in 0..u.len() {
+        let (mut high, mut low, mut back) = (u[from], u[from], [0.0f64; 2]);
+        for to in from..(from + within).min(u.len()) {
+            (high, low) = (high.max(u[to]), low.min(u[to]));
+            back = [back[0].max((high - u[from]).min(high - u[to])), back[1].max((u[from] - low).min(u[to] - low))];
+        }
+        worst = worst.max(back[0]).max(back[1]);
+    }
+    worst.exp2() - 1.0
+}
+
+#[test]
+fn cores_that_others_use_too_make_no_swing() {
+    for target in [33e6, 62e6, 125e6] {
+        for share in [0.2, 0.5, 0.8, 1.0] {
+            for load in [0.8, 1.0, 1.2] {
+                let settings = RateSettings { target_nanos: target, ..settings() };
+                let controller = RateController::new(settings).unwrap();
+                let mut simulation =
+                    Simulation::new(Cost::of_frame(target, 10.0, share), controller, true).with_contention();
+                let seconds = |seconds: f64| (seconds * 1e9 / target) as usize;
+                fly(&mut simulation, seconds(100.0), load);
+                let about = format!("{} ms, {share} triangles, load {load}", target / 1e6);
+                let steady = &simulation.frames()[seconds(10.0)..];
+                let swing = swing(steady, seconds(5.0));
+                assert!(swing < 0.1, "{about}: r_z swings by {swing}");
+                // A frame has its own time and that of the stages before it. Where pixels alone take too long nothing helps.
+                let late = steady.iter().filter(|frame| frame.nanos > 1.9 * target).count();
+                assert!(late * 20 < steady.len(), "{about}: {late} of {} frames", steady.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_step_in_load_is_noticed_on_cores_that_others_use_too() {
+    for target in [33e6, 62e6, 125e6] {
+        let settings = RateSettings { target_nanos: target, ..settings() };
+        let controller = RateController::new(settings).unwrap();
+        let mut simulation = Simulation::new(Cost::of_frame(target, 10.0, 0.8), controller, true).with_contention();
+        let seconds = |seconds: f64| (seconds * 1e9 / target) as usize;
+        fly(&mut simulation, seconds(20.0), 1.0);
+        fly(&mut simulation, seconds(20.0), 1.7);
+        fly(&mut simulation, seconds(60.0), 1.0);
+        let middle = |from: f64, to: f64| {
+            let mut times: Vec<f64> =
+                simulation.frames()[seconds(from)..seconds(to) - 3].iter().map(|frame| frame.nanos / target).collect();
+            times.sort_by(f64::total_cmp);
+            times[times.len() / 2]
+        };
+        assert!(middle(22.0, 40.0) < 0.95, "{target}: {}", middle(22.0, 40.0));
+        // What the load gave back is used, if slowly.
+        assert!(middle(70.0, 100.0) > 0.68, "{target}: {}", middle(70.0, 100.0));
+    }
+}
+
 #[test]
 fn one_slow_frame_and_a_pause_move_nothing() {
     let mut simulation = simulation(0.7);

@@ -72,16 +72,16 @@ impl Rule {
         self
     }
 
-    pub(super) fn fault(&self) -> Fault {
+    pub(crate) fn fault(&self) -> Fault {
         self.fault.clone()
     }
 
-    pub(super) fn fits(&self, path: &str) -> bool {
+    pub(crate) fn fits(&self, path: &str) -> bool {
         path.ends_with(&self.path)
     }
 
     /// Whether it strikes at the request of this number, counted from 0 among those that fit.
-    pub(super) fn strikes(&self, number: u64) -> bool {
+    pub(crate) fn strikes(&self, number: u64) -> bool {
         let is_within = number >= self.skip && number - self.skip < self.most;
         // Fibonacci hashing spreads consecutive numbers evenly over 0..100.
         let spread = ((number.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) * 100) >> 32;

@@ -16,7 +16,7 @@ struct Request {
     range: Option<[u64; 2]>,
 }
 
-pub(super) fn talk(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
+pub(crate) fn talk(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(TICK))?;
     stream.set_nodelay(true)?;

@@ -1,10 +1,10 @@
 //! A static web server on loopback that honours byte ranges, and misbehaves on demand: a slow link, lost connections,
-//! wrong answers of every kind.
+//! wrong answers of every kind. For tests and benches: it is no server for others.
 //!
 //! ```no_run
-//! use terravision_tests::server::{Fault, Rule, TestServer};
+//! use terravision_limited_server::{Fault, LimitedServer, Rule};
 //!
-//! let server = TestServer::serve("/data".as_ref());
+//! let server = LimitedServer::serve("/data".as_ref());
 //! let url = server.url("world.tv");
 //! // Three requests in ten, for tiles alone, are dropped.
 //! server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").percent(30)]);
@@ -61,7 +61,7 @@ pub(crate) struct Shared {
 
 /// A server on loopback. Dropped, it ends.
 #[derive(Debug)]
-pub struct TestServer {
+pub struct LimitedServer {
     address: SocketAddr,
     shared: Arc<Shared>,
     acceptor: Option<JoinHandle<()>>,
@@ -71,7 +71,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl TestServer {
+impl LimitedServer {
     /// Serves the files below a folder, on a port that the system chooses.
     ///
     /// # Panics
@@ -153,7 +153,7 @@ impl TestServer {
     }
 }
 
-impl Drop for TestServer {
+impl Drop for LimitedServer {
     fn drop(&mut self) {
         self.shared.ends.store(true, Ordering::Relaxed);
         if let Some(acceptor) = self.acceptor.take() {
