@@ -38,7 +38,7 @@ pub enum Verb {
         after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv"
     )]
     Synth(SynthArgs),
-    /// Make a sparse world for tests: a detailed square in a plain of any size.
+    /// Make a world for tests: a detailed square in a plain of any size, or (--bulk) gigabytes.
     #[command(hide = true)]
     Sparse(SparseArgs),
 }
@@ -58,9 +58,13 @@ pub struct SparseArgs {
     /// Every colour tile has the one colour that names its node
     #[arg(long)]
     pub named: bool,
-    /// Octaves of noise in relief and colour: more take more bytes
-    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=12))]
-    pub octaves: u32,
+    /// For load tests, in place of the square: everywhere terrain and colours that take many bytes and little time, and no tile
+    /// equal to another. They are made to be read, not to be looked at
+    #[arg(long, conflicts_with = "named")]
+    pub bulk: bool,
+    /// Texels along the distance of two posts, a power of two
+    #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub texels_per_post: u32,
 }
 
 /// Arguments of `ingest`, as typed.

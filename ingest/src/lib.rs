@@ -17,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 pub mod archive;
+mod bulk;
 pub mod cli;
 pub mod error;
 pub mod job;

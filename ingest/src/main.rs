@@ -48,7 +48,8 @@ fn main() -> ExitCode {
                 detailed_nodes: args.detailed_nodes,
                 doublings: args.doublings,
                 is_named: args.named,
-                octaves: args.octaves,
+                is_bulk: args.bulk,
+                texels_per_post: args.texels_per_post,
             };
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());

@@ -2,8 +2,11 @@
 //! next to no cost on disk, since all tiles of the plain are one tile.
 //!
 //! The detailed square is the same in worlds of every size, level by level: only what is around it grows.
+//!
+//! Or, for load tests, worlds that have no plain and are full of bytes ([`SparseOptions::is_bulk`]).
 
 use crate::archive::{self, ArchiveInfo, Place, Tile};
+use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
 use crate::plan::{Plan, PlanOptions};
@@ -31,8 +34,17 @@ pub struct SparseOptions {
     pub doublings: u8,
     /// Every colour tile, also of the plain, has the one colour that names its node ([`name_color`]).
     pub is_named: bool,
-    /// How fine the detail is: octaves of noise in relief and colour. More take more bytes and more time.
-    pub octaves: u32,
+    /// No square in a plain, but terrain and colours everywhere that take many bytes and little time.
+    pub is_bulk: bool,
+    /// Texels of the finest colours along the distance of two posts, a power of two.
+    pub texels_per_post: u32,
+}
+
+impl Default for SparseOptions {
+    /// A square of 32 nodes, nothing around it.
+    fn default() -> Self {
+        Self { detailed_nodes: 32, doublings: 0, is_named: false, is_bulk: false, texels_per_post: 2 }
+    }
 }
 
 /// Colour of the plain.
@@ -40,15 +52,19 @@ const PLAIN: Rgb = [112, 124, 84];
 /// Heights of the plain and of the detailed square's relief, metres.
 const PLAIN_M: f32 = 200.0;
 const RELIEF_M: f32 = 900.0;
+/// Octaves of noise in relief and colour.
+const OCTAVES: u32 = 4;
+/// Of JPEG.
+const QUALITY: u8 = 90;
 /// Distance of posts, metres.
 const SPACING_M: f64 = 10.0;
 
 /// The content: functions of position in lattice units.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Content {
     /// Side of the detailed square, lattice units.
     side: f64,
-    octaves: u32,
+    bulk: Option<Bulk>,
 }
 
 impl Content {
@@ -62,9 +78,12 @@ impl Content {
     }
 
     fn height(&self, x: f64, y: f64) -> f32 {
+        if let Some(bulk) = &self.bulk {
+            return bulk.height(x, y);
+        }
         match self.detail(x, y) {
             detail if detail > 0.0 => {
-                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, self.octaves)))
+                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, OCTAVES)))
             }
             _ => PLAIN_M,
         }
@@ -75,7 +94,7 @@ impl Content {
         if detail == 0.0 {
             return PLAIN;
         }
-        let tone = octaves(x / 40.0, y / 40.0, 8, self.octaves);
+        let tone = octaves(x / 40.0, y / 40.0, 8, OCTAVES);
         [0, 1, 2].map(|c| (f32::from(PLAIN[c]) + detail * (60.0 * tone + 12.0 * c as f32)).clamp(0.0, 255.0) as u8)
     }
 
@@ -91,31 +110,46 @@ impl Content {
 /// [`IngestError`].
 pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manifest, IngestError> {
     let nodes = u64::from(options.detailed_nodes) << options.doublings;
-    if !options.detailed_nodes.is_power_of_two() || nodes > 1 << 14 {
+    let is_side = options.is_bulk || options.detailed_nodes.is_power_of_two();
+    if !is_side || !(1..=1 << 14).contains(&nodes) {
+        let expected = if options.is_bulk { "1" } else { "a power of two" };
         return Err(IngestError::usage(format!(
-            "a sparse world of {nodes} nodes along a side cannot be made, expected a power of two up to {}",
+            "a sparse world of {nodes} nodes along a side cannot be made, expected {expected} up to {}",
             1 << 14
         )));
     }
+    let top = nodes.next_power_of_two().ilog2() as u8;
     let PlanOptions { elevation_tile, color_tile, .. } = PlanOptions::default();
-    // Texels half as large as the distance of posts.
-    let finest_color = (color_tile / elevation_tile).ilog2() as u8 - 1;
+    let most = color_tile / elevation_tile;
+    if !options.texels_per_post.is_power_of_two() || options.texels_per_post > most {
+        return Err(IngestError::usage(format!(
+            "a sparse world cannot have {} texels per post, expected a power of two up to {most}",
+            options.texels_per_post
+        )));
+    }
+    let finest_color = (most / options.texels_per_post).ilog2() as u8;
     let fields = WorldFields {
         origin: [500_000.0, 5_000_000.0],
         lattice_unit_m: SPACING_M,
         extent: [nodes as u32 * elevation_tile; 2],
         elevation_tile,
         color_tile,
-        levels: nodes.ilog2() as u8 + 1,
+        levels: top + 1,
         finest_elevation_level: 0,
-        finest_color_level: finest_color.min(nodes.ilog2() as u8),
+        finest_color_level: finest_color.min(top),
     };
     let world = World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))?;
     let lattice = Lattice { first: fields.origin, step: SPACING_M };
     let plan =
         Plan { world, elevation: lattice, color: lattice, elevation_bounds: Vec::new(), color_bounds: Vec::new() };
     let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
-    let content = Content { side: f64::from(options.detailed_nodes * elevation_tile), octaves: options.octaves };
+    let bulk = match options.is_bulk {
+        true => Some(Bulk::new(world.color_stored(), QUALITY)),
+        false => None,
+    };
+    let bulk = bulk.transpose().map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
+    let detailed = if options.is_bulk { nodes as u32 } else { options.detailed_nodes };
+    let content = Content { side: f64::from(detailed * elevation_tile), bulk };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
         let elevation =
@@ -137,7 +171,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
             },
         )?;
         let fail = |source| IngestError::Output { source, path: paths[2].clone() };
-        let ranges = ranges(&world, &content);
+        let ranges = ranges(&world, &content, work)?;
         let ranges = NodeRanges::from_parts(&world, ranges).map_err(|e| fail(io::Error::other(e)))?;
         let nodes = ranges.write(&paths[2]).map_err(fail)?;
         let range = ranges.range(world.root()).unwrap_or([PLAIN_M; 2]);
@@ -171,7 +205,13 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
     let texel = world.node_side(q) as f64 / f64::from(world.color_tile());
     let side = world.node_side(q) as f64;
     let border = f64::from(COLOR_BORDER);
-    let plain = archive::encode_color_tile(&vec![PLAIN; (stored * stored) as usize], stored as u16, 90)?;
+    if let Some(bulk) = &content.bulk {
+        return Ok(tiles
+            .iter()
+            .map(|(_, coord, at)| (*coord, bulk.color_tile(*at, world.color_tile(), texel), None))
+            .collect());
+    }
+    let plain = archive::encode_color_tile(&vec![PLAIN; (stored * stored) as usize], stored as u16, QUALITY)?;
     tiles
         .iter()
         .map(|(_, coord, at)| {
@@ -183,7 +223,7 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
             let picture: Vec<Rgb> = (0..stored * stored)
                 .map(|k| content.color(place(low[0], k % stored), place(low[1], stored - 1 - k / stored)))
                 .collect();
-            Ok((*coord, archive::encode_color_tile(&picture, stored as u16, 90)?, None))
+            Ok((*coord, archive::encode_color_tile(&picture, stored as u16, QUALITY)?, None))
         })
         .collect()
 }
@@ -199,14 +239,24 @@ fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
 }
 
 /// Ranges of all nodes: own posts, and those of coarser levels over the node's area; descendants' from below.
-fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
+///
+/// Posts of a coarser level that lie within the node are posts of its own level too, with the same heights, since those are a
+/// function of position; and own posts of all but the finest level are posts of descendants, where the node does not stick out of the
+/// world.
+fn ranges(world: &World, content: &Content, work: &Work) -> Result<Vec<Vec<[f32; 2]>>, IngestError> {
     let mut all: Vec<Vec<[f32; 2]>> = Vec::new();
     for q in 0..world.levels() {
         let [columns, rows] = world.nodes_at(q).map(u64::from);
         let side = world.node_side(q);
+        let extent = world.fields().extent.map(u64::from);
         let range_of = |m: u64, n: u64| {
-            let mut range = [PLAIN_M; 2];
-            for level in q..world.levels() {
+            let sticks_out = (m + 1) * side > extent[0] || (n + 1) * side > extent[1];
+            let has_own = |level: u8| match level == q {
+                true => q == 0 || sticks_out,
+                false => !side.is_multiple_of(1 << level),
+            };
+            let mut range = if content.bulk.is_some() { [f32::MAX, f32::MIN] } else { [PLAIN_M; 2] };
+            for level in (q..world.levels()).filter(|level| has_own(*level)) {
                 let spacing = 1u64 << level;
                 let [x, y] = [m, n].map(|v| (v * side / spacing, ((v + 1) * side).div_ceil(spacing)));
                 if !content.touches([x.0, y.0].map(|v| (v * spacing) as f64)) {
@@ -221,8 +271,18 @@ fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
             }
             range
         };
-        let mut ranges: Vec<[f32; 2]> =
-            (0..rows).flat_map(|n| (0..columns).map(move |m| (m, n))).map(|(m, n)| range_of(m, n)).collect();
+        let mut ranges: Vec<[f32; 2]> = Vec::with_capacity((columns * rows) as usize);
+        let row = |(): &mut (), n: usize| Ok((0..columns).map(|m| range_of(m, n as u64)).collect::<Vec<_>>());
+        work.in_order(
+            "ranges",
+            rows as usize,
+            || Ok(()),
+            row,
+            |row| {
+                ranges.extend(row);
+                Ok(())
+            },
+        )?;
         if let Some(below) = all.last() {
             let child_columns = world.nodes_at(q - 1)[0] as usize;
             for (k, child) in below.iter().enumerate() {
@@ -232,7 +292,7 @@ fn ranges(world: &World, content: &Content) -> Vec<Vec<[f32; 2]>> {
         }
         all.push(ranges);
     }
-    all
+    Ok(all)
 }
 
 #[cfg(test)]
@@ -245,7 +305,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("tv-sparse-{}", std::process::id()));
         let worlds = [0, 2].map(|doublings| {
             let path = folder.join(format!("{doublings}.tv"));
-            write(&path, SparseOptions { detailed_nodes: 4, doublings, is_named: false, octaves: 4 }, &Work::quiet(2))
+            write(&path, SparseOptions { detailed_nodes: 4, doublings, ..SparseOptions::default() }, &Work::quiet(2))
                 .unwrap();
             Database::open(&path).unwrap()
         });
@@ -266,10 +326,48 @@ mod tests {
         assert!(sizes[1] < 2 * sizes[0], "{sizes:?}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
+
+    #[test]
+    fn a_bulk_world_has_as_many_different_tiles_as_nodes_and_its_ranges_hold_their_heights() {
+        let folder = std::env::temp_dir().join(format!("tv-bulk-{}", std::process::id()));
+        let options =
+            SparseOptions { detailed_nodes: 11, is_bulk: true, texels_per_post: 8, ..SparseOptions::default() };
+        write(&folder, options, &Work::quiet(2)).unwrap();
+        let database = Database::open(&folder).unwrap();
+        let world = *database.world();
+        let mut scratch = TileScratch::default();
+        let mut heights = vec![0.0; (world.elevation_posts() as usize).pow(2)];
+        let mut texels = vec![0; color_tile_bytes(&world)];
+        let (mut all, mut pictures) = (Vec::new(), Vec::new());
+        for q in 0..world.levels() {
+            let [columns, rows] = world.nodes_at(q);
+            for node in (0..columns * rows).map(|k| NodeId::new(k % columns, k / columns, q).unwrap()) {
+                database.read_elevation(node, &mut heights, &mut scratch).unwrap();
+                let [low, high] = database.ranges().range(node).unwrap();
+                assert!(heights.iter().all(|h| (low..=high).contains(h)), "{node}: {low} to {high}");
+                all.push(heights.iter().map(|h| h.to_bits()).collect::<Vec<_>>());
+                if q >= world.finest_color_level() {
+                    database.read_color(node, &mut texels, &mut scratch).unwrap();
+                    pictures.push(texels.clone());
+                }
+            }
+        }
+        let counts = [all.len(), pictures.len()];
+        assert_eq!(counts, [121 + 36 + 9 + 4 + 1, 36 + 9 + 4 + 1]);
+        all.sort_unstable();
+        all.dedup();
+        pictures.sort_unstable();
+        pictures.dedup();
+        assert_eq!([all.len(), pictures.len()], counts);
+        let bytes = database.manifest().color.archive.bytes / pictures.len() as u64;
+        assert!((40_000..90_000).contains(&bytes), "{bytes} bytes a tile");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
     #[test]
     fn a_named_world_has_a_tile_of_one_colour_for_each_node() {
         let folder = std::env::temp_dir().join(format!("tv-named-{}", std::process::id()));
-        let options = SparseOptions { detailed_nodes: 16, doublings: 1, is_named: true, octaves: 4 };
+        let options = SparseOptions { detailed_nodes: 16, doublings: 1, is_named: true, ..SparseOptions::default() };
         write(&folder, options, &Work::quiet(2)).unwrap();
         let database = Database::open(&folder).unwrap();
         let world = *database.world();
