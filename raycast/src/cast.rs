@@ -5,18 +5,18 @@
 //! ray i is `eye + s·D_i`, so it is `s·(D_i − D_j)` from that of ray j, and
 //!
 //! ```text
-//! D_i.z − D_j.z  >=  steepest · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
+//! D_i.z − D_j.z  >=  slope · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
 //! ```
 //!
-//! where no ground is steeper than `steepest`. Forward-only methods take this for granted, but planes of rays are not vertical
-//! beside the middle of a pitched picture, and pixels of a rolled line are not above each other: then a ray may run into
-//! a cliff that the one below it passed by. Here it is tested for each ray against the rays of its line, nearest
-//! first; a ray for which none will do goes back to where it is in the air for sure, by the highest cells of blocks.
-//! A start that lies in the ground all the same is stepped back from.
+//! where no ground between the two is steeper than `slope`. Forward-only methods take this for granted, but planes of rays are
+//! not vertical beside the middle of a pitched picture, and pixels of a rolled line are not above each other: then a ray may run
+//! into a cliff that the one below it passed by. Here it is tested for each ray against the rays of its line
+//! ([`Steepness`]); where the ground is steeper than the two rays allow, and there alone, the way is looked at, past blocks
+//! that are below it as a whole. A start that lies in the ground all the same is stepped back from.
 
-use crate::color::ColorSource;
 use crate::frame::{Frame, Place};
 use crate::ground::{LOG_BLOCK, Span, THRESHOLD, Tile};
+use crate::steepness::{Doubts, Steepness};
 use crate::view::Ray;
 use glam::Vec3;
 use std::ops::Add;
@@ -44,6 +44,8 @@ pub struct Counts {
     pub densities: u64,
     /// Rays whose start no ray below them proved.
     pub unproven: u64,
+    /// Rays that had to look at a part of the way that a ray below them had come.
+    pub doubted: u64,
     /// Steps back out of the ground.
     pub steps_back: u64,
     /// Rays that met ground.
@@ -58,6 +60,7 @@ impl Add for Counts {
             samples: self.samples + other.samples,
             densities: self.densities + other.densities,
             unproven: self.unproven + other.unproven,
+            doubted: self.doubted + other.doubted,
             steps_back: self.steps_back + other.steps_back,
             hits: self.hits + other.hits,
         }
@@ -66,10 +69,10 @@ impl Add for Counts {
 
 /// How rays of a line are cast.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct LineOptions {
+pub(crate) struct LineOptions<'a> {
     pub(crate) coherence: Coherence,
-    /// Slope that no ground exceeds, with room for rounding, squared.
-    pub(crate) steepest_squared: f32,
+    /// Of the surface that is looked at.
+    pub(crate) steepness: &'a Steepness,
 }
 
 /// A ray that was cast: in the air at all planes from `entry` up to `reach`.
@@ -165,11 +168,11 @@ impl Current<'_> {
     }
 }
 
-impl<C: ColorSource + ?Sized> Frame<'_, C> {
+impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
     pub(crate) fn cast_line<const APPROXIMATE: bool>(
         &self,
-        options: &LineOptions,
+        options: &LineOptions<'_>,
         pixels: impl Iterator<Item = [u32; 2]>,
     ) -> Counts {
         let mut counts = Counts::default();
@@ -185,21 +188,37 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
             let below = self.ray_below(options, &ray, &known, next);
             let end = self.end_of(&ray);
             let result = match below {
-                Some(below) => {
+                Some((below, doubts)) => {
                     // Where the lower ray was not over the ground yet it says nothing.
                     let gap = below.entry.min(below.reach).min(end);
-                    let in_gap = if entry < gap {
-                        self.walk::<APPROXIMATE, false>(&ray, entry, gap, &mut current, &mut counts)
-                    } else {
-                        End::Left(gap)
-                    };
-                    match in_gap {
+                    let start = below.reach.max(entry);
+                    let mut found = End::Left(gap);
+                    if entry < gap {
+                        found = self.walk::<APPROXIMATE, false>(&ray, entry, gap, &mut current, &mut counts);
+                    }
+                    let mut is_doubted = false;
+                    for [from, to] in doubts {
+                        // It hit, or came past a corner of the ground.
+                        if !matches!(found, End::Left(plane) if plane >= gap) {
+                            break;
+                        }
+                        // A plane more on both sides: rounding.
+                        let from = self.planes.at_or_after(from).saturating_sub(1).max(entry).max(gap);
+                        let to = (self.planes.at_or_after(to) + 1).min(start).min(end);
+                        if from < to {
+                            is_doubted = true;
+                            let found_here = self.walk::<APPROXIMATE, true>(&ray, from, to, &mut current, &mut counts);
+                            if matches!(found_here, End::Hit(_)) {
+                                found = found_here;
+                            }
+                        }
+                    }
+                    counts.doubted += u64::from(is_doubted);
+                    match found {
                         End::Left(plane) if plane >= gap => {
-                            let start = below.reach.max(entry);
                             self.walk::<APPROXIMATE, false>(&ray, start, end, &mut current, &mut counts)
                         }
-                        // It hit, or came past a corner of the ground.
-                        _ => in_gap,
+                        _ => found,
                     }
                 }
                 None => {
@@ -236,21 +255,22 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
     }
 
-    /// The nearest ray below that proves where this one may start.
+    /// The nearest ray below that proves where this one may start, and where on the way there it does not.
     #[inline(always)]
     fn ray_below(
         &self,
-        options: &LineOptions,
+        options: &LineOptions<'_>,
         ray: &Ray,
         known: &[Option<Known>; MOST_KNOWN],
         next: usize,
-    ) -> Option<Known> {
+    ) -> Option<(Known, Doubts)> {
+        let back = |back: usize| known[(next + MOST_KNOWN - back) % MOST_KNOWN];
         match options.coherence {
             Coherence::Plain => None,
-            Coherence::ForwardOnly => known[(next + MOST_KNOWN - 1) % MOST_KNOWN],
-            Coherence::Proven => (1..=MOST_KNOWN).find_map(|back| {
-                let below = known[(next + MOST_KNOWN - back) % MOST_KNOWN]?;
-                ray.is_above(&below.ray, options.steepest_squared).then_some(below)
+            Coherence::ForwardOnly => back(1).map(|below| (below, Doubts::NONE)),
+            Coherence::Proven => options.steepness.nearest_proof(ray, (1..=MOST_KNOWN).filter_map(back), |below| {
+                let s = self.planes.s();
+                (&below.ray, s.get(below.reach as usize).copied().unwrap_or(f32::INFINITY))
             }),
         }
     }
@@ -294,7 +314,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
     }
 
     /// Sky, for a ground without tiles.
-    fn cast_nothing(&self, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
+    pub(crate) fn cast_nothing(&self, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
         let mut counts = Counts::default();
         for pixel in pixels {
             counts.rays += 1;

@@ -13,8 +13,7 @@
 //! ```
 //!
 //! A [`ground::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots, or tiles of a
-//! database. Colours stay where they are, a [`color::ColorSource`] hands out the bytes. [`caster::Caster::draw`]
-//! allocates nothing from the second frame of a size on.
+//! database. Colours stay where they are. [`caster::Caster::draw`] allocates nothing from the second frame of a size on.
 
 #![forbid(unsafe_code)]
 
@@ -26,6 +25,7 @@ pub mod ground;
 pub mod lines;
 mod mipmap;
 pub mod picture;
+mod steepness;
 pub mod view;
 pub mod workers;
 pub mod world;

@@ -1,12 +1,13 @@
 //! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for fast, accurate,
-//! and scalable dynamic height field rendering", I3D 2008), then the root of the bilinear cell, then colour averaged over
-//! the pixel's footprint on the ground. No voxels.
+//! and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the same that the mesh draws, then
+//! colour averaged over the pixel's footprint on the ground. No voxels.
 //!
 //! It takes no line of pixels for granted. Where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
-//! every parameter, not for samples alone) it starts behind that stretch.
+//! every parameter, not for samples alone) it starts behind that stretch; and where it starts over the facet that the ray below
+//! hit, and meets that facet, nothing else has to be looked at.
 
 use crate::cast::{Counts, LineOptions};
-use crate::color::{ColorSource, Mip};
+use crate::color::Mip;
 use crate::frame::{Frame, Place, exit};
 use crate::ground::{Ground, Link, Tile};
 use crate::view::Ray;
@@ -25,29 +26,88 @@ struct Known {
     reach: f32,
 }
 
+/// Half of a cell, cut from south west to north east, and the plane through it. Heights are from the eye.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Facet {
+    /// South west corner of its cell, from the tile's corner, cells.
+    corner: Vec2,
+    is_south_east: bool,
+    /// Metres up per cell east and north.
+    slope: Vec2,
+    /// Height of its plane above the tile's corner.
+    height: f32,
+}
+
+/// Where a ray meets the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Hit {
+    s: f32,
+    facet: Facet,
+}
+
 /// How a ray crossed a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Crossing {
-    /// It met the ground at this parameter, in this cell.
-    Hit(f32, [u32; 2]),
-    /// It left at this one.
+    /// It met the ground.
+    Hit(Hit),
+    /// It left, or reached its limit, at this parameter.
     Left(f32),
 }
 
-/// A tile along one ray: cells from its corner are `per_s·s + at_0`.
+/// A tile that rays are in.
+#[derive(Debug, Clone, Copy)]
 struct Entered<'a> {
+    index: u32,
     tile: &'a Tile,
     heights: &'a [f32],
     maxima: &'a [f32],
-    per_s: Vec2,
+    /// Cells per metre.
+    per_m: f32,
+    /// The eye's place, cells from the tile's corner.
     at_0: Vec2,
-    /// Height above the datum of the ray, metres, in the same form.
-    rise: f32,
+    /// The eye, metres above the datum.
     eye_height: f32,
+}
+
+/// A ray along a tile.
+#[derive(Debug, Clone, Copy)]
+struct Along {
+    /// Cells per unit of s.
+    per_s: Vec2,
+    /// Metres up per unit of s.
+    rise: f32,
+}
+
+impl Facet {
+    /// Those of a cell, south eastern half first; heights of its corners from the eye.
+    #[inline(always)]
+    fn of_cell(corner: Vec2, [sw, se, nw, ne]: [f32; 4]) -> [Self; 2] {
+        [(true, Vec2::new(se - sw, ne - se)), (false, Vec2::new(ne - nw, nw - sw))].map(|(is_south_east, slope)| Self {
+            corner,
+            is_south_east,
+            slope,
+            height: sw - slope.dot(corner),
+        })
+    }
+
+    /// Height of a ray over the plane: `s` times the first, plus the second.
+    #[inline(always)]
+    fn above(&self, along: &Along, at_0: Vec2) -> [f32; 2] {
+        [along.rise - self.slope.dot(along.per_s), -(self.height + self.slope.dot(at_0))]
+    }
+
+    /// Whether a point, cells from the tile's corner, lies over it.
+    #[inline(always)]
+    fn holds(&self, at: Vec2) -> bool {
+        let by = at - self.corner;
+        let [first, second] = if self.is_south_east { [by.y, by.x] } else { [by.x, by.y] };
+        0.0 <= first && first <= second && second <= 1.0
+    }
 }
 
 impl Ground {
     /// Highest post of block `at` of `2^level` cells a side, `level >= 1`.
+    #[inline(always)]
     fn block_maximum(tile: &Tile, maxima: &[f32], level: u32, at: [u32; 2]) -> f32 {
         let mut start = 0;
         for finer in 1..level {
@@ -60,15 +120,18 @@ impl Ground {
 }
 
 impl Entered<'_> {
-    fn at(&self, s: f32) -> Vec2 {
-        self.per_s * s + self.at_0
+    #[inline(always)]
+    fn along(&self, ray: &Ray) -> Along {
+        Along { per_s: ray.direction.truncate() * self.per_m, rise: ray.direction.z }
     }
 
-    fn height(&self, s: f32) -> f32 {
-        self.rise * s + self.eye_height
+    #[inline(always)]
+    fn at(&self, along: &Along, s: f32) -> Vec2 {
+        along.per_s * s + self.at_0
     }
 
     /// Posts of a cell: south west, south east, north west, north east.
+    #[inline(always)]
     fn corners(&self, [i, j]: [u32; 2]) -> [f32; 4] {
         let columns = self.tile.cells[0] as usize + 1;
         let south = j as usize * columns + i as usize;
@@ -79,13 +142,33 @@ impl Entered<'_> {
         }
     }
 
-    /// Follows the ray from `from` until it hits or leaves.
-    fn cross(&self, from: f32, samples: &mut u64) -> Crossing {
+    /// Whether a ray is over the tile at a parameter.
+    #[inline(always)]
+    fn is_under(&self, along: &Along, s: f32) -> bool {
+        let at = self.at(along, s);
+        let [columns, rows] = self.tile.cells;
+        at.x >= 0.0 && at.y >= 0.0 && at.x < columns as f32 && at.y < rows as f32
+    }
+
+    /// Where a ray that is in the air up to `from` meets a facet, when it is over that facet from there on.
+    #[inline(always)]
+    fn meets(&self, along: &Along, facet: &Facet, from: f32) -> Option<f32> {
+        let [per_s, at_eye] = facet.above(along, self.at_0);
+        let s = -at_eye / per_s;
+        (per_s < 0.0 && s >= from && facet.holds(self.at(along, s)) && facet.holds(self.at(along, from))).then_some(s)
+    }
+
+    /// Follows the ray from `from` until it hits, leaves, or is past `until`.
+    fn cross(&self, along: &Along, from: f32, until: f32, samples: &mut u64) -> Crossing {
         let cells = self.tile.cells;
         let size = Vec2::new(cells[0] as f32, cells[1] as f32);
-        let end = exit(self.per_s, -self.at_0, size - self.at_0).max(from);
+        let end = exit(along.per_s, -self.at_0, size - self.at_0).min(until).max(from);
         let most = cells[0].max(cells[1]).next_power_of_two().ilog2();
-        let start = self.at(from).clamp(Vec2::ZERO, size);
+        let start = self.at(along, from).clamp(Vec2::ZERO, size);
+        let per_s_reciprocal = along.per_s.recip();
+        let is_east = along.per_s.x > 0.0;
+        let is_north = along.per_s.y > 0.0;
+        let height = |s: f32| along.rise * s + self.eye_height;
         let mut level = 0;
         let mut at = [(start.x as u32).min(cells[0] - 1), (start.y as u32).min(cells[1] - 1)];
         let mut s = from;
@@ -93,28 +176,28 @@ impl Entered<'_> {
             *samples += 1;
             let side = (1u32 << level) as f32;
             let low = Vec2::new(at[0] as f32, at[1] as f32) * side;
-            let leave = |axis: usize| {
-                let per_s = self.per_s[axis];
-                match per_s {
-                    d if d > 0.0 => (low[axis] + side - self.at_0[axis]) / d,
-                    d if d < 0.0 => (low[axis] - self.at_0[axis]) / d,
-                    _ => f32::INFINITY,
+            let leave = |axis: usize, is_up: bool| {
+                let border = if is_up { low[axis] + side } else { low[axis] };
+                if along.per_s[axis] == 0.0 {
+                    f32::INFINITY
+                } else {
+                    (border - self.at_0[axis]) * per_s_reciprocal[axis]
                 }
             };
-            let leaves = [leave(0), leave(1)];
+            let leaves = [leave(0, is_east), leave(1, is_north)];
             let out = leaves[0].min(leaves[1]).min(end).max(s);
-            let lowest = self.height(s).min(self.height(out));
+            let lowest = height(s).min(height(out));
             if level == 0 {
                 let corners = self.corners(at);
-                let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+                let highest = corners[0].max(corners[1]).max(corners[2].max(corners[3]));
                 if lowest <= highest
-                    && let Some(hit) = self.root(corners, low, s, out)
+                    && let Some(hit) = self.root(along, corners, low, s, out)
                 {
-                    return Crossing::Hit(hit, at);
+                    return Crossing::Hit(hit);
                 }
             } else if lowest <= Ground::block_maximum(self.tile, self.maxima, level, at) {
                 level -= 1;
-                let middle = self.at(s);
+                let middle = self.at(along, s);
                 let half = 0.5 * side;
                 for axis in 0..2 {
                     let last = (cells[axis] - 1) >> level;
@@ -128,7 +211,7 @@ impl Entered<'_> {
             }
             let axis = usize::from(leaves[1] < leaves[0]);
             let before = at[axis] >> 1;
-            if self.per_s[axis] > 0.0 {
+            if along.per_s[axis] > 0.0 {
                 at[axis] += 1;
                 if at[axis] > (cells[axis] - 1) >> level {
                     return Crossing::Left(end);
@@ -145,97 +228,121 @@ impl Entered<'_> {
         }
     }
 
-    /// The first parameter from `from` to `to` at which the ray is not above the bilinear cell whose corner is `low`.
-    fn root(&self, corners: [f32; 4], low: Vec2, from: f32, to: f32) -> Option<f32> {
-        let [a, b, c, d] = coefficients(corners);
-        let place = self.at(from) - low;
-        let (u, v) = (place.x, place.y);
-        // Height of the ray over the cell, `from + r`: q2·r² + q1·r + q0.
-        let q0 = self.height(from) - (a + b * u + c * v + d * u * v);
-        if q0 <= 0.0 {
-            return Some(from);
+    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell whose corner is `low`.
+    #[inline(always)]
+    fn root(&self, along: &Along, corners: [f32; 4], low: Vec2, from: f32, to: f32) -> Option<Hit> {
+        let facets = Facet::of_cell(low, corners.map(|height| height - self.eye_height));
+        let place = self.at(along, from) - low;
+        let (across, per_s) = (place.x - place.y, along.per_s.x - along.per_s.y);
+        // Where it changes from one half to the other, if it does.
+        let change = if across * per_s < 0.0 { from - across / per_s } else { f32::INFINITY };
+        let is_south_east_first = across > 0.0 || (across == 0.0 && per_s >= 0.0);
+        let order = if is_south_east_first { [0, 1] } else { [1, 0] };
+        let mut begin = from;
+        for facet in order.map(|n| facets[n]) {
+            let end = if begin < change { to.min(change) } else { to };
+            let [per_s, at_eye] = facet.above(along, self.at_0);
+            if per_s * begin + at_eye <= 0.0 {
+                return Some(Hit { s: begin, facet });
+            }
+            if per_s * end + at_eye <= 0.0 {
+                return Some(Hit { s: (-at_eye / per_s).clamp(begin, end), facet });
+            }
+            if change >= to {
+                return None;
+            }
+            begin = change;
         }
-        let q1 = self.rise - (b * self.per_s.x + c * self.per_s.y + d * (u * self.per_s.y + v * self.per_s.x));
-        let q2 = -d * self.per_s.x * self.per_s.y;
-        let span = to - from;
-        let within = |r: f32| (r >= 0.0 && r <= span).then_some(from + r);
-        let discriminant = q1 * q1 - 4.0 * q2 * q0;
-        if discriminant < 0.0 {
-            return None;
-        }
-        // Of the two roots the one that stays when q2 vanishes; both forms that do not cancel.
-        let q = -0.5 * (q1 + discriminant.sqrt().copysign(q1));
-        let (near, far) = (q0 / q, q / q2);
-        let ordered = if far >= 0.0 && far < near || near < 0.0 { (far, near) } else { (near, far) };
-        within(ordered.0).or_else(|| within(ordered.1))
+        None
     }
 }
 
-/// Height in a cell: a + b·u + c·v + d·u·v, u and v from its south west corner.
-fn coefficients([sw, se, nw, ne]: [f32; 4]) -> [f32; 4] {
-    [sw, se - sw, nw - sw, sw - se - nw + ne]
-}
-
-impl<C: ColorSource + ?Sized> Frame<'_, C> {
+impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
-    pub(crate) fn cast_exact(&self, options: &LineOptions, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
+    pub(crate) fn cast_exact(&self, options: &LineOptions<'_>, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
         let mut counts = Counts::default();
         let mut known: [Option<Known>; MOST_KNOWN] = [None; MOST_KNOWN];
         let mut next = 0;
-        let mut place = 0;
+        let Some(mut current) = self.enter_exact(0) else { return self.cast_nothing(pixels) };
+        // The facet that the ray below hit, and its tile.
+        let mut facet: Option<(u32, Facet)> = None;
         for pixel in pixels {
             counts.rays += 1;
             let ray = self.view.ray(pixel);
             let entry = self.entry(&ray);
-            let below = (1..=MOST_KNOWN).find_map(|back| {
-                let below = known[(next + MOST_KNOWN - back) % MOST_KNOWN]?;
-                (below.entry <= entry && ray.is_above(&below.ray, options.steepest_squared)).then_some(below)
-            });
-            let start = match below {
-                Some(below) => below.reach.max(entry),
+            let below = (1..=MOST_KNOWN).filter_map(|back| known[(next + MOST_KNOWN - back) % MOST_KNOWN]);
+            let mut hit = None;
+            let start = match options.steepness.nearest_proof(&ray, below, |below| (&below.ray, below.reach)) {
+                Some((below, doubts)) => {
+                    let start = below.reach.max(entry);
+                    // Where the lower ray was not over the ground yet it says nothing.
+                    let gap = below.entry.min(start);
+                    if entry < gap {
+                        hit = self.first_hit(&ray, entry, gap, &mut current, &mut counts);
+                    }
+                    let mut is_doubted = false;
+                    for [from, to] in doubts {
+                        let (from, to) = (from.max(entry.max(gap)), to.min(start));
+                        if from < to && hit.is_none() {
+                            is_doubted = true;
+                            hit = self.first_hit(&ray, from, to, &mut current, &mut counts);
+                        }
+                    }
+                    counts.doubted += u64::from(is_doubted);
+                    start
+                }
                 None => {
                     counts.unproven += 1;
                     let is_above = ray.direction.z < 0.0 && self.highest < 0.0;
                     entry.max(if is_above { self.highest / ray.direction.z } else { 0.0 })
                 }
             };
-            let reach = match self.first_hit(&ray, start, below.is_some(), &mut place, &mut counts) {
-                Some((s, cell)) => {
+            if hit.is_none() {
+                let again = facet.filter(|(tile, _)| *tile == current.index).and_then(|(_, facet)| {
+                    counts.samples += 1;
+                    current.meets(&current.along(&ray), &facet, start).map(|s| Hit { s, facet })
+                });
+                hit = again.or_else(|| self.first_hit(&ray, start, f32::INFINITY, &mut current, &mut counts));
+            }
+            let reach = match hit {
+                Some(hit) => {
                     counts.hits += 1;
-                    self.picture.put(pixel, self.shade_footprint(place, &ray, s, cell), s * ray.depth);
-                    s
+                    self.picture.put(pixel, self.shade_footprint(&current, &ray, &hit), hit.s * ray.depth);
+                    hit.s
                 }
                 None => {
                     self.picture.put(pixel, self.sky, f32::NAN);
                     f32::INFINITY
                 }
             };
+            facet = hit.map(|hit| (current.index, hit.facet));
             known[next] = Some(Known { ray, entry, reach });
             next = (next + 1) % MOST_KNOWN;
         }
         counts
     }
 
-    /// The first parameter from `from` on at which a ray meets the ground, and the cell. `place` is the tile that it is
-    /// likely in, and where it hit.
-    fn first_hit(
-        &self,
+    /// Where, from `from` on and before `until`, a ray meets the ground. `current` is the tile that it is likely in, and that it
+    /// hit.
+    fn first_hit<'f>(
+        &'f self,
         ray: &Ray,
         from: f32,
-        is_near: bool,
-        place: &mut u32,
+        until: f32,
+        current: &mut Entered<'f>,
         counts: &mut Counts,
-    ) -> Option<(f32, [u32; 2])> {
+    ) -> Option<Hit> {
         let mut s = from;
-        let mut is_here = is_near && self.is_over(*place, ray, s);
+        let mut is_here = current.is_under(&current.along(ray), s);
         // A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
         for _ in 0..1 << 16 {
-            if !s.is_finite() || ray.direction.z >= 0.0 && ray.direction.z * s > self.highest {
+            if !s.is_finite() || s >= until || ray.direction.z >= 0.0 && ray.direction.z * s > self.highest {
                 return None;
             }
             if !is_here {
                 match self.find(ray, s) {
-                    Place::Tile(tile) => *place = tile,
+                    Place::Tile(tile) if tile == current.index => {}
+                    Place::Tile(tile) => *current = self.enter_exact(tile)?,
                     Place::HoleUntil(until) => {
                         s = past(until.max(s));
                         continue;
@@ -248,25 +355,16 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                 }
             }
             is_here = false;
-            let entered = self.enter_exact(ray, *place)?;
-            match entered.cross(s, &mut counts.samples) {
-                Crossing::Hit(s, cell) => return Some((s, cell)),
+            match current.cross(&current.along(ray), s, until, &mut counts.samples) {
+                Crossing::Hit(hit) => return Some(hit),
                 Crossing::Left(out) => s = past(out.max(s)),
             }
         }
         None
     }
 
-    /// Whether a ray is over a tile at a parameter.
-    fn is_over(&self, place: u32, ray: &Ray, s: f32) -> bool {
-        self.enter_exact(ray, place).is_some_and(|entered| {
-            let at = entered.at(s);
-            let [columns, rows] = entered.tile.cells;
-            at.x >= 0.0 && at.y >= 0.0 && at.x < columns as f32 && at.y < rows as f32
-        })
-    }
-
     /// Descends the tree at a point of a ray; where the ray leaves the largest node that it passes above, if there is one.
+    #[inline]
     fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
         let tree = self.ground.tree();
         let unit = self.ground.shape().lattice_unit_m;
@@ -298,27 +396,25 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         }
     }
 
-    fn enter_exact(&self, ray: &Ray, place: u32) -> Option<Entered<'_>> {
-        let tile = self.ground.tiles().get(place as usize)?;
-        let placed = &self.placed[place as usize];
+    #[inline]
+    fn enter_exact(&self, index: u32) -> Option<Entered<'_>> {
+        let tile = self.ground.tiles().get(index as usize)?;
+        let placed = self.placed.get(index as usize)?;
         Some(Entered {
+            index,
             tile,
             heights: self.ground.heights(tile),
             maxima: self.ground.maxima(tile),
-            per_s: ray.direction.truncate() * placed.per_m,
+            per_m: placed.per_m,
             at_0: -placed.corner.truncate() * placed.per_m,
-            rise: ray.direction.z,
             eye_height: (self.view.eye_in_world().z - self.ground.datum_m()) as f32,
         })
     }
 
-    /// Colour averaged over the part of the tangent plane that a pixel covers.
-    fn shade_footprint(&self, place: u32, ray: &Ray, s: f32, cell: [u32; 2]) -> u32 {
-        let Some(entered) = self.enter_exact(ray, place) else { return self.sky };
-        let placed = &self.placed[place as usize];
-        let [_, b, c, d] = coefficients(entered.corners(cell));
-        let in_cell = entered.at(s) - Vec2::new(cell[0] as f32, cell[1] as f32);
-        let slope = Vec2::new(b + d * in_cell.y, c + d * in_cell.x) * placed.per_m;
+    /// Colour averaged over the part of the facet's plane that a pixel covers.
+    fn shade_footprint(&self, entered: &Entered<'_>, ray: &Ray, hit: &Hit) -> u32 {
+        let (placed, tile, s) = (&self.placed[entered.index as usize], entered.tile, hit.s);
+        let slope = hit.facet.slope * placed.per_m;
         let normal = Vec3::new(-slope.x, -slope.y, 1.0);
         let depth = s * ray.depth;
         let direction = ray.direction / ray.depth;
@@ -336,8 +432,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         let scale = self.texels_per_m(placed);
         let (across, along) = (axis(column) * scale, axis(row) * scale);
         let center = self.texel(placed, ray.direction.truncate() * s);
-        let tile = &self.ground.tiles()[place as usize];
-        let [r, g, b] = self.average(self.colors.layer(tile.color.layer), center, across, along);
+        let [r, g, b] = self.average(self.layer(tile), center, across, along);
         u32::from_le_bytes([r, g, b, 255])
     }
 
@@ -381,6 +476,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
 }
 
 /// A little further: a point on a border belongs to what lies behind it.
+#[inline(always)]
 fn past(s: f32) -> f32 {
     s + s.abs() * 2e-6 + 1e-6
 }

@@ -17,7 +17,7 @@ fn depths(field: &Field, side: usize, filter: Filter, camera: &Camera, method: M
     let mut caster = Caster::new(1).unwrap();
     let picture = Picture::new(SIZE);
     let options = CastOptions { method, ..CastOptions::default() };
-    let counts = caster.draw(&field.ground(side, filter), &field.colors()[..], camera, &options, &picture);
+    let counts = caster.draw(&field.ground(side, filter), &[&field.colors()[..]], camera, &options, &picture);
     (picture.depth().collect(), counts)
 }
 

@@ -13,7 +13,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
 use terravision_common::level::Measure;
-use terravision_common::run::Prediction;
+use terravision_common::run::{Prediction, RaysChoice, TechniqueChoice};
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
 const AFTER_HELP: &str = "\
@@ -43,7 +43,7 @@ Messages go to standard error, results to standard output.";
 ///
 /// Four processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
 /// sees, the prefetcher brings tiles into memory, the preparer makes elevation without cracks, the renderer draws it
-/// with Vulkan. This program starts them, flies the camera, watches over them and cleans up after them.
+/// with Vulkan, or on the processor alone. This program starts them, flies the camera, watches over them and cleans up after them.
 #[derive(Debug, Parser)]
 #[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
 #[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
@@ -112,6 +112,18 @@ pub struct DoctorArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureArgs {
+    /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
+    ///
+    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel on the processor's cores and needs no
+    /// device. Both draw the same surface (docs/techniques.md).
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub technique: Option<TechniqueArg>,
+    /// How rays are cast [default: mipmap; in real time: auto]
+    ///
+    /// 'auto' takes the faster way, after a trial of both on the first frames; in exact mode, whose pictures must not depend
+    /// on a machine's speed, that is always 'mipmap'.
+    #[arg(long, value_enum, value_name = "HOW")]
+    pub rays: Option<RaysArg>,
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
     #[arg(long, value_name = "WxH")]
     pub size: Option<PictureSize>,
@@ -164,7 +176,7 @@ pub struct ResourceArgs {
     /// 'terravision doctor'.
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
-    /// Threads that load and decode tiles [default: RAYON_NUM_THREADS, else one per core]
+    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one per core]
     ///
     /// The picture does not depend on it.
     #[arg(long, value_name = "N")]
@@ -444,6 +456,45 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+}
+
+/// [`TechniqueChoice`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TechniqueArg {
+    /// Triangles, by a Vulkan device
+    Mesh,
+    /// Rays, on the processor alone
+    Rays,
+}
+
+impl From<TechniqueArg> for TechniqueChoice {
+    fn from(technique: TechniqueArg) -> Self {
+        match technique {
+            TechniqueArg::Mesh => Self::Mesh,
+            TechniqueArg::Rays => Self::Rays,
+        }
+    }
+}
+
+/// [`RaysChoice`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum RaysArg {
+    /// Samples of voxels along lines of pixels, each ray from where the one below it hit
+    Coherent,
+    /// One exact ray per pixel through maxima of the heights
+    Mipmap,
+    /// The faster of the two, in exact mode 'mipmap'
+    Auto,
+}
+
+impl From<RaysArg> for RaysChoice {
+    fn from(rays: RaysArg) -> Self {
+        match rays {
+            RaysArg::Coherent => Self::Coherent,
+            RaysArg::Mipmap => Self::Mipmap,
+            RaysArg::Auto => Self::Auto,
+        }
+    }
 }
 
 /// What is drawn over the picture.

@@ -10,7 +10,7 @@ mod model;
 mod tree;
 
 pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
-pub(crate) use model::{LOG_BLOCK, Span};
+pub(crate) use model::{LOG_BLOCK, Span, SteepBlock};
 pub(crate) use tree::{Found, Link};
 
 use crate::color::{ColorLayout, ColorPlace};
@@ -27,8 +27,8 @@ pub struct GroundShape {
     pub levels: u8,
     /// Layers of colour.
     pub color: ColorLayout,
-    /// How densities are made.
-    pub filter: Filter,
+    /// How densities are made. `None`: no voxels are made at all, heights are for exact rays alone.
+    pub filter: Option<Filter>,
 }
 
 /// A tile to be added to a ground.
@@ -116,6 +116,7 @@ pub(crate) struct Tile {
 }
 
 impl Tile {
+    #[inline]
     pub(crate) fn posts(&self) -> [usize; 2] {
         self.cells.map(|n| n as usize + 1)
     }
@@ -134,8 +135,7 @@ pub struct Ground {
     maxima: Vec<f32>,
     blocks: Vec<u16>,
     scratch: model::Scratch,
-    steepest: f32,
-    steepest_voxels: f32,
+    steep: Vec<SteepBlock>,
     lowest_m: f32,
     highest_m: f32,
     highest_voxel_m: f32,
@@ -157,8 +157,7 @@ impl Ground {
             maxima: Vec::new(),
             blocks: Vec::new(),
             scratch: model::Scratch::default(),
-            steepest: 0.0,
-            steepest_voxels: 0.0,
+            steep: Vec::new(),
             lowest_m: 0.0,
             highest_m: 0.0,
             highest_voxel_m: 0.0,
@@ -170,6 +169,7 @@ impl Ground {
 
     /// Its geometry.
     #[must_use]
+    #[inline]
     pub fn shape(&self) -> &GroundShape {
         &self.shape
     }
@@ -184,8 +184,7 @@ impl Ground {
         self.densities.clear();
         self.maxima.clear();
         self.blocks.clear();
-        self.steepest = 0.0;
-        self.steepest_voxels = 0.0;
+        self.steep.clear();
         self.lowest_m = f32::INFINITY;
         self.highest_m = f32::NEG_INFINITY;
         self.highest_voxel_m = f32::NEG_INFINITY;
@@ -276,21 +275,25 @@ impl Ground {
         self.densities.len() + size_of_val(&self.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
     }
 
-    /// The steepest slope of the surface of voxels, metres up per metre: an upper bound over all cells, infinite where a cliff
-    /// makes a wall.
-    #[must_use]
-    pub fn steepest_voxels(&self) -> f32 {
-        self.steepest_voxels
+    /// A slope that no ground exceeds outside of [`Ground::steep_blocks`], metres up per metre.
+    pub(crate) fn gentle(&self) -> f32 {
+        model::GENTLE
     }
 
-    /// The steepest slope of bilinear heights, metres up per metre: an upper bound over all cells.
+    /// Blocks of cells that are steeper.
+    pub(crate) fn steep_blocks(&self) -> &[SteepBlock] {
+        &self.steep
+    }
+
+    /// Whether it has voxels.
     #[must_use]
-    pub fn steepest(&self) -> f32 {
-        self.steepest
+    pub fn has_voxels(&self) -> bool {
+        self.shape.filter.is_some()
     }
 
     /// What heights are above, world coordinates.
     #[must_use]
+    #[inline]
     pub fn datum_m(&self) -> f64 {
         self.datum_m
     }
@@ -301,9 +304,9 @@ impl Ground {
         [self.lowest_m, self.highest_m]
     }
 
-    /// The top of the highest boundary cell, metres above the datum.
-    pub(crate) fn highest_voxel_m(&self) -> f32 {
-        self.highest_voxel_m
+    /// The top of the highest boundary cell, or the highest post of a ground without voxels, metres above the datum.
+    pub(crate) fn top_m(&self) -> f32 {
+        if self.has_voxels() { self.highest_voxel_m } else { self.highest_m }
     }
 
     /// One past the tiles, east and north, lattice units.
@@ -311,23 +314,29 @@ impl Ground {
         self.end
     }
 
+    #[inline]
     pub(crate) fn tiles(&self) -> &[Tile] {
         &self.tiles
     }
 
+    #[inline]
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
     }
 
+    #[inline]
     pub(crate) fn heights(&self, tile: &Tile) -> &[f32] {
         let [columns, rows] = tile.posts();
         &self.heights[tile.heights_at..][..columns * rows]
     }
 
+    #[inline]
     pub(crate) fn spans(&self, tile: &Tile) -> &[Span] {
-        &self.spans[tile.spans_at..][..tile.cells[0] as usize * tile.cells[1] as usize]
+        let cells = tile.cells[0] as usize * tile.cells[1] as usize;
+        &self.spans[tile.spans_at..][..if self.has_voxels() { cells } else { 0 }]
     }
 
+    #[inline]
     pub(crate) fn densities(&self, tile: &Tile) -> &[u8] {
         let [columns, rows] = tile.posts();
         let bytes = if tile.is_accurate { columns * rows * tile.layers as usize } else { 0 };
@@ -335,15 +344,17 @@ impl Ground {
     }
 
     /// The highest boundary cell of blocks of `1 << LOG_BLOCK` cells a side.
+    #[inline]
     pub(crate) fn blocks(&self, tile: &Tile) -> &[u16] {
         &self.blocks[tile.blocks_at..]
     }
 
+    #[inline]
     pub(crate) fn maxima(&self, tile: &Tile) -> &[f32] {
         &self.maxima[tile.maxima_at..]
     }
 
-    /// Height of the surface at a point, bilinear, metres above the datum; `None` where no tile is. Lattice units.
+    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no tile is. Lattice units.
     #[must_use]
     pub fn height_at(&self, point: [f64; 2]) -> Option<f32> {
         match self.tree.find(point) {
@@ -352,7 +363,7 @@ impl Ground {
         }
     }
 
-    /// Bilinear height in a tile; a point outside of its cells is taken to their border.
+    /// Height in a tile, linear on facets as everywhere (`terravision_common::facet`); a point outside of its cells is taken to their border.
     fn height_in(&self, tile: &Tile, point: [f64; 2]) -> f32 {
         let unit = f64::from(1u32 << tile.log_spacing);
         let place = |axis: usize| {
@@ -365,9 +376,14 @@ impl Ground {
         let stride = tile.posts()[0];
         let heights = self.heights(tile);
         let z = |i: usize, j: usize| heights[j * stride + i];
-        let south = z(i, j) + (z(i + 1, j) - z(i, j)) * u;
-        let north = z(i, j + 1) + (z(i + 1, j + 1) - z(i, j + 1)) * u;
-        south + (north - south) * v
+        let (sw, ne) = (z(i, j), z(i + 1, j + 1));
+        if u >= v {
+            let se = z(i + 1, j);
+            sw + (se - sw) * u + (ne - se) * v
+        } else {
+            let nw = z(i, j + 1);
+            sw + (nw - sw) * v + (ne - nw) * u
+        }
     }
 }
 
