@@ -89,6 +89,7 @@ impl Scene {
             side: SIDE as u32,
             lattice_unit_m: 1.0,
             levels: 1,
+            extent: [u32::MAX; 2],
             color: ColorLayout { side: SIDE as u32, mips: 1 },
             filter: Some(Filter::OrientedBox),
         };
@@ -198,7 +199,8 @@ pub fn run(rounds: u32, found: &mut Found) -> anyhow::Result<()> {
         for way in &mut ways {
             let caster = &mut casters[way.workers - 1];
             let (start, cpu_start) = (Instant::now(), thread_cpu_millis());
-            way.counts = caster.draw(&scene.ground, &[&scene.colors[..]], &camera(way.roll_deg), &way.options, &picture);
+            way.counts =
+                caster.draw(&scene.ground, &[&scene.colors[..]], &camera(way.roll_deg), &way.options, &picture);
             // The first round warms caches and threads.
             if round > 0 {
                 way.cpu_millis.push(thread_cpu_millis() - cpu_start);

@@ -8,7 +8,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_common::stage::STAGE_ENVIRONMENT;
 

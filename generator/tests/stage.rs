@@ -6,7 +6,9 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};

@@ -61,7 +61,8 @@ fn main() {
         let above = Camera { pitch_rad: -1.57, ..camera(5000.0) };
         tiles.fill(&mut ground, &above, &level(&above), -1.0).expect("tiles are there");
         let unit = world.lattice_unit_m();
-        let below = f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
+        let below =
+            f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
         let camera = camera(below + above_m);
         for (method, accurate_m) in
             [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0)]

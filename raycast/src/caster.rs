@@ -27,6 +27,8 @@ pub enum Method {
     /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What a ground without voxels is
     /// always drawn with.
     Mipmap,
+    /// The same, every ray from the beginning: for comparison only.
+    PlainMipmap,
 }
 
 /// Options of a picture.
@@ -117,10 +119,14 @@ impl Caster {
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
         };
         // Without voxels there are heights alone.
-        let method = if ground.has_voxels() { options.method } else { Method::Mipmap };
+        let method = match options.method {
+            Method::PlainMipmap => Method::PlainMipmap,
+            method if ground.has_voxels() => method,
+            _ => Method::Mipmap,
+        };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
-            Method::Plain => Coherence::Plain,
+            Method::Plain | Method::PlainMipmap => Coherence::Plain,
             Method::ForwardOnly => Coherence::ForwardOnly,
         };
         if coherence == Coherence::Proven {
@@ -138,7 +144,7 @@ impl Caster {
                     let pixels = lines.pixels(line);
                     counts = counts
                         + match (method, options.is_approximate) {
-                            (Method::Mipmap, _) => frame.cast_exact(&line_options, pixels),
+                            (Method::Mipmap | Method::PlainMipmap, _) => frame.cast_exact(&line_options, pixels),
                             (_, true) => frame.cast_line::<true>(&line_options, pixels),
                             (_, false) => frame.cast_line::<false>(&line_options, pixels),
                         };

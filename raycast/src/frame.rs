@@ -58,6 +58,8 @@ pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> B
             texels_per_m: (1.0 / tile.color.texel_m) as f32,
         });
         let end = corner + DVec2::new(f64::from(tile.cells[0]), f64::from(tile.cells[1])) * spacing;
+        let extent = DVec2::new(f64::from(ground.shape().extent[0]), f64::from(ground.shape().extent[1]));
+        let end = end.min(extent * unit - eye.truncate());
         bounds.min = bounds.min.min(corner.as_vec2());
         bounds.max = bounds.max.max(end.as_vec2());
     }

@@ -20,6 +20,7 @@
 pub mod cast;
 pub mod caster;
 pub mod color;
+mod facets;
 mod frame;
 pub mod ground;
 pub mod lines;
@@ -27,6 +28,7 @@ mod mipmap;
 pub mod picture;
 mod steepness;
 pub mod view;
+mod voxels;
 pub mod workers;
 pub mod world;
 

@@ -19,7 +19,7 @@ const SECTORS: usize = 512;
 /// Intervals of distances.
 const RINGS: usize = 64;
 /// Rings within which distances double.
-const RINGS_PER_OCTAVE: f32 = 4.0;
+const RINGS_PER_OCTAVE: usize = 4;
 /// Two rays whose directions are more sectors apart say nothing of each other, unless all ground is gentle enough.
 const MOST_APART: usize = 2;
 /// The way between two points in sectors that near is nowhere nearer to the eye than this share of the nearer one's
@@ -65,16 +65,29 @@ impl Iterator for Doubts {
         let count = (self.rings >> from).trailing_ones();
         let to = from + count;
         self.rings = if to >= 64 { 0 } else { self.rings >> to << to };
-        let begin = if from == 0 { 0.0 } else { self.first * ring_end(from - 1) };
+        let begin = if from == 0 { 0.0 } else { self.first * RING_ENDS[from as usize - 1] };
         // The last ring has no end.
-        let end = if to as usize >= RINGS { f32::INFINITY } else { self.last * ring_end(to - 1) };
+        let end = if to as usize >= RINGS { f32::INFINITY } else { self.last * RING_ENDS[to as usize - 1] };
         Some([begin, end])
     }
 }
 
-/// Distance at which a ring ends, that of ring 0 being 1.
-fn ring_end(ring: u32) -> f32 {
-    (ring as f32 / RINGS_PER_OCTAVE).exp2()
+/// Distance at which each ring ends, that of ring 0 being 1.
+const RING_ENDS: [f32; RINGS] = ring_ends();
+
+const fn ring_ends() -> [f32; RINGS] {
+    // Powers of the fourth root of 2.
+    let within_octave = [1.0, 1.189_207_1, std::f32::consts::SQRT_2, 1.681_792_9];
+    let mut ends = [1.0; RINGS];
+    let (mut ring, mut octave) = (0, 1.0);
+    while ring < RINGS {
+        ends[ring] = octave * within_octave[ring % RINGS_PER_OCTAVE];
+        ring += 1;
+        if ring % RINGS_PER_OCTAVE == 0 {
+            octave *= 2.0;
+        }
+    }
+    ends
 }
 
 /// A direction in the plane as a number from 0 to [`SECTORS`] that grows all around with its angle.
@@ -119,10 +132,10 @@ impl Steepness {
         }
     }
 
+    #[inline(always)]
     fn ring(&self, distance_m: f32) -> usize {
-        // The first ring is a disc.
-        let octaves = (distance_m / self.nearest_m).max(1.0).log2();
-        ((octaves * RINGS_PER_OCTAVE).ceil() as usize).min(RINGS - 1)
+        let distance = distance_m / self.nearest_m;
+        RING_ENDS.partition_point(|end| *end < distance).min(RINGS - 1)
     }
 
     /// Enters a rectangle of ground, metres from the eye.
@@ -131,7 +144,7 @@ impl Steepness {
         let inside = Vec2::ZERO.clamp(low, high);
         let nearest = inside.length();
         let furthest = low.abs().max(high.abs()).length();
-        // Rounding of the logarithm.
+        // Rounding.
         let rings = self.ring(0.999 * nearest)..=self.ring(1.001 * furthest);
         let (first, count) = if nearest == 0.0 {
             (0, SECTORS)
@@ -141,7 +154,13 @@ impl Steepness {
             let (mut least, mut most) = (0.0f32, 0.0f32);
             for corner in [low, high, Vec2::new(low.x, high.y), Vec2::new(high.x, low.y)] {
                 let by = turn(corner) - middle;
-                let by = if by > 0.5 * all { by - all } else if by < -0.5 * all { by + all } else { by };
+                let by = if by > 0.5 * all {
+                    by - all
+                } else if by < -0.5 * all {
+                    by + all
+                } else {
+                    by
+                };
                 (least, most) = (least.min(by), most.max(by));
             }
             let first = (middle + least - 0.01).floor();
@@ -287,7 +306,10 @@ mod tests {
         assert_eq!(table.doubts(&ray, &below, 500.0).unwrap().count(), 0);
         let [ray, below] = rays(0.0);
         let doubts: Vec<_> = table.doubts(&ray, &below, 500.0).unwrap().collect();
-        assert!(doubts.len() == 1 && doubts[0][0] < 100.0 && doubts[0][1] > 110.0 && doubts[0][1] < 160.0, "{doubts:?}");
+        assert!(
+            doubts.len() == 1 && doubts[0][0] < 100.0 && doubts[0][1] > 110.0 && doubts[0][1] < 160.0,
+            "{doubts:?}"
+        );
         assert_eq!(table.doubts(&ray, &below, 40.0).unwrap().count(), 0, "it is not reached");
         assert!(table.doubts(&below, &ray, 40.0).is_none(), "not above");
     }

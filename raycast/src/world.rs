@@ -39,6 +39,7 @@ pub fn ground_shape(world: &World, filter: Option<Filter>) -> GroundShape {
         side: world.elevation_tile(),
         lattice_unit_m: world.lattice_unit_m(),
         levels: world.levels(),
+        extent: world.extent(),
         color: ColorLayout::of(world),
         filter,
     }

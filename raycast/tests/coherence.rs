@@ -88,6 +88,9 @@ proptest! {
         let (coherent, _) = depths(&field, side, filter, &camera, Method::Coherent);
         let different = count_different(&coherent, &plain, interval_m(&camera));
         prop_assert_eq!(different, 0, "of {:?}", counts);
+        let [plain, exact] =
+            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, filter, &camera, method).0);
+        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
     }
 
     #[test]
@@ -101,5 +104,8 @@ proptest! {
         let (plain, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
         let (coherent, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
         prop_assert_eq!(count_different(&coherent, &plain, interval_m(&camera)), 0);
+        let [plain, exact] = [Method::PlainMipmap, Method::Mipmap]
+            .map(|method| depths(&field, 128, Filter::OrientedBox, &camera, method).0);
+        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
     }
 }

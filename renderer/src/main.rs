@@ -112,7 +112,11 @@ fn render(json: &str) -> anyhow::Result<()> {
     let options = EngineOptions {
         technique: render.technique,
         // What exact frames look like must not depend on how fast the machine is.
-        rays: if config.realtime.is_none() && render.rays == RaysChoice::Auto { RaysChoice::Mipmap } else { render.rays },
+        rays: if config.realtime.is_none() && render.rays == RaysChoice::Auto {
+            RaysChoice::Mipmap
+        } else {
+            render.rays
+        },
         workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],

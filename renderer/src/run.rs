@@ -48,7 +48,7 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// The process's exit code: 2 when more was asked for than the device can draw, 130 when the run was stopped, else 1.
+    /// The process's exit code: 2 when more was asked for than can be drawn, 130 when the run was stopped, else 1.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -57,6 +57,7 @@ impl RunError {
             {
                 2
             }
+            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => 2,
             _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
             _ => 1,
         }

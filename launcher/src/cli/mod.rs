@@ -3,6 +3,7 @@
 
 pub mod database;
 pub mod supervision;
+pub mod technique;
 pub mod values;
 
 use crate::input::CameraSource;
@@ -12,8 +13,9 @@ use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
+use technique::{RaysArg, TechniqueArg};
 use terravision_common::level::Measure;
-use terravision_common::run::{Prediction, RaysChoice, TechniqueChoice};
+use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
 const AFTER_HELP: &str = "\
@@ -24,7 +26,7 @@ A world from nothing, flown:
 
 EXIT STATUS
   0    done
-  1    the run failed (a stage died, no Vulkan device, no space left)
+  1    the run failed (a stage died, no space left, no Vulkan device for --technique mesh)
   2    bad usage or bad input; the same command will fail again
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
@@ -456,45 +458,6 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
-}
-
-/// [`TechniqueChoice`] as typed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum TechniqueArg {
-    /// Triangles, by a Vulkan device
-    Mesh,
-    /// Rays, on the processor alone
-    Rays,
-}
-
-impl From<TechniqueArg> for TechniqueChoice {
-    fn from(technique: TechniqueArg) -> Self {
-        match technique {
-            TechniqueArg::Mesh => Self::Mesh,
-            TechniqueArg::Rays => Self::Rays,
-        }
-    }
-}
-
-/// [`RaysChoice`] as typed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum RaysArg {
-    /// Samples of voxels along lines of pixels, each ray from where the one below it hit
-    Coherent,
-    /// One exact ray per pixel through maxima of the heights
-    Mipmap,
-    /// The faster of the two, in exact mode 'mipmap'
-    Auto,
-}
-
-impl From<RaysArg> for RaysChoice {
-    fn from(rays: RaysArg) -> Self {
-        match rays {
-            RaysArg::Coherent => Self::Coherent,
-            RaysArg::Mipmap => Self::Mipmap,
-            RaysArg::Auto => Self::Auto,
-        }
-    }
 }
 
 /// What is drawn over the picture.

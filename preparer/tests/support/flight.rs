@@ -12,7 +12,9 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };

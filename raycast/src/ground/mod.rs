@@ -25,6 +25,8 @@ pub struct GroundShape {
     pub lattice_unit_m: f64,
     /// Levels of the quad tree.
     pub levels: u8,
+    /// Where the ground ends east and north, lattice units; `u32::MAX` where tiles end it. Cells may reach beyond.
+    pub extent: [u32; 2],
     /// Layers of colour.
     pub color: ColorLayout,
     /// How densities are made. `None`: no voxels are made at all, heights are for exact rays alone.
@@ -92,6 +94,9 @@ pub enum GroundError {
     },
 }
 
+/// Boundary cells reach no more voxels above the highest post.
+const VOXELS_ABOVE: f32 = 3.0;
+
 /// A tile as rays see it. Heights are metres above the ground's datum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tile {
@@ -110,7 +115,8 @@ pub(crate) struct Tile {
     pub(crate) layers: u32,
     /// Height of its lowest layer, voxels above height 0 in world coordinates.
     pub(crate) lowest_layer: i32,
-    pub(crate) highest_m: f32,
+    /// No ground of it is higher, metres above the datum.
+    pub(crate) top_m: f32,
     pub(crate) is_accurate: bool,
     pub(crate) color: ColorPlace,
 }
@@ -140,6 +146,7 @@ pub struct Ground {
     highest_m: f32,
     highest_voxel_m: f32,
     end: [u32; 2],
+    is_cut: bool,
 }
 
 impl Ground {
@@ -162,6 +169,7 @@ impl Ground {
             highest_m: 0.0,
             highest_voxel_m: 0.0,
             end: [0; 2],
+            is_cut: false,
         };
         ground.clear(0.0);
         ground
@@ -189,6 +197,7 @@ impl Ground {
         self.highest_m = f32::NEG_INFINITY;
         self.highest_voxel_m = f32::NEG_INFINITY;
         self.end = [0; 2];
+        self.is_cut = false;
     }
 
     /// Adds a tile. [`Ground::finish`] makes rays see it.
@@ -228,19 +237,23 @@ impl Ground {
             self.heights.truncate(heights_at);
             return Err(GroundError::Height { origin, index });
         }
-        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, highest_m).is_err() {
+        let spacing_m = (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32;
+        let top_m = if self.has_voxels() { highest_m + VOXELS_ABOVE * spacing_m } else { highest_m };
+        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, top_m).is_err() {
             self.heights.truncate(heights_at);
             return Err(GroundError::Occupied { origin });
         }
         self.lowest_m = self.lowest_m.min(lowest_m);
         self.highest_m = self.highest_m.max(highest_m);
         for (axis, end) in self.end.iter_mut().enumerate() {
-            *end = (*end).max(origin[axis] + (cells[axis] << spec.log_spacing));
+            let reach = origin[axis].saturating_add(cells[axis] << spec.log_spacing);
+            self.is_cut |= reach > self.shape.extent[axis];
+            *end = (*end).max(reach.min(self.shape.extent[axis]));
         }
         self.tiles.push(Tile {
             origin,
             log_spacing: spec.log_spacing,
-            spacing_m: (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32,
+            spacing_m,
             cells,
             heights_at,
             spans_at: 0,
@@ -249,7 +262,7 @@ impl Ground {
             blocks_at: 0,
             layers: 0,
             lowest_layer: 0,
-            highest_m,
+            top_m,
             is_accurate: spec.is_accurate,
             color: spec.color,
         });
@@ -312,6 +325,11 @@ impl Ground {
     /// One past the tiles, east and north, lattice units.
     pub(crate) fn end(&self) -> [u32; 2] {
         self.end
+    }
+
+    /// Whether cells reach beyond its end.
+    pub(crate) fn is_cut(&self) -> bool {
+        self.is_cut
     }
 
     #[inline]

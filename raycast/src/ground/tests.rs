@@ -5,6 +5,7 @@ const SHAPE: GroundShape = GroundShape {
     side: 16,
     lattice_unit_m: 10.0,
     levels: 3,
+    extent: [u32::MAX; 2],
     color: ColorLayout { side: 16, mips: 1 },
     filter: Some(Filter::OrientedBox),
 };

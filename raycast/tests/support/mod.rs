@@ -75,6 +75,7 @@ impl Field {
             side: side as u32,
             lattice_unit_m: UNIT_M,
             levels,
+            extent: [u32::MAX; 2],
             color: ColorLayout { side: self.cells as u32, mips: 1 },
             filter: Some(filter),
         };

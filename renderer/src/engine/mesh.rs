@@ -2,9 +2,7 @@
 
 use super::{Described, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
-use crate::gpu::{
-    ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target,
-};
+use crate::gpu::{ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target};
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, SourceShape};
 use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
@@ -57,7 +55,10 @@ pub struct MeshEngine {
 
 impl std::fmt::Debug for MeshEngine {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MeshEngine").field("device", &self.device).field("options", &self.options).finish_non_exhaustive()
+        f.debug_struct("MeshEngine")
+            .field("device", &self.device)
+            .field("options", &self.options)
+            .finish_non_exhaustive()
     }
 }
 

@@ -102,6 +102,14 @@ pub enum EngineError {
         #[from]
         source: WorkersError,
     },
+    /// Pictures of rays have a largest size, as those of devices have.
+    #[error("a picture of {}x{} pixels cannot be drawn by rays, at most {limit}x{limit} can", .size[0], .size[1])]
+    PictureSize {
+        /// What was asked for.
+        size: [u32; 2],
+        /// The longest side.
+        limit: u32,
+    },
     /// Something that only the mesh does was asked of rays.
     #[error("{what}: rays cannot do that, --technique mesh can")]
     MeshOnly {

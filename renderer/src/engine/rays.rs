@@ -17,6 +17,8 @@ use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
 /// Frames by which each method is tried before the faster one is taken. The first of each warms up and does not count.
 const TRIALS: u32 = 3;
+/// Longest side of a picture, pixels: that of the software device.
+const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
 const INTERVAL_VOXELS: f32 = 0.6;
 
@@ -40,7 +42,10 @@ pub struct RaysEngine {
 enum Choice {
     Fixed(Method),
     /// Times of both methods so far.
-    Trying { tried: u32, nanos: [u64; 2] },
+    Trying {
+        tried: u32,
+        nanos: [u64; 2],
+    },
 }
 
 /// The methods that are compared.
@@ -97,6 +102,9 @@ impl RaysEngine {
         }
         if options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
+        }
+        if options.size.iter().any(|side| *side > LONGEST_SIDE) {
+            return Err(EngineError::PictureSize { size: options.size, limit: LONGEST_SIDE });
         }
         let world: World = source.shape().world;
         Ok(Self {
