@@ -68,8 +68,8 @@ impl Field {
         })
     }
 
-    /// The ground of this field in one tile, or in tiles of `side` cells.
-    pub fn ground(&self, side: usize, filter: Filter) -> Ground {
+    /// The ground of this field in one tile, or in tiles of `side` cells; without a filter it has no voxels.
+    pub fn ground(&self, side: usize, filter: impl Into<Option<Filter>>) -> Ground {
         let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
         let shape = GroundShape {
             side: side as u32,
@@ -77,7 +77,7 @@ impl Field {
             levels,
             extent: [u32::MAX; 2],
             color: ColorLayout { side: self.cells as u32, mips: 1 },
-            filter: Some(filter),
+            filter: filter.into(),
         };
         let mut ground = Ground::new(shape);
         self.fill(&mut ground, side);
