@@ -42,7 +42,7 @@ mod paper {
 /// The scene: one tile of voxels a metre wide.
 struct Scene {
     ground: Ground,
-    colors: Vec<Vec<u8>>,
+    colors: Vec<u8>,
 }
 
 impl Scene {
@@ -89,8 +89,9 @@ impl Scene {
             side: SIDE as u32,
             lattice_unit_m: 1.0,
             levels: 1,
+            extent: [u32::MAX; 2],
             color: ColorLayout { side: SIDE as u32, mips: 1 },
-            filter: Filter::OrientedBox,
+            filter: Some(Filter::OrientedBox),
         };
         let mut ground = Ground::new(shape);
         ground.add(&TileSpec {
@@ -106,7 +107,7 @@ impl Scene {
             is_accurate: true,
         })?;
         ground.finish();
-        Ok(Self { ground, colors: vec![texels] })
+        Ok(Self { ground, colors: texels })
     }
 }
 
@@ -198,7 +199,8 @@ pub fn run(rounds: u32, found: &mut Found) -> anyhow::Result<()> {
         for way in &mut ways {
             let caster = &mut casters[way.workers - 1];
             let (start, cpu_start) = (Instant::now(), thread_cpu_millis());
-            way.counts = caster.draw(&scene.ground, &scene.colors[..], &camera(way.roll_deg), &way.options, &picture);
+            way.counts =
+                caster.draw(&scene.ground, &[&scene.colors[..]], &camera(way.roll_deg), &way.options, &picture);
             // The first round warms caches and threads.
             if round > 0 {
                 way.cpu_millis.push(thread_cpu_millis() - cpu_start);
@@ -294,7 +296,7 @@ mod tests {
         let picture = Picture::new(SIZE);
         let way = Way::new("", Method::Mipmap, false, 1);
         let counts =
-            Caster::new(1).unwrap().draw(&scene.ground, &scene.colors[..], &camera(0.0), &way.options, &picture);
+            Caster::new(1).unwrap().draw(&scene.ground, &[&scene.colors[..]], &camera(0.0), &way.options, &picture);
         assert_eq!(counts.hits, counts.rays);
     }
 }

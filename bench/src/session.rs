@@ -8,7 +8,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::level::Measure;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_common::stage::STAGE_ENVIRONMENT;
 
@@ -81,6 +83,8 @@ impl Session {
             decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
+                technique: TechniqueChoice::Mesh,
+                rays: RaysChoice::Mipmap,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,
                 has_tree_overlay: false,

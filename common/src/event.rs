@@ -21,10 +21,13 @@ pub enum EventKind {
     FrameWanted = 5,
     /// A piece of the name of the device that draws; see [`Event::text`]. Sent once, before the first frame.
     DeviceName = 6,
-    /// A piece of the name and version of the device's driver; see [`Event::text`]. Sent once, before the first frame.
+    /// A piece of the name and version of the device's driver, or of how rays are cast; see [`Event::text`]. Sent before the first
+    /// frame, and once more when the way of casting rays has been chosen.
     DriverName = 7,
     /// Tiles that were copied to the device for this frame: `value` is their number. Not sent when there were none.
     FrameUploaded = 8,
+    /// A piece of the name of the technique that draws; see [`Event::text`]. Sent once, before the first frame.
+    TechniqueName = 9,
     /// What a frame was made for (realtime): `start_nanos` is when its camera was made, `value` the bits of r_z (low 32)
     /// and r_c (high 32) as f32, pixels.
     FrameCamera = 16,
@@ -49,6 +52,7 @@ impl EventKind {
             6 => Self::DeviceName,
             7 => Self::DriverName,
             8 => Self::FrameUploaded,
+            9 => Self::TechniqueName,
             16 => Self::FrameCamera,
             17 => Self::FrameLacked,
             18 => Self::Failure,

@@ -35,7 +35,7 @@ pub struct RunConfig {
     pub measure: Measure,
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
-    /// Threads that decode tiles in the prefetcher.
+    /// Threads that decode tiles in the prefetcher, and that cast rays in the renderer.
     pub decoder_threads: u32,
     /// What the prefetcher does beyond what frames ask of it.
     pub prefetch: PrefetchConfig,
@@ -160,6 +160,12 @@ impl Prediction {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
+    /// How the ground is drawn.
+    #[serde(default)]
+    pub technique: TechniqueChoice,
+    /// How rays are cast, when they are.
+    #[serde(default)]
+    pub rays: RaysChoice,
     /// Colour of the sky, 8 bit RGB.
     pub sky_rgb: [u8; 3],
     /// Samples per pixel: 1 or 4.
@@ -179,6 +185,44 @@ pub struct RenderConfig {
     /// Also put every frame into a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
+}
+
+/// How the ground is drawn (docs/techniques.md).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TechniqueChoice {
+    /// As a mesh where there is a Vulkan device, else by rays.
+    #[default]
+    Auto,
+    /// As triangles, by a Vulkan device.
+    Mesh,
+    /// By rays, on the processor alone.
+    Rays,
+}
+
+impl TechniqueChoice {
+    /// As flags and reports name it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Mesh => "mesh",
+            Self::Rays => "rays",
+        }
+    }
+}
+
+/// How rays are cast.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RaysChoice {
+    /// One exact ray per pixel, through maxima of the heights.
+    #[default]
+    Mipmap,
+    /// Samples of voxels along lines of pixels.
+    Coherent,
+    /// Whichever of the two is faster during the first frames.
+    Auto,
 }
 
 /// What other programs get.

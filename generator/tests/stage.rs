@@ -6,7 +6,9 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -47,6 +49,8 @@ fn config(frames: [u64; 2]) -> RunConfig {
         decoder_threads: 1,
         prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {
+            technique: TechniqueChoice::Mesh,
+            rays: RaysChoice::Mipmap,
             sky_rgb: [0; 3],
             samples: 1,
             has_tree_overlay: false,

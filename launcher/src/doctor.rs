@@ -114,6 +114,9 @@ fn output_of(program: &Path, arguments: &[&str]) -> Result<String, String> {
 const INSTALL_VULKAN: &str =
     "apt-get install libvulkan1 mesa-vulkan-drivers (a software device), or the driver of your GPU";
 
+/// What a flight does without a device.
+const RAYS_INSTEAD: &str = "flights draw by rays, on the processor alone (--technique rays)";
+
 fn vulkan(programs: &Path) -> Finding {
     let text = match output_of(&programs.join("terravision-renderer"), &["--doctor-json"]) {
         Ok(text) => text,
@@ -131,7 +134,8 @@ fn vulkan_finding(answer: &Value) -> Finding {
     let devices = devices.map_or(&[][..], Vec::as_slice);
     let chosen = devices.iter().find(|device| device["is_chosen"] == true).or(devices.first());
     let Some(device) = chosen else {
-        return Finding::missing("Vulkan", "the loader finds no device".into(), INSTALL_VULKAN);
+        let text = format!("the loader finds no device; {RAYS_INSTEAD}");
+        return Finding::limited("Vulkan", text, INSTALL_VULKAN);
     };
     let text = |key: &str| device[key].as_str().unwrap_or("?").to_owned();
     let mut line = format!("{} ({}), driver {}, Vulkan {}", text("name"), text("type"), text("driver"), text("vulkan"));
@@ -140,8 +144,8 @@ fn vulkan_finding(answer: &Value) -> Finding {
     }
     let missing: Vec<&str> = device["missing"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
     if !missing.is_empty() {
-        let text = format!("{line}; lacks {}", missing.join(", "));
-        return Finding::missing(
+        let text = format!("{line}; lacks {}; {RAYS_INSTEAD}", missing.join(", "));
+        return Finding::limited(
             "Vulkan",
             text,
             "a newer driver may have it; mesa-vulkan-drivers brings a software device that does",
@@ -250,12 +254,14 @@ mod tests {
         let mut old = good.clone();
         old[0]["missing"] = json!(["dynamic rendering"]);
         let finding = vulkan_finding(&old);
-        assert!(finding.health == Health::Missing && finding.text.contains("lacks dynamic rendering"));
+        assert!(finding.health == Health::Limited && finding.text.contains("lacks dynamic rendering"));
+        assert!(finding.text.contains("by rays"));
         let mut plain = good.clone();
         plain[0]["has_host_import"] = json!(false);
         assert_eq!(vulkan_finding(&plain).health, Health::Limited);
         for nothing in [json!([]), json!({}), json!(null), json!({"devices": []})] {
-            assert_eq!(vulkan_finding(&nothing).health, Health::Missing);
+            let finding = vulkan_finding(&nothing);
+            assert!(finding.health == Health::Limited && finding.text.contains("by rays"), "{finding:?}");
         }
     }
 

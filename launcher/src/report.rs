@@ -72,6 +72,7 @@ pub struct Report {
     frame_ms_max: f64,
     width: u32,
     height: u32,
+    technique: String,
     device: String,
     driver: String,
     settings: Settings,
@@ -189,6 +190,7 @@ impl Report {
             frame_ms,
             width: config.width,
             height: config.height,
+            technique: collector.technique().unwrap_or_default(),
             device: collector.device(),
             driver: collector.driver(),
             settings: Settings {
@@ -358,7 +360,9 @@ pub(crate) mod tests {
     use terravision_common::event::{Event, EventKind};
     use terravision_common::level::Measure;
     use terravision_common::node::NodeId;
-    use terravision_common::run::{DatabaseConfig, PrefetchConfig, RenderConfig, SinkConfig};
+    use terravision_common::run::{
+        DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice,
+    };
 
     pub(crate) fn config() -> RunConfig {
         RunConfig {
@@ -376,6 +380,8 @@ pub(crate) mod tests {
             decoder_threads: 2,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
+                technique: TechniqueChoice::Mesh,
+                rays: RaysChoice::Mipmap,
                 sky_rgb: [1, 2, 3],
                 samples: 1,
                 has_tree_overlay: false,

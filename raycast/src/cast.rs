@@ -5,19 +5,20 @@
 //! ray i is `eye + s·D_i`, so it is `s·(D_i − D_j)` from that of ray j, and
 //!
 //! ```text
-//! D_i.z − D_j.z  >=  steepest · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
+//! D_i.z − D_j.z  >=  slope · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
 //! ```
 //!
-//! where no ground is steeper than `steepest`. Forward-only methods take this for granted, but planes of rays are not vertical
-//! beside the middle of a pitched picture, and pixels of a rolled line are not above each other: then a ray may run into
-//! a cliff that the one below it passed by. Here it is tested for each ray against the rays of its line, nearest
-//! first; a ray for which none will do goes back to where it is in the air for sure, by the highest cells of blocks.
-//! A start that lies in the ground all the same is stepped back from.
+//! where no ground between the two is steeper than `slope`. Forward-only methods take this for granted, but planes of rays are
+//! not vertical beside the middle of a pitched picture, and pixels of a rolled line are not above each other: then a ray may run
+//! into a cliff that the one below it passed by. Here it is tested for each ray against the rays of its line
+//! ([`Steepness`]); where the ground is steeper than the two rays allow, and there alone, the way is looked at, past blocks
+//! that are below it as a whole. A start that lies in the ground all the same is stepped back from.
 
-use crate::color::ColorSource;
 use crate::frame::{Frame, Place};
-use crate::ground::{LOG_BLOCK, Span, THRESHOLD, Tile};
+use crate::ground::{LOG_BLOCK, THRESHOLD, Tile};
+use crate::steepness::{Doubts, Steepness};
 use crate::view::Ray;
+use crate::voxels::{Current, cell};
 use glam::Vec3;
 use std::ops::Add;
 
@@ -44,6 +45,8 @@ pub struct Counts {
     pub densities: u64,
     /// Rays whose start no ray below them proved.
     pub unproven: u64,
+    /// Rays that had to look at a part of the way that a ray below them had come.
+    pub doubted: u64,
     /// Steps back out of the ground.
     pub steps_back: u64,
     /// Rays that met ground.
@@ -58,6 +61,7 @@ impl Add for Counts {
             samples: self.samples + other.samples,
             densities: self.densities + other.densities,
             unproven: self.unproven + other.unproven,
+            doubted: self.doubted + other.doubted,
             steps_back: self.steps_back + other.steps_back,
             hits: self.hits + other.hits,
         }
@@ -66,10 +70,10 @@ impl Add for Counts {
 
 /// How rays of a line are cast.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct LineOptions {
+pub(crate) struct LineOptions<'a> {
     pub(crate) coherence: Coherence,
-    /// Slope that no ground exceeds, with room for rounding, squared.
-    pub(crate) steepest_squared: f32,
+    /// Of the surface that is looked at.
+    pub(crate) steepness: &'a Steepness,
 }
 
 /// A ray that was cast: in the air at all planes from `entry` up to `reach`.
@@ -103,73 +107,11 @@ struct Sample {
     outside: Option<f32>,
 }
 
-/// The tile that a line's rays are in: the same for many of them.
-#[derive(Clone, Copy)]
-struct Current<'a> {
-    index: u32,
-    spans: &'a [Span],
-    densities: &'a [u8],
-    blocks: &'a [u16],
-    cells: [u32; 2],
-    layers: usize,
-    is_accurate: bool,
-    per_m: f32,
-    /// The eye's place in cells and layers.
-    at_0: Vec3,
-}
-
-/// A number's whole part, as a number and as an index: past any cell count for a negative number. A whole number may give
-/// the cell below it, of which it is the end.
-#[inline(always)]
-fn cell(at: f32) -> (u32, f32) {
-    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
-    let rounded = (at - 0.5) + 12_582_912.0;
-    (rounded.to_bits().wrapping_sub(0x4b40_0000), rounded - 12_582_912.0)
-}
-
-impl Current<'_> {
-    /// Place of a point of a ray in cells and layers.
-    #[inline(always)]
-    fn at(&self, per_s: Vec3, s: f32) -> Vec3 {
-        per_s * s + self.at_0
-    }
-
-    #[inline(always)]
-    fn is_over(&self, at: Vec3) -> bool {
-        cell(at.x).0 < self.cells[0] && cell(at.y).0 < self.cells[1]
-    }
-
-    #[inline(always)]
-    fn span(&self, i: u32, j: u32) -> Span {
-        self.spans.get(j as usize * self.cells[0] as usize + i as usize).copied().unwrap_or_default()
-    }
-
-    /// Trilinear density at a place in the cell `(i, j)`, whose corner is `low`.
-    #[inline(always)]
-    fn density(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
-        let height = at.z.clamp(0.0, (self.layers - 2) as f32 + 1.0);
-        let (k, lower) = if height > 0.5 { cell(height) } else { (0, 0.0) };
-        let (fu, fv, fk) = (at.x - low[0], at.y - low[1], height - lower);
-        let row = (self.cells[0] as usize + 1) * self.layers;
-        let south = j as usize * row + i as usize * self.layers + k as usize;
-        let north = south + row;
-        let pair = |at: usize| match self.densities.get(at..at + 2) {
-            Some(&[low, high]) => (f32::from(low), f32::from(high)),
-            _ => (0.0, 0.0),
-        };
-        let (sw, se, nw, ne) = (pair(south), pair(south + self.layers), pair(north), pair(north + self.layers));
-        let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
-        let low = lerp(lerp(sw.0, se.0, fu), lerp(nw.0, ne.0, fu), fv);
-        let high = lerp(lerp(sw.1, se.1, fu), lerp(nw.1, ne.1, fu), fv);
-        lerp(low, high, fk)
-    }
-}
-
-impl<C: ColorSource + ?Sized> Frame<'_, C> {
+impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
     pub(crate) fn cast_line<const APPROXIMATE: bool>(
         &self,
-        options: &LineOptions,
+        options: &LineOptions<'_>,
         pixels: impl Iterator<Item = [u32; 2]>,
     ) -> Counts {
         let mut counts = Counts::default();
@@ -185,21 +127,37 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
             let below = self.ray_below(options, &ray, &known, next);
             let end = self.end_of(&ray);
             let result = match below {
-                Some(below) => {
+                Some((below, doubts)) => {
                     // Where the lower ray was not over the ground yet it says nothing.
                     let gap = below.entry.min(below.reach).min(end);
-                    let in_gap = if entry < gap {
-                        self.walk::<APPROXIMATE, false>(&ray, entry, gap, &mut current, &mut counts)
-                    } else {
-                        End::Left(gap)
-                    };
-                    match in_gap {
+                    let start = below.reach.max(entry);
+                    let mut found = End::Left(gap);
+                    if entry < gap {
+                        found = self.walk::<APPROXIMATE, false>(&ray, entry, gap, &mut current, &mut counts);
+                    }
+                    let mut is_doubted = false;
+                    for [from, to] in doubts {
+                        // It hit, or came past a corner of the ground.
+                        if !matches!(found, End::Left(plane) if plane >= gap) {
+                            break;
+                        }
+                        // A plane more on both sides: rounding.
+                        let from = self.planes.at_or_after(from).saturating_sub(1).max(entry).max(gap);
+                        let to = (self.planes.at_or_after(to) + 1).min(start).min(end);
+                        if from < to {
+                            is_doubted = true;
+                            let found_here = self.walk::<APPROXIMATE, true>(&ray, from, to, &mut current, &mut counts);
+                            if matches!(found_here, End::Hit(_)) {
+                                found = found_here;
+                            }
+                        }
+                    }
+                    counts.doubted += u64::from(is_doubted);
+                    match found {
                         End::Left(plane) if plane >= gap => {
-                            let start = below.reach.max(entry);
                             self.walk::<APPROXIMATE, false>(&ray, start, end, &mut current, &mut counts)
                         }
-                        // It hit, or came past a corner of the ground.
-                        _ => in_gap,
+                        _ => found,
                     }
                 }
                 None => {
@@ -222,7 +180,11 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                 End::Left(plane) => {
                     self.picture.put(pixel, self.sky, f32::NAN);
                     // A ray that rose above everything is in the air for ever. Beyond the ground's border it says nothing.
-                    if plane >= end { planes } else { plane.min(self.planes.at_or_after(self.departure(&ray))) }
+                    if plane >= end && !self.ground.is_cut() {
+                        planes
+                    } else {
+                        plane.min(self.planes.at_or_after(self.departure(&ray)))
+                    }
                 }
             };
             known[next] = Some(Known { ray, entry, reach });
@@ -236,28 +198,36 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
     }
 
-    /// The nearest ray below that proves where this one may start.
+    /// The nearest ray below that proves where this one may start, and where on the way there it does not.
     #[inline(always)]
     fn ray_below(
         &self,
-        options: &LineOptions,
+        options: &LineOptions<'_>,
         ray: &Ray,
         known: &[Option<Known>; MOST_KNOWN],
         next: usize,
-    ) -> Option<Known> {
+    ) -> Option<(Known, Doubts)> {
+        let back = |back: usize| known[(next + MOST_KNOWN - back) % MOST_KNOWN];
         match options.coherence {
             Coherence::Plain => None,
-            Coherence::ForwardOnly => known[(next + MOST_KNOWN - 1) % MOST_KNOWN],
-            Coherence::Proven => (1..=MOST_KNOWN).find_map(|back| {
-                let below = known[(next + MOST_KNOWN - back) % MOST_KNOWN]?;
-                ray.is_above(&below.ray, options.steepest_squared).then_some(below)
+            Coherence::ForwardOnly => back(1).map(|below| (below, Doubts::NONE)),
+            Coherence::Proven => options.steepness.nearest_proof(ray, (1..=MOST_KNOWN).filter_map(back), |below| {
+                let s = self.planes.s();
+                (&below.ray, s.get(below.reach as usize).copied().unwrap_or(f32::INFINITY))
             }),
         }
     }
 
-    /// The plane after which a rising ray is above all ground.
+    /// The plane after which a ray is above all ground, or over none.
     #[inline(always)]
     fn end_of(&self, ray: &Ray) -> u32 {
+        let rising = self.end_of_rising(ray);
+        // Cells may reach beyond the border.
+        if self.ground.is_cut() { rising.min(self.planes.at_or_after(self.departure(ray))) } else { rising }
+    }
+
+    #[inline(always)]
+    fn end_of_rising(&self, ray: &Ray) -> u32 {
         if ray.direction.z > 0.0 {
             self.planes.at_or_after(self.highest.max(0.0) / ray.direction.z)
         } else if ray.direction.z == 0.0 && self.highest < 0.0 {
@@ -294,7 +264,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
     }
 
     /// Sky, for a ground without tiles.
-    fn cast_nothing(&self, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
+    pub(crate) fn cast_nothing(&self, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
         let mut counts = Counts::default();
         for pixel in pixels {
             counts.rays += 1;
@@ -367,6 +337,11 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                 let Some(&s) = planes.get(k) else { return End::Left(end) };
                 match self.find(ray, s) {
                     Place::Tile(tile) => {
+                        if SKIPS && let Some(exit) = self.skip_nodes(ray, s) {
+                            k = (k + 1).max(self.planes.at_or_after(exit) as usize);
+                            outside = None;
+                            continue;
+                        }
                         let Some(next) = self.current(tile) else { return End::Left(k as u32) };
                         *current = next;
                         is_found = true;
@@ -384,7 +359,8 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
 
     /// The first plane from `k` on at which a ray that is above all boundary cells of a block may not be any more.
     fn skip(&self, current: &Current<'_>, per_s: Vec3, cell: [u32; 2], height: f32, block: u32, k: usize) -> usize {
-        let top = current.blocks.get(block as usize).map_or(f32::INFINITY, |highest| f32::from(*highest) + 1.0);
+        let Some(highest) = current.blocks.get(block as usize) else { return k };
+        let top = f32::from(*highest) + 1.0;
         if height < top {
             return k;
         }
@@ -469,24 +445,5 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
             return if at.z >= f32::from(current.span(i, j).highest) + 1.0 { 0.0 } else { 255.0 };
         }
         current.density([i, j], [low_u, low_v], at)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn whole_parts_are_indices_and_negative_numbers_are_none() {
-        for (at, expected) in [(0.0, 0), (0.2, 0), (0.999, 0), (1.001, 1), (700.4, 700), (511.5, 511)] {
-            assert_eq!(cell(at), (expected, expected as f32), "{at}");
-        }
-        for whole in 1..600 {
-            let (index, low) = cell(whole as f32);
-            assert!((whole - 1..=whole).contains(&index) && low == index as f32);
-        }
-        for at in [-1e-3f32, -0.2, -0.5, -3.0, -1e6, -1e9, 1e9, f32::NAN, f32::INFINITY] {
-            assert!(cell(at).0 > 1 << 22, "{at}");
-        }
     }
 }

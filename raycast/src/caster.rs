@@ -1,11 +1,11 @@
 //! Pictures of a ground.
 
 use crate::cast::{Coherence, Counts, LineOptions};
-use crate::color::ColorSource;
 use crate::frame::{Frame, Placed, place};
 use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
+use crate::steepness::Steepness;
 use crate::view::{Planes, Sampling, View};
 use crate::workers::{Workers, WorkersError};
 use terravision_common::camera::Camera;
@@ -24,8 +24,11 @@ pub enum Method {
     Plain,
     /// As [`Method::Coherent`], never proving anything: wrong beside cliffs, for comparison only.
     ForwardOnly,
-    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines.
+    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What a ground without voxels is
+    /// always drawn with.
     Mipmap,
+    /// The same, every ray from the beginning: for comparison only.
+    PlainMipmap,
 }
 
 /// Options of a picture.
@@ -59,6 +62,7 @@ pub struct Caster {
     placed: Vec<Placed>,
     planes: Planes,
     lines: Lines,
+    steepness: Steepness,
 }
 
 impl Caster {
@@ -68,18 +72,26 @@ impl Caster {
     /// The system gives no threads.
     pub fn new(workers: usize) -> Result<Self, WorkersError> {
         let workers = Workers::new(workers)?;
-        Ok(Self { workers, placed: Vec::new(), planes: Planes::default(), lines: Lines::default() })
+        Ok(Self {
+            workers,
+            placed: Vec::new(),
+            planes: Planes::default(),
+            lines: Lines::default(),
+            steepness: Steepness::default(),
+        })
     }
 
     /// Draws the ground as a camera sees it, which is valid and has the picture's size. The picture does not depend on the number of
-    /// workers. Heights are as they are in the ground: whoever fills it exaggerates them.
+    /// workers. Heights are as they are in the ground: whoever fills it exaggerates
+    /// them. `colors`: RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is not there, or is too
+    /// short, is drawn black.
     ///
     /// # Panics
     /// When camera and picture differ in size.
-    pub fn draw<C: ColorSource + ?Sized>(
+    pub fn draw(
         &mut self,
         ground: &Ground,
-        colors: &C,
+        colors: &[&[u8]],
         camera: &Camera,
         options: &CastOptions,
         picture: &Picture,
@@ -104,19 +116,25 @@ impl Caster {
             colors,
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
-            highest: if has_ground { ground.highest_voxel_m() - from_datum } else { f32::NEG_INFINITY },
+            highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
         };
-        let coherence = match options.method {
+        // Without voxels there are heights alone.
+        let method = match options.method {
+            Method::PlainMipmap => Method::PlainMipmap,
+            method if ground.has_voxels() => method,
+            _ => Method::Mipmap,
+        };
+        let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
-            Method::Plain => Coherence::Plain,
+            Method::Plain | Method::PlainMipmap => Coherence::Plain,
             Method::ForwardOnly => Coherence::ForwardOnly,
         };
-        // A hundredth more for the rounding of directions.
-        let steepest = match options.method {
-            Method::Mipmap => ground.steepest(),
-            _ => ground.steepest_voxels(),
-        };
-        let line_options = LineOptions { coherence, steepest_squared: (1.01 * steepest).powi(2) };
+        if coherence == Coherence::Proven {
+            let unit = ground.shape().lattice_unit_m;
+            let eye = [view.eye_in_world().x / unit, view.eye_in_world().y / unit];
+            self.steepness.set(ground, eye, method != Method::Mipmap);
+        }
+        let line_options = LineOptions { coherence, steepness: &self.steepness };
         let lines = &self.lines;
         let count = self.workers.count();
         self.workers.run(|worker| {
@@ -125,8 +143,8 @@ impl Caster {
                 for line in first..lines.count().min(first + LINES_AT_A_TIME) {
                     let pixels = lines.pixels(line);
                     counts = counts
-                        + match (options.method, options.is_approximate) {
-                            (Method::Mipmap, _) => frame.cast_exact(&line_options, pixels),
+                        + match (method, options.is_approximate) {
+                            (Method::Mipmap | Method::PlainMipmap, _) => frame.cast_exact(&line_options, pixels),
                             (_, true) => frame.cast_line::<true>(&line_options, pixels),
                             (_, false) => frame.cast_line::<false>(&line_options, pixels),
                         };

@@ -4,18 +4,6 @@ use glam::{DVec2, Vec2};
 use terravision_common::database::color_tile_bytes;
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World};
 
-/// Where colours are read from: bytes of a layer, RGBA8, mip levels back to back, row 0 of each in the north.
-pub trait ColorSource: Sync {
-    /// The bytes of a layer. A layer that is not there, or is too short, is drawn black.
-    fn layer(&self, layer: u32) -> &[u8];
-}
-
-impl<T: AsRef<[u8]> + Sync> ColorSource for [T] {
-    fn layer(&self, layer: u32) -> &[u8] {
-        self.get(layer as usize).map_or(&[], AsRef::as_ref)
-    }
-}
-
 /// What a layer looks like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColorLayout {

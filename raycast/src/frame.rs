@@ -1,6 +1,6 @@
 //! One frame's ground as seen from its eye: what all rays of the frame share.
 
-use crate::color::{ColorSource, Mip};
+use crate::color::Mip;
 use crate::ground::{Found, Ground, Tile};
 use crate::picture::Picture;
 use crate::view::{Planes, Ray, View};
@@ -27,13 +27,14 @@ pub(crate) struct Bounds {
 
 /// What a frame is drawn with.
 #[derive(Debug)]
-pub(crate) struct Frame<'a, C: ColorSource + ?Sized> {
+pub(crate) struct Frame<'a> {
     pub(crate) ground: &'a Ground,
     pub(crate) placed: &'a [Placed],
     pub(crate) bounds: Bounds,
     pub(crate) view: View,
     pub(crate) planes: &'a Planes,
-    pub(crate) colors: &'a C,
+    /// Layers of colour.
+    pub(crate) colors: &'a [&'a [u8]],
     pub(crate) picture: &'a Picture,
     pub(crate) sky: u32,
     /// Highest ground, metres from the eye.
@@ -57,6 +58,8 @@ pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> B
             texels_per_m: (1.0 / tile.color.texel_m) as f32,
         });
         let end = corner + DVec2::new(f64::from(tile.cells[0]), f64::from(tile.cells[1])) * spacing;
+        let extent = DVec2::new(f64::from(ground.shape().extent[0]), f64::from(ground.shape().extent[1]));
+        let end = end.min(extent * unit - eye.truncate());
         bounds.min = bounds.min.min(corner.as_vec2());
         bounds.max = bounds.max.max(end.as_vec2());
     }
@@ -73,8 +76,9 @@ pub(crate) enum Place {
     Left,
 }
 
-impl<C: ColorSource + ?Sized> Frame<'_, C> {
+impl Frame<'_> {
     /// What is at parameter `s` of a ray.
+    #[inline]
     pub(crate) fn find(&self, ray: &Ray, s: f32) -> Place {
         let at = (ray.direction * s).truncate();
         let direction = ray.direction.truncate();
@@ -108,6 +112,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
     }
 
     /// The parameter at which a ray comes over the ground's bounds.
+    #[inline]
     pub(crate) fn entry(&self, ray: &Ray) -> f32 {
         let mut entry = 0.0f32;
         for axis in 0..2 {
@@ -122,6 +127,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
     }
 
     /// The parameter at which a ray leaves the ground's bounds, 0 when it never comes over them.
+    #[inline]
     pub(crate) fn departure(&self, ray: &Ray) -> f32 {
         exit(ray.direction.truncate(), self.bounds.min, self.bounds.max).max(0.0)
     }
@@ -134,9 +140,15 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         let footprint_m = s * ray.depth / self.view.focal_px();
         let level = log2_rounded(footprint_m * placed.texels_per_m).min(layout.mips - 1);
         let at = self.texel(placed, ray.direction.truncate() * s);
-        let layer = self.colors.layer(tile.color.layer);
+        let layer = self.layer(tile);
         let scale = 1.0 / (1u32 << level) as f32;
         Mip::new(layer, layout, level).map_or(OPAQUE_BLACK, |mip| mip.bilinear(at * scale) | OPAQUE_BLACK)
+    }
+
+    /// The colours of a tile; none where there are none.
+    #[inline(always)]
+    pub(crate) fn layer(&self, tile: &Tile) -> &[u8] {
+        self.colors.get(tile.color.layer as usize).copied().unwrap_or_default()
     }
 
     /// Place of a point in a tile's finest colours, texels from their north west corner.
@@ -146,6 +158,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         Vec2::new(from_corner.x, -from_corner.y)
     }
 
+    #[inline]
     pub(crate) fn texels_per_m(&self, placed: &Placed) -> f32 {
         placed.texels_per_m
     }
@@ -154,6 +167,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
 const OPAQUE_BLACK: u32 = 0xff00_0000;
 
 /// Parameter at which a ray from the origin leaves a rectangle that it is in.
+#[inline(always)]
 pub(crate) fn exit(direction: Vec2, low: Vec2, high: Vec2) -> f32 {
     let of = |direction: f32, low: f32, high: f32| match direction {
         d if d > 0.0 => high / d,
@@ -172,6 +186,7 @@ pub(crate) fn log2_rounded(x: f32) -> u32 {
 
 impl Tile {
     /// Whether a point, lattice units, lies over its cells.
+    #[inline]
     pub(crate) fn holds(&self, point: [f64; 2]) -> bool {
         (0..2).all(|axis| {
             let end = u64::from(self.origin[axis]) + (u64::from(self.cells[axis]) << self.log_spacing);

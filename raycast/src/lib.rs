@@ -13,20 +13,22 @@
 //! ```
 //!
 //! A [`ground::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots, or tiles of a
-//! database. Colours stay where they are, a [`color::ColorSource`] hands out the bytes. [`caster::Caster::draw`]
-//! allocates nothing from the second frame of a size on.
+//! database. Colours stay where they are. [`caster::Caster::draw`] allocates nothing from the second frame of a size on.
 
 #![forbid(unsafe_code)]
 
 pub mod cast;
 pub mod caster;
 pub mod color;
+mod facets;
 mod frame;
 pub mod ground;
 pub mod lines;
 mod mipmap;
 pub mod picture;
+mod steepness;
 pub mod view;
+mod voxels;
 pub mod workers;
 pub mod world;
 

@@ -1,14 +1,16 @@
 //! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for fast, accurate,
-//! and scalable dynamic height field rendering", I3D 2008), then the root of the bilinear cell, then colour averaged over
-//! the pixel's footprint on the ground. No voxels.
+//! and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the same that the mesh draws, then
+//! colour averaged over the pixel's footprint on the ground. No voxels.
 //!
 //! It takes no line of pixels for granted. Where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
-//! every parameter, not for samples alone) it starts behind that stretch.
+//! every parameter, not for samples alone) it starts behind that stretch; and where it starts over the facet that the ray below
+//! hit, and meets that facet, nothing else has to be looked at.
 
-use crate::cast::{Counts, LineOptions};
-use crate::color::{ColorSource, Mip};
+use crate::cast::{Coherence, Counts, LineOptions};
+use crate::color::Mip;
+use crate::facets::{Crossing, Entered, Facet, Hit};
 use crate::frame::{Frame, Place, exit};
-use crate::ground::{Ground, Link, Tile};
+use crate::ground::Link;
 use crate::view::Ray;
 use glam::{Vec2, Vec3};
 
@@ -25,217 +27,99 @@ struct Known {
     reach: f32,
 }
 
-/// How a ray crossed a tile.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Crossing {
-    /// It met the ground at this parameter, in this cell.
-    Hit(f32, [u32; 2]),
-    /// It left at this one.
-    Left(f32),
-}
-
-/// A tile along one ray: cells from its corner are `per_s·s + at_0`.
-struct Entered<'a> {
-    tile: &'a Tile,
-    heights: &'a [f32],
-    maxima: &'a [f32],
-    per_s: Vec2,
-    at_0: Vec2,
-    /// Height above the datum of the ray, metres, in the same form.
-    rise: f32,
-    eye_height: f32,
-}
-
-impl Ground {
-    /// Highest post of block `at` of `2^level` cells a side, `level >= 1`.
-    fn block_maximum(tile: &Tile, maxima: &[f32], level: u32, at: [u32; 2]) -> f32 {
-        let mut start = 0;
-        for finer in 1..level {
-            let [columns, rows] = tile.cells.map(|n| n.div_ceil(1 << finer) as usize);
-            start += columns * rows;
-        }
-        let columns = tile.cells[0].div_ceil(1 << level) as usize;
-        maxima.get(start + at[1] as usize * columns + at[0] as usize).copied().unwrap_or(f32::INFINITY)
-    }
-}
-
-impl Entered<'_> {
-    fn at(&self, s: f32) -> Vec2 {
-        self.per_s * s + self.at_0
-    }
-
-    fn height(&self, s: f32) -> f32 {
-        self.rise * s + self.eye_height
-    }
-
-    /// Posts of a cell: south west, south east, north west, north east.
-    fn corners(&self, [i, j]: [u32; 2]) -> [f32; 4] {
-        let columns = self.tile.cells[0] as usize + 1;
-        let south = j as usize * columns + i as usize;
-        let north = south + columns;
-        match (self.heights.get(south..south + 2), self.heights.get(north..north + 2)) {
-            (Some(&[sw, se]), Some(&[nw, ne])) => [sw, se, nw, ne],
-            _ => [f32::NEG_INFINITY; 4],
-        }
-    }
-
-    /// Follows the ray from `from` until it hits or leaves.
-    fn cross(&self, from: f32, samples: &mut u64) -> Crossing {
-        let cells = self.tile.cells;
-        let size = Vec2::new(cells[0] as f32, cells[1] as f32);
-        let end = exit(self.per_s, -self.at_0, size - self.at_0).max(from);
-        let most = cells[0].max(cells[1]).next_power_of_two().ilog2();
-        let start = self.at(from).clamp(Vec2::ZERO, size);
-        let mut level = 0;
-        let mut at = [(start.x as u32).min(cells[0] - 1), (start.y as u32).min(cells[1] - 1)];
-        let mut s = from;
-        loop {
-            *samples += 1;
-            let side = (1u32 << level) as f32;
-            let low = Vec2::new(at[0] as f32, at[1] as f32) * side;
-            let leave = |axis: usize| {
-                let per_s = self.per_s[axis];
-                match per_s {
-                    d if d > 0.0 => (low[axis] + side - self.at_0[axis]) / d,
-                    d if d < 0.0 => (low[axis] - self.at_0[axis]) / d,
-                    _ => f32::INFINITY,
-                }
-            };
-            let leaves = [leave(0), leave(1)];
-            let out = leaves[0].min(leaves[1]).min(end).max(s);
-            let lowest = self.height(s).min(self.height(out));
-            if level == 0 {
-                let corners = self.corners(at);
-                let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
-                if lowest <= highest
-                    && let Some(hit) = self.root(corners, low, s, out)
-                {
-                    return Crossing::Hit(hit, at);
-                }
-            } else if lowest <= Ground::block_maximum(self.tile, self.maxima, level, at) {
-                level -= 1;
-                let middle = self.at(s);
-                let half = 0.5 * side;
-                for axis in 0..2 {
-                    let last = (cells[axis] - 1) >> level;
-                    at[axis] = (2 * at[axis] + u32::from(middle[axis] >= low[axis] + half)).min(last);
-                }
-                continue;
-            }
-            s = out;
-            if s >= end {
-                return Crossing::Left(end);
-            }
-            let axis = usize::from(leaves[1] < leaves[0]);
-            let before = at[axis] >> 1;
-            if self.per_s[axis] > 0.0 {
-                at[axis] += 1;
-                if at[axis] > (cells[axis] - 1) >> level {
-                    return Crossing::Left(end);
-                }
-            } else if at[axis] == 0 {
-                return Crossing::Left(end);
-            } else {
-                at[axis] -= 1;
-            }
-            if at[axis] >> 1 != before && level < most {
-                level += 1;
-                at = [at[0] >> 1, at[1] >> 1];
-            }
-        }
-    }
-
-    /// The first parameter from `from` to `to` at which the ray is not above the bilinear cell whose corner is `low`.
-    fn root(&self, corners: [f32; 4], low: Vec2, from: f32, to: f32) -> Option<f32> {
-        let [a, b, c, d] = coefficients(corners);
-        let place = self.at(from) - low;
-        let (u, v) = (place.x, place.y);
-        // Height of the ray over the cell, `from + r`: q2·r² + q1·r + q0.
-        let q0 = self.height(from) - (a + b * u + c * v + d * u * v);
-        if q0 <= 0.0 {
-            return Some(from);
-        }
-        let q1 = self.rise - (b * self.per_s.x + c * self.per_s.y + d * (u * self.per_s.y + v * self.per_s.x));
-        let q2 = -d * self.per_s.x * self.per_s.y;
-        let span = to - from;
-        let within = |r: f32| (r >= 0.0 && r <= span).then_some(from + r);
-        let discriminant = q1 * q1 - 4.0 * q2 * q0;
-        if discriminant < 0.0 {
-            return None;
-        }
-        // Of the two roots the one that stays when q2 vanishes; both forms that do not cancel.
-        let q = -0.5 * (q1 + discriminant.sqrt().copysign(q1));
-        let (near, far) = (q0 / q, q / q2);
-        let ordered = if far >= 0.0 && far < near || near < 0.0 { (far, near) } else { (near, far) };
-        within(ordered.0).or_else(|| within(ordered.1))
-    }
-}
-
-/// Height in a cell: a + b·u + c·v + d·u·v, u and v from its south west corner.
-fn coefficients([sw, se, nw, ne]: [f32; 4]) -> [f32; 4] {
-    [sw, se - sw, nw - sw, sw - se - nw + ne]
-}
-
-impl<C: ColorSource + ?Sized> Frame<'_, C> {
+impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
-    pub(crate) fn cast_exact(&self, options: &LineOptions, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
+    pub(crate) fn cast_exact(&self, options: &LineOptions<'_>, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
         let mut counts = Counts::default();
         let mut known: [Option<Known>; MOST_KNOWN] = [None; MOST_KNOWN];
         let mut next = 0;
-        let mut place = 0;
+        let Some(mut current) = self.enter_exact(0) else { return self.cast_nothing(pixels) };
+        // The facet that the ray below hit, and its tile.
+        let mut facet: Option<(u32, Facet)> = None;
+        let is_cut = self.ground.is_cut();
         for pixel in pixels {
             counts.rays += 1;
             let ray = self.view.ray(pixel);
             let entry = self.entry(&ray);
-            let below = (1..=MOST_KNOWN).find_map(|back| {
-                let below = known[(next + MOST_KNOWN - back) % MOST_KNOWN]?;
-                (below.entry <= entry && ray.is_above(&below.ray, options.steepest_squared)).then_some(below)
-            });
-            let start = match below {
-                Some(below) => below.reach.max(entry),
+            let tried = if options.coherence == Coherence::Proven { MOST_KNOWN } else { 0 };
+            let below = (1..=tried).filter_map(|back| known[(next + MOST_KNOWN - back) % MOST_KNOWN]);
+            // Cells may reach beyond the border; without such cells it ends by itself.
+            let border = if is_cut { self.departure(&ray) } else { f32::INFINITY };
+            let mut hit = None;
+            let start = match options.steepness.nearest_proof(&ray, below, |below| (&below.ray, below.reach)) {
+                Some((below, doubts)) => {
+                    let start = below.reach.max(entry);
+                    // Where the lower ray was not over the ground yet it says nothing.
+                    let gap = below.entry.min(start);
+                    if entry < gap {
+                        hit = self.first_hit(&ray, entry, gap, &mut current, &mut counts);
+                    }
+                    let mut is_doubted = false;
+                    for [from, to] in doubts {
+                        let (from, to) = (from.max(entry.max(gap)), to.min(start));
+                        if from < to && hit.is_none() {
+                            is_doubted = true;
+                            hit = self.first_hit(&ray, from, to, &mut current, &mut counts);
+                        }
+                    }
+                    counts.doubted += u64::from(is_doubted);
+                    start
+                }
                 None => {
                     counts.unproven += 1;
                     let is_above = ray.direction.z < 0.0 && self.highest < 0.0;
                     entry.max(if is_above { self.highest / ray.direction.z } else { 0.0 })
                 }
             };
-            let reach = match self.first_hit(&ray, start, below.is_some(), &mut place, &mut counts) {
-                Some((s, cell)) => {
+            if hit.is_none() {
+                let same = facet.filter(|(tile, _)| *tile == current.index && tried > 0);
+                let again = same.and_then(|(_, facet)| {
+                    counts.samples += 1;
+                    let s = current.meets(&current.along(&ray), &facet, start).filter(|s| *s <= border)?;
+                    Some(Hit { s, facet })
+                });
+                hit = again.or_else(|| self.first_hit(&ray, start, border, &mut current, &mut counts));
+            }
+            let reach = match hit {
+                Some(hit) => {
                     counts.hits += 1;
-                    self.picture.put(pixel, self.shade_footprint(place, &ray, s, cell), s * ray.depth);
-                    s
+                    self.picture.put(pixel, self.shade_footprint(&current, &ray, &hit), hit.s * ray.depth);
+                    hit.s
                 }
                 None => {
                     self.picture.put(pixel, self.sky, f32::NAN);
-                    f32::INFINITY
+                    // Beyond the ground's border it says nothing.
+                    self.departure(&ray)
                 }
             };
+            facet = hit.map(|hit| (current.index, hit.facet));
             known[next] = Some(Known { ray, entry, reach });
             next = (next + 1) % MOST_KNOWN;
         }
         counts
     }
 
-    /// The first parameter from `from` on at which a ray meets the ground, and the cell. `place` is the tile that it is
-    /// likely in, and where it hit.
-    fn first_hit(
-        &self,
+    /// Where, from `from` on and before `until`, a ray meets the ground. `current` is the tile that it is likely in, and that it
+    /// hit.
+    fn first_hit<'f>(
+        &'f self,
         ray: &Ray,
         from: f32,
-        is_near: bool,
-        place: &mut u32,
+        until: f32,
+        current: &mut Entered<'f>,
         counts: &mut Counts,
-    ) -> Option<(f32, [u32; 2])> {
+    ) -> Option<Hit> {
         let mut s = from;
-        let mut is_here = is_near && self.is_over(*place, ray, s);
+        let mut is_here = current.is_under(&current.along(ray), s);
         // A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
         for _ in 0..1 << 16 {
-            if !s.is_finite() || ray.direction.z >= 0.0 && ray.direction.z * s > self.highest {
+            if !s.is_finite() || s >= until || ray.direction.z >= 0.0 && ray.direction.z * s > self.highest {
                 return None;
             }
             if !is_here {
                 match self.find(ray, s) {
-                    Place::Tile(tile) => *place = tile,
+                    Place::Tile(tile) if tile == current.index => {}
+                    Place::Tile(tile) => *current = self.enter_exact(tile)?,
                     Place::HoleUntil(until) => {
                         s = past(until.max(s));
                         continue;
@@ -248,26 +132,17 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
                 }
             }
             is_here = false;
-            let entered = self.enter_exact(ray, *place)?;
-            match entered.cross(s, &mut counts.samples) {
-                Crossing::Hit(s, cell) => return Some((s, cell)),
+            match current.cross(&current.along(ray), s, until, &mut counts.samples) {
+                Crossing::Hit(hit) => return Some(hit),
                 Crossing::Left(out) => s = past(out.max(s)),
             }
         }
         None
     }
 
-    /// Whether a ray is over a tile at a parameter.
-    fn is_over(&self, place: u32, ray: &Ray, s: f32) -> bool {
-        self.enter_exact(ray, place).is_some_and(|entered| {
-            let at = entered.at(s);
-            let [columns, rows] = entered.tile.cells;
-            at.x >= 0.0 && at.y >= 0.0 && at.x < columns as f32 && at.y < rows as f32
-        })
-    }
-
     /// Descends the tree at a point of a ray; where the ray leaves the largest node that it passes above, if there is one.
-    fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
+    #[inline]
+    pub(crate) fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
         let tree = self.ground.tree();
         let unit = self.ground.shape().lattice_unit_m;
         let eye = self.view.eye_in_world();
@@ -281,7 +156,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         loop {
             let highest = match link {
                 Link::Empty => return None,
-                Link::Tile(tile) => self.ground.tiles()[tile as usize].highest_m,
+                Link::Tile(tile) => self.ground.tiles()[tile as usize].top_m,
                 Link::Node(node) => tree.node(node).highest_m,
             };
             let low = [0, 1].map(|axis| (f64::from((point[axis] >> log) << log) * unit - eye[axis]) as f32);
@@ -298,27 +173,25 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         }
     }
 
-    fn enter_exact(&self, ray: &Ray, place: u32) -> Option<Entered<'_>> {
-        let tile = self.ground.tiles().get(place as usize)?;
-        let placed = &self.placed[place as usize];
+    #[inline]
+    fn enter_exact(&self, index: u32) -> Option<Entered<'_>> {
+        let tile = self.ground.tiles().get(index as usize)?;
+        let placed = self.placed.get(index as usize)?;
         Some(Entered {
+            index,
             tile,
             heights: self.ground.heights(tile),
             maxima: self.ground.maxima(tile),
-            per_s: ray.direction.truncate() * placed.per_m,
+            per_m: placed.per_m,
             at_0: -placed.corner.truncate() * placed.per_m,
-            rise: ray.direction.z,
             eye_height: (self.view.eye_in_world().z - self.ground.datum_m()) as f32,
         })
     }
 
-    /// Colour averaged over the part of the tangent plane that a pixel covers.
-    fn shade_footprint(&self, place: u32, ray: &Ray, s: f32, cell: [u32; 2]) -> u32 {
-        let Some(entered) = self.enter_exact(ray, place) else { return self.sky };
-        let placed = &self.placed[place as usize];
-        let [_, b, c, d] = coefficients(entered.corners(cell));
-        let in_cell = entered.at(s) - Vec2::new(cell[0] as f32, cell[1] as f32);
-        let slope = Vec2::new(b + d * in_cell.y, c + d * in_cell.x) * placed.per_m;
+    /// Colour averaged over the part of the facet's plane that a pixel covers.
+    fn shade_footprint(&self, entered: &Entered<'_>, ray: &Ray, hit: &Hit) -> u32 {
+        let (placed, tile, s) = (&self.placed[entered.index as usize], entered.tile, hit.s);
+        let slope = hit.facet.slope * placed.per_m;
         let normal = Vec3::new(-slope.x, -slope.y, 1.0);
         let depth = s * ray.depth;
         let direction = ray.direction / ray.depth;
@@ -336,8 +209,7 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         let scale = self.texels_per_m(placed);
         let (across, along) = (axis(column) * scale, axis(row) * scale);
         let center = self.texel(placed, ray.direction.truncate() * s);
-        let tile = &self.ground.tiles()[place as usize];
-        let [r, g, b] = self.average(self.colors.layer(tile.color.layer), center, across, along);
+        let [r, g, b] = self.average(self.layer(tile), center, across, along);
         u32::from_le_bytes([r, g, b, 255])
     }
 
@@ -353,34 +225,57 @@ impl<C: ColorSource + ?Sized> Frame<'_, C> {
         // The eigenvector of the larger eigenvalue, from whichever row of the matrix is longer.
         let axis = if xx >= yy { Vec2::new(mean + spread - yy, xy) } else { Vec2::new(xy, mean + spread - xx) };
         let axis = axis.normalize_or(Vec2::X);
-        let taps = (long / short).ceil().clamp(1.0, MOST_TAPS);
-        let lod = short.log2().clamp(0.0, (layout.mips - 1) as f32);
+        let ratio = (long / short).clamp(1.0, MOST_TAPS);
+        // Rounded up.
+        let count = ratio as u32 + u32::from(ratio > (ratio as u32) as f32);
+        let taps = count as f32;
+        let lod = log2(short).clamp(0.0, (layout.mips - 1) as f32);
         let level = lod as u32;
         let share = lod - level as f32;
         let mips = [level, (level + 1).min(layout.mips - 1)].map(|level| Mip::new(layer, layout, level));
         let [Some(fine), Some(coarse)] = mips else { return [0; 3] };
         let scales = [level, (level + 1).min(layout.mips - 1)].map(|level| 1.0 / (1u32 << level) as f32);
-        let mut sum = [0.0f32; 3];
-        for tap in 0..taps as u32 {
+        let mut sum = Vec3::ZERO;
+        for tap in 0..count {
             // The axis is that of texels from the north: `texel` turned y over, and so did nobody for footprints yet.
             let offset = ((tap as f32 + 0.5) / taps - 0.5) * (long - short).max(0.0);
             let at = center + Vec2::new(axis.x, -axis.y) * offset;
             let color = fine.bilinear_rgb(at * scales[0]);
-            let color = if share < 0.02 {
+            let color = Vec3::from_array(color);
+            sum += if share < 0.02 {
                 color
             } else {
-                let other = coarse.bilinear_rgb(at * scales[1]);
-                std::array::from_fn(|c| color[c] + (other[c] - color[c]) * share)
+                color + (Vec3::from_array(coarse.bilinear_rgb(at * scales[1])) - color) * share
             };
-            for (sum, value) in sum.iter_mut().zip(color) {
-                *sum += value;
-            }
         }
-        sum.map(|v| (v / taps + 0.5) as u8)
+        let mean = sum / taps + 0.5;
+        [mean.x as u8, mean.y as u8, mean.z as u8]
     }
 }
 
+/// log2 of a number from 1 on, within a hundredth and without a jump: a parabola between powers of two.
+#[inline(always)]
+fn log2(x: f32) -> f32 {
+    let exponent = (x.to_bits() >> 23) as f32 - 127.0;
+    let mantissa = f32::from_bits(x.to_bits() & 0x007f_ffff | 0x3f80_0000);
+    exponent + (2.0 - mantissa * (1.0 / 3.0)) * mantissa - 5.0 / 3.0
+}
+
 /// A little further: a point on a border belongs to what lies behind it.
+#[inline(always)]
 fn past(s: f32) -> f32 {
     s + s.abs() * 2e-6 + 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logarithms_are_right_to_a_hundredth() {
+        for n in 0..4000 {
+            let x = 1.0 + 0.017 * n as f32;
+            assert!((log2(x) - x.log2()).abs() < 0.011, "{x}");
+        }
+    }
 }

@@ -36,17 +36,6 @@ pub struct Ray {
     pub depth: f32,
 }
 
-impl Ray {
-    /// Whether, at every parameter, this ray is so far above another one that the ground cannot rise from the other to
-    /// this one. `steepest_squared`: the square of a slope that no ground exceeds.
-    #[inline(always)]
-    #[must_use]
-    pub fn is_above(&self, other: &Self, steepest_squared: f32) -> bool {
-        let by = self.direction - other.direction;
-        by.z > 0.0 && by.z * by.z >= steepest_squared * (by.x * by.x + by.y * by.y)
-    }
-}
-
 impl View {
     /// The rays of a camera, which is valid ([`Camera::is_valid`]).
     #[must_use]
@@ -76,12 +65,14 @@ impl View {
 
     /// The eye, world space.
     #[must_use]
+    #[inline]
     pub fn eye_in_world(&self) -> DVec3 {
         self.eye_in_world
     }
 
     /// Pixels per metre at a depth of one metre.
     #[must_use]
+    #[inline]
     pub fn focal_px(&self) -> f32 {
         self.focal_px
     }
@@ -101,6 +92,7 @@ impl View {
 
     /// Directions of depth 1 change by this from column to column and from row to row.
     #[must_use]
+    #[inline]
     pub fn steps(&self) -> [Vec3; 2] {
         [self.per_column, self.per_row]
     }

@@ -4,7 +4,7 @@
 //! Elevation and colour have levels of their own: a tile of elevation is drawn with the colour tile of the ancestor whose
 //! texels have the wanted size.
 
-use crate::color::{ColorLayout, ColorPlace, ColorSource};
+use crate::color::{ColorLayout, ColorPlace};
 use crate::ground::{Filter, Ground, GroundError, GroundShape, TileSpec};
 use std::collections::HashMap;
 use terravision_common::camera::Camera;
@@ -34,11 +34,12 @@ pub enum FillError {
 
 /// Geometry of a ground for a world.
 #[must_use]
-pub fn ground_shape(world: &World, filter: Filter) -> GroundShape {
+pub fn ground_shape(world: &World, filter: Option<Filter>) -> GroundShape {
     GroundShape {
         side: world.elevation_tile(),
         lattice_unit_m: world.lattice_unit_m(),
         levels: world.levels(),
+        extent: world.extent(),
         color: ColorLayout::of(world),
         filter,
     }
@@ -56,16 +57,6 @@ pub struct WorldTiles<'s, S, R> {
     scratch: TileScratch,
 }
 
-impl<S, R> ColorSource for WorldTiles<'_, S, R>
-where
-    S: Sync,
-    R: Sync,
-{
-    fn layer(&self, layer: u32) -> &[u8] {
-        self.colors[..].layer(layer)
-    }
-}
-
 impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
     /// Tiles of a world from a source; `ranges` are of the same.
     #[must_use]
@@ -79,6 +70,12 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
             colors: Vec::new(),
             scratch: TileScratch::default(),
         }
+    }
+
+    /// The layers of colour that tiles have been read for.
+    #[must_use]
+    pub fn layers(&self) -> Vec<&[u8]> {
+        self.colors.iter().map(Vec::as_slice).collect()
     }
 
     /// Fills a ground with what a camera sees, at the levels of `level`, which is of that camera. Tiles that begin within

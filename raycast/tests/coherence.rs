@@ -13,11 +13,17 @@ use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 const SIZE: [u32; 2] = [96, 72];
 const CELLS: usize = 120;
 
-fn depths(field: &Field, side: usize, filter: Filter, camera: &Camera, method: Method) -> (Vec<f32>, Counts) {
+fn depths(
+    field: &Field,
+    side: usize,
+    filter: impl Into<Option<Filter>>,
+    camera: &Camera,
+    method: Method,
+) -> (Vec<f32>, Counts) {
     let mut caster = Caster::new(1).unwrap();
     let picture = Picture::new(SIZE);
     let options = CastOptions { method, ..CastOptions::default() };
-    let counts = caster.draw(&field.ground(side, filter), &field.colors()[..], camera, &options, &picture);
+    let counts = caster.draw(&field.ground(side, filter), &[&field.colors()[..]], camera, &options, &picture);
     (picture.depth().collect(), counts)
 }
 
@@ -71,6 +77,26 @@ fn on_natural_ground_nearly_every_ray_starts_where_another_one_hit() {
     assert_eq!(counts.rays, u64::from(SIZE[0] * SIZE[1]));
 }
 
+#[test]
+fn a_cliff_costs_the_rays_over_it_alone() {
+    let mut field = Field::hills(CELLS, 120.0, 3);
+    let camera = camera(eye_over(&field, 0.5, 0.1, 400.0), [0.0, -30.0, 0.0], 45.0, SIZE);
+    let doubts = |field: &Field| {
+        [(Filter::OrientedBox.into(), Method::Coherent), (None, Method::Mipmap)].map(|(filter, method)| {
+            let (_, counts) = depths(field, 128, filter, &camera, method);
+            assert!(counts.unproven * 20 < counts.rays, "{counts:?}");
+            counts.doubted
+        })
+    };
+    let before = doubts(&field);
+    field.heights[70 * (CELLS + 1) + 66] += 100.0;
+    let after = doubts(&field);
+    for (before, after) in before.into_iter().zip(after) {
+        let more = after - before;
+        assert!(more > 0 && more * 20 < u64::from(SIZE[0] * SIZE[1]), "{before} {after}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
@@ -91,6 +117,19 @@ proptest! {
     }
 
     #[test]
+    fn exact_rays_agree_with_those_that_each_begin_at_the_eye(
+        seed in 0u64..1000, is_towers: bool, is_tiled: bool, x in 0.05..0.95f64, y in 0.05..0.95f64, height in 20.0..500.0f64,
+        heading in 0.0..360.0f64, pitch in -90.0..30.0f64, roll in -180.0..180.0f64, vfov in 20.0..90.0f64,
+    ) {
+        let field = if is_towers { Field::towers(CELLS, 120.0, seed) } else { Field::hills(CELLS, 400.0, seed) };
+        let side = if is_tiled { 16 } else { 128 };
+        let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
+        let [plain, exact] =
+            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
+        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0);
+    }
+
+    #[test]
     fn from_beside_the_ground_they_agree_as_well(
         seed in 0u64..1000, distance in 0.0..500.0f64, height in 100.0..400.0f64, turn in -40.0..40.0f64,
         pitch in -60.0..0.0f64, roll in -180.0..180.0f64,
@@ -101,5 +140,8 @@ proptest! {
         let (plain, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
         let (coherent, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
         prop_assert_eq!(count_different(&coherent, &plain, interval_m(&camera)), 0);
+        let [plain, exact] =
+            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, 128, None, &camera, method).0);
+        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
     }
 }

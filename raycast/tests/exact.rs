@@ -41,7 +41,7 @@ fn errors(field: &Field, side: usize, camera: &Camera, method: Method) -> (f64, 
     let picture = Picture::new(SIZE);
     let options = CastOptions { method, ..CastOptions::default() };
     let ground = field.ground(side, Filter::OrientedBox);
-    Caster::new(1).unwrap().draw(&ground, &field.colors()[..], camera, &options, &picture);
+    Caster::new(1).unwrap().draw(&ground, &[&field.colors()[..]], camera, &options, &picture);
     let (mut errors, mut torn) = (Vec::new(), 0);
     for (k, depth) in picture.depth().enumerate() {
         match marched(field, camera, k as u32 % SIZE[0], k as u32 / SIZE[0]) {

@@ -24,7 +24,7 @@ fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
                 let draw = |workers: usize| -> (Vec<u32>, Vec<u32>, Counts) {
                     let picture = Picture::new(SIZE);
                     let mut caster = Caster::new(workers).unwrap();
-                    let counts = caster.draw(&ground, &colors[..], &camera, &options, &picture);
+                    let counts = caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
                     (picture.rgba().collect(), picture.depth().map(f32::to_bits).collect(), counts)
                 };
                 let alone = draw(1);
@@ -51,7 +51,7 @@ fn a_frame_takes_no_memory_once_there_was_one() {
             let camera = camera([500.0, 100.0, 400.0], [0.0, -30.0, roll], 60.0, SIZE);
             // The ground is made anew as well, as from the arrays of a ring.
             field.fill(&mut ground, 32);
-            caster.draw(&ground, &colors[..], &camera, &options, &picture);
+            caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
         };
         draw(0);
         // A queue between threads may take a block now and then.

@@ -126,7 +126,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
     let mut source = RecordedSource::new(Arc::clone(recording), laps + 1);
     let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut engine = Engine::new(options.clone(), &source)?;
-    let mut spare = (0..engine.frames_in_flight()).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
+    let mut spare = (0..engine.frames_in_flight()).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
     let lap = recording.frames().len();
     let frames = lap * laps as usize;
     let mut gpu_ms = Vec::with_capacity(frames);
@@ -137,7 +137,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
             source.complete(&finished.done())?;
             gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
             triangles += finished.triangles;
-            spare.push(finished.readback);
+            spare.push(finished.pixels);
         }
         if frame == lap {
             gpu_ms.clear();
@@ -145,8 +145,8 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
             watch = Stopwatch::start();
         }
         reader.read(&mut source, true)?;
-        let Some(readback) = spare.pop() else { break };
-        engine.submit(reader.frame(), &mut source, readback)?;
+        let Some(pixels) = spare.pop() else { break };
+        engine.submit(reader.frame(), &mut source, pixels)?;
     }
     while let Some(finished) = engine.poll(LONGEST)? {
         source.complete(&finished.done())?;

@@ -99,6 +99,12 @@ pub enum TileFault {
     /// One colour slot has two generations in one frame.
     #[error("its colour slot has another generation than for an earlier tile of the frame")]
     Generation,
+    /// A height of its block is not a number.
+    #[error("a height of its block is no finite number")]
+    Height,
+    /// Another tile of the frame is at its place.
+    #[error("another tile of the frame is at its place")]
+    Occupied,
     /// The pool's slot holds another tile by now.
     #[error("its colour slot holds another generation than it names")]
     Stale,

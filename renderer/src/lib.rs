@@ -16,6 +16,7 @@ pub mod bench;
 pub mod engine;
 pub mod frame;
 pub mod gpu;
+pub mod pixels;
 pub mod run;
 pub mod sink;
 pub mod source;

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
-use terravision_common::run::{OPEN_END, RunConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::shm::{Control, RunState};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError};
 use terravision_renderer::bench::floor;
@@ -110,6 +110,14 @@ fn render(json: &str) -> anyhow::Result<()> {
     let is_depth_shared = render.share.as_ref().is_some_and(|share| share.has_depth || share.has_ground);
     let has_depth = render.depth.is_some() || render.ground.is_some() || is_depth_shared;
     let options = EngineOptions {
+        technique: render.technique,
+        // What exact frames look like must not depend on how fast the machine is.
+        rays: if config.realtime.is_none() && render.rays == RaysChoice::Auto {
+            RaysChoice::Mipmap
+        } else {
+            render.rays
+        },
+        workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],
         samples: render.samples,
@@ -129,8 +137,13 @@ fn render(json: &str) -> anyhow::Result<()> {
         &mut source,
         lanes,
         &mut |engine, source| {
-            let found = engine.device().capabilities();
-            for (kind, text) in [(EventKind::DeviceName, &found.name), (EventKind::DriverName, &found.driver)] {
+            let found = engine.describe();
+            let texts = [
+                (EventKind::DeviceName, found.device.as_str()),
+                (EventKind::DriverName, &found.driver),
+                (EventKind::TechniqueName, found.technique),
+            ];
+            for (kind, text) in texts {
                 for event in Event::text(kind, text) {
                     source.event(&event);
                 }

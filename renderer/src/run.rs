@@ -2,7 +2,8 @@
 
 use crate::engine::{Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{FrameError, FrameReader};
-use crate::gpu::{GpuError, Missing, Readback};
+use crate::gpu::{GpuError, Missing};
+use crate::pixels::Pixels;
 use crate::sink::SinkError;
 use crate::sink::lanes::{Lanes, Written};
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
@@ -47,7 +48,7 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// The process's exit code: 2 when more was asked for than the device can draw, 130 when the run was stopped, else 1.
+    /// The process's exit code: 2 when more was asked for than can be drawn, 130 when the run was stopped, else 1.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -56,6 +57,7 @@ impl RunError {
             {
                 2
             }
+            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => 2,
             _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
             _ => 1,
         }
@@ -136,7 +138,7 @@ pub fn run(
         // The pictures of the last frames went with a renderer that was killed; the sink has repeated the one before.
         source.written(shape.frames[1].saturating_sub(shape.frames[0]));
     }
-    engine.device().instance().check_validation().map_err(EngineError::from)?;
+    engine.check_validation()?;
     Ok(summary)
 }
 
@@ -165,7 +167,7 @@ struct FrameLoop<'a> {
     source: &'a mut dyn FrameSource,
     reader: FrameReader,
     record_started: u64,
-    free: Vec<Readback>,
+    free: Vec<Pixels>,
     /// Read-back buffers in all.
     buffers: usize,
     last_finished: u64,
@@ -190,7 +192,7 @@ impl<'a> FrameLoop<'a> {
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
         let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
         let wanted = engine.frames_in_flight() + lanes.wanted_buffers() + spare;
-        let free = (0..wanted.min(affordable)).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
+        let free = (0..wanted.min(affordable)).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             lanes,
             engine,
@@ -222,7 +224,7 @@ impl<'a> FrameLoop<'a> {
         drop(self.free);
         drop(engine);
         let engine = Engine::new(options.clone(), source)?;
-        let free = (0..self.buffers).map(|_| engine.new_readback()).collect::<Result<Vec<_>, _>>()?;
+        let free = (0..self.buffers).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         reader.resume(source.rewind());
         Ok(Self {
             lanes,
@@ -257,10 +259,10 @@ impl<'a> FrameLoop<'a> {
     /// One frame: wait for a slot and a buffer, read the ring, record and submit; finished frames go to the sinks meanwhile.
     fn step(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         self.source.check()?;
-        let readback = self.wait_for_room(observe)?;
+        let pixels = self.wait_for_room(observe)?;
         self.wait_for_frame(observe)?;
         let started = self.record_started;
-        let submitted = self.engine.submit(self.reader.frame(), self.source, readback);
+        let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
         if matches!(submitted, Err(EngineError::Frame { .. })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
@@ -269,13 +271,13 @@ impl<'a> FrameLoop<'a> {
     }
 
     /// A free slot of the engine and a free read-back buffer.
-    fn wait_for_room(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<Readback, RunError> {
+    fn wait_for_room(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<Pixels, RunError> {
         loop {
             self.collect(Duration::ZERO, observe)?;
             if self.engine.has_room()
-                && let Some(readback) = self.free.pop()
+                && let Some(pixels) = self.free.pop()
             {
-                return Ok(readback);
+                return Ok(pixels);
             }
             self.source.check()?;
             if self.engine.has_room() {
@@ -414,7 +416,7 @@ impl<'a> FrameLoop<'a> {
         // What repeats in place of frames that were left out is part of the film, too.
         let count = if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence + self.summary.frames };
         self.source.written(count);
-        self.free.push(written.readback);
+        self.free.push(written.pixels);
         Ok(())
     }
 

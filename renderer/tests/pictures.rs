@@ -6,7 +6,7 @@ use support::{Scene, camera, draw, keep, node, options, paths, pixel, sky_pixels
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
-use terravision_renderer::engine::{Engine, EngineOptions};
+use terravision_renderer::engine::{EngineOptions, MeshEngine};
 use terravision_renderer::source::RecordedSource;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -70,7 +70,7 @@ fn both_paths_and_two_runs_give_the_same_bytes() {
     let mut all = Vec::new();
     for options in paths(&options(SIZE)).iter().chain([&options(SIZE), &one_by_one]) {
         let frames = draw(options, &recording).unwrap();
-        all.push(frames.iter().map(|frame| frame.readback.rgba().to_vec()).collect::<Vec<_>>());
+        all.push(frames.iter().map(|frame| frame.pixels.rgba().to_vec()).collect::<Vec<_>>());
     }
     assert!(all.iter().all(|frames| frames == &all[0]));
     assert!(all[0].windows(2).all(|pair| pair[0] != pair[1]));
@@ -83,7 +83,7 @@ fn shared_memory_is_read_in_place_where_the_device_can() {
     let tiles = level(&mut scene, 0, &camera);
     scene.frame(&camera, tiles);
     let source = RecordedSource::new(scene.finish(), 1);
-    let [best, staged] = paths(&options(SIZE)).map(|options| Engine::new(options, &source).unwrap());
+    let [best, staged] = paths(&options(SIZE)).map(|options| MeshEngine::new(options, &source).unwrap());
     let can_import = best.device().capabilities().host_import_alignment.is_some();
     assert_eq!(best.imports(), [can_import; 2]);
     assert_eq!(staged.imports(), [false; 2]);
@@ -129,7 +129,7 @@ fn no_sky_shows_through_edges_between_levels() {
             let frames = draw(&EngineOptions { samples, ..options(SIZE) }, &recording).unwrap();
             for (index, frame) in frames.iter().enumerate() {
                 keep(frame, &format!("levels-{difference}-{index}-{samples}"));
-                let foreign = frame.readback.rgba().chunks_exact(4).filter(|texel| texel[..3] != green(0.0, 0.0));
+                let foreign = frame.pixels.rgba().chunks_exact(4).filter(|texel| texel[..3] != green(0.0, 0.0));
                 assert_eq!(foreign.count(), 0, "{difference} levels, view {index}, {samples} samples");
             }
         }
@@ -203,7 +203,7 @@ fn blocks_of_any_width_are_drawn() {
     let whole = scene.leaf(node(0, 0, 0), &camera, [0; 4]);
     scene.frame(&camera, vec![whole]);
     let frames = draw(&options(SIZE), &scene.finish()).unwrap();
-    assert_eq!(frames[0].readback.rgba(), frames[1].readback.rgba());
+    assert_eq!(frames[0].pixels.rgba(), frames[1].pixels.rgba());
     assert_eq!(frames[0].triangles, 128);
 }
 
@@ -224,7 +224,7 @@ fn depth_is_exact_with_one_sample_and_with_four() {
         let options = EngineOptions { samples, has_depth: true, ..options(SIZE) };
         let frames = draw(&options, &recording).unwrap();
         keep(&frames[0], &format!("depth-{samples}"));
-        let depths = frames[0].readback.reversed_depth().unwrap();
+        let depths = frames[0].pixels.reversed_depth().unwrap();
         let (mut ground, mut worst) = (0, 0.0f64);
         for y in 0..SIZE[1] {
             for x in 0..SIZE[0] {
@@ -251,7 +251,7 @@ fn one_pixel_and_odd_sizes_work() {
         let recording = scene.finish();
         for samples in [1, 4] {
             let frames = draw(&EngineOptions { samples, has_depth: true, ..options(size) }, &recording).unwrap();
-            assert_eq!(frames[0].readback.rgba().len(), (size[0] * size[1] * 4) as usize);
+            assert_eq!(frames[0].pixels.rgba().len(), (size[0] * size[1] * 4) as usize);
             assert_eq!(pixel(&frames[0], size[0] / 2, size[1] / 2), green(0.0, 0.0));
         }
     }
@@ -267,7 +267,7 @@ fn edges_are_smooth_with_four_samples() {
     let shades = |samples| {
         let frames = draw(&EngineOptions { samples, ..options(SIZE) }, &recording).unwrap();
         let colors: std::collections::HashSet<Vec<u8>> =
-            frames[0].readback.rgba().chunks_exact(4).map(<[u8]>::to_vec).collect();
+            frames[0].pixels.rgba().chunks_exact(4).map(<[u8]>::to_vec).collect();
         colors.len()
     };
     assert_eq!(shades(1), 2);
@@ -285,7 +285,7 @@ fn the_overlay_outlines_colour_leaves_by_level() {
     keep(&frames[0], "overlay");
     let count = |color: [i32; 3]| {
         let near = |texel: &[u8]| (0..3).all(|c| (i32::from(texel[c]) - color[c]).abs() < 60);
-        frames[0].readback.rgba().chunks_exact(4).filter(|texel| near(texel)).count()
+        frames[0].pixels.rgba().chunks_exact(4).filter(|texel| near(texel)).count()
     };
     // Level 3 is light blue, level 1 yellow; between the lines the picture is as it was.
     assert!(

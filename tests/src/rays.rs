@@ -78,7 +78,7 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let r_z_px = settings.cell_px / std::f64::consts::SQRT_2;
     let level = LevelFunction::new(&camera, &geometry, 1.0, Measure::Max, r_z_px, settings.texel_px);
     let mut tiles = WorldTiles::new(&geometry, &database, database.ranges());
-    let mut ground = Ground::new(ground_shape(&geometry, settings.filter));
+    let mut ground = Ground::new(ground_shape(&geometry, Some(settings.filter)));
     let mut fill = || tiles.fill(&mut ground, &camera, &level, settings.accurate_m).unwrap_or_else(|e| panic!("{e}"));
     fill();
     let start = Instant::now();
@@ -88,10 +88,11 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let mut caster = Caster::new(threads).unwrap_or_else(|error| panic!("{error}"));
     let sampling = Sampling { interval_voxels: 0.6, voxel_px: settings.cell_px as f32 };
     let options = CastOptions { method: settings.method, is_approximate: false, sampling, sky_rgb };
+    let layers = tiles.layers();
     let picture = Picture::new([camera.width, camera.height]);
-    caster.draw(&ground, &tiles, &camera, &options, &picture);
+    caster.draw(&ground, &layers, &camera, &options, &picture);
     let start = Instant::now();
-    let counts = caster.draw(&ground, &tiles, &camera, &options, &picture);
+    let counts = caster.draw(&ground, &layers, &camera, &options, &picture);
     let elapsed = start.elapsed();
     let rgb = |texel: u32| {
         let [r, g, b, _] = texel.to_le_bytes();

@@ -156,11 +156,17 @@ fn wrong_requests_are_told_in_one_sentence() {
     let cases: Vec<(&str, Terravision, i32)> = vec![
         ("an empty picture", still().args(["--size", "0x0", "-o", &out()]), 2),
         ("a picture larger than the device", still().args(["--size", "60000x60000", "-o", &out()]), 2),
+        ("rays larger than they can be", still().args(["--technique=rays", "--size=60000x60000", "-o", &out()]), 2),
+        ("rays with outlines", still().args(["--technique=rays", "--overlay=tree", "-o", &out()]), 2),
+        ("rays with samples", still().args(["--technique=rays", "--samples=4", "-o", &out()]), 2),
+        ("a mesh of rays", still().args(["--technique=mesh", "--rays=mipmap", "-o", &out()]), 2),
         ("an output in no folder", still().args(["--size", "320x180", "-o", "/nonexistent/a.png"]), 2),
         ("a full disk", still().args(["--size", "320x180", "-o", "/dev/full"]), 1),
         (
             "no Vulkan device",
-            still().args(["--size", "320x180", "-o", &out()]).env("VK_ICD_FILENAMES", "/nonexistent.json"),
+            still()
+                .args(["--technique", "mesh", "--size", "320x180", "-o", &out()])
+                .env("VK_ICD_FILENAMES", "/nonexistent.json"),
             1,
         ),
         ("no such world", Terravision::verb("fly").args(["/nonexistent.tv", "-o"]).arg(folder.join("a/")), 2),

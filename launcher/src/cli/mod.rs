@@ -3,6 +3,7 @@
 
 pub mod database;
 pub mod supervision;
+pub mod technique;
 pub mod values;
 
 use crate::input::CameraSource;
@@ -12,6 +13,7 @@ use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
+use technique::{RaysArg, TechniqueArg};
 use terravision_common::level::Measure;
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
@@ -24,7 +26,7 @@ A world from nothing, flown:
 
 EXIT STATUS
   0    done
-  1    the run failed (a stage died, no Vulkan device, no space left)
+  1    the run failed (a stage died, no space left, no Vulkan device for --technique mesh)
   2    bad usage or bad input; the same command will fail again
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
@@ -43,7 +45,7 @@ Messages go to standard error, results to standard output.";
 ///
 /// Four processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
 /// sees, the prefetcher brings tiles into memory, the preparer makes elevation without cracks, the renderer draws it
-/// with Vulkan. This program starts them, flies the camera, watches over them and cleans up after them.
+/// with Vulkan, or on the processor alone. This program starts them, flies the camera, watches over them and cleans up after them.
 #[derive(Debug, Parser)]
 #[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
 #[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
@@ -112,6 +114,18 @@ pub struct DoctorArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureArgs {
+    /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
+    ///
+    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel on the processor's cores and needs no
+    /// device. Both draw the same surface (docs/techniques.md).
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub technique: Option<TechniqueArg>,
+    /// How rays are cast [default: mipmap; in real time: auto]
+    ///
+    /// 'auto' takes the faster way, after a trial of both on the first frames; in exact mode, whose pictures must not depend
+    /// on a machine's speed, that is always 'mipmap'.
+    #[arg(long, value_enum, value_name = "HOW")]
+    pub rays: Option<RaysArg>,
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
     #[arg(long, value_name = "WxH")]
     pub size: Option<PictureSize>,
@@ -164,7 +178,7 @@ pub struct ResourceArgs {
     /// 'terravision doctor'.
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
-    /// Threads that load and decode tiles [default: RAYON_NUM_THREADS, else one per core]
+    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one per core]
     ///
     /// The picture does not depend on it.
     #[arg(long, value_name = "N")]

@@ -71,6 +71,8 @@ pub struct Collector {
     pub round_trips_ms: Vec<f32>,
     device: Vec<u8>,
     driver: Vec<u8>,
+    technique: Vec<u8>,
+    is_technique_known: bool,
     failure: Vec<u8>,
     /// Events that made no sense.
     pub strange_events: u64,
@@ -91,6 +93,8 @@ impl Collector {
             round_trips_ms: Vec::new(),
             device: Vec::new(),
             driver: Vec::new(),
+            technique: Vec::new(),
+            is_technique_known: false,
             failure: Vec::new(),
             strange_events: 0,
             trace: is_traced.then(Vec::new),
@@ -124,6 +128,12 @@ impl Collector {
         String::from_utf8_lossy(&self.driver).into_owned()
     }
 
+    /// Name of the technique that drew, once it was told.
+    #[must_use]
+    pub fn technique(&self) -> Option<String> {
+        self.is_technique_known.then(|| String::from_utf8_lossy(&self.technique).into_owned())
+    }
+
     /// Takes a sentence about a failure, which begins with the name of its cause.
     fn take_failure(&mut self) {
         let text = String::from_utf8_lossy(&self.failure);
@@ -153,6 +163,10 @@ impl Collector {
             }
             EventKind::DriverName => {
                 event.collect_text(&mut self.driver);
+                return;
+            }
+            EventKind::TechniqueName => {
+                self.is_technique_known |= event.collect_text(&mut self.technique);
                 return;
             }
             EventKind::Failure => {
@@ -220,7 +234,11 @@ impl Collector {
                 frame.lacked = event.value as u32;
                 frame.sharp = f32::from_bits((event.value >> 32) as u32);
             }
-            EventKind::DeviceName | EventKind::DriverName | EventKind::TileUnavailable | EventKind::Failure => {}
+            EventKind::DeviceName
+            | EventKind::DriverName
+            | EventKind::TechniqueName
+            | EventKind::TileUnavailable
+            | EventKind::Failure => {}
         }
     }
 }

@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
-use terravision_common::run::{RunConfig, SinkConfig};
+use terravision_common::run::{RunConfig, SinkConfig, TechniqueChoice};
 use terravision_common::shm::{
     Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
 };
@@ -248,6 +248,8 @@ impl Run {
         let mut say = |sentence: &str| progress.warn(sentence);
         let mut restarts = Restarts::new(plan.restarts, &mut start_again, &mut say);
         let is_live = plan.live.is_some();
+        // What draws is left to the renderer, who knows the devices; that it is not the usual is worth a word.
+        let mut may_tell_of_rays = plan.config.render.technique == TechniqueChoice::Auto;
         let times = self.ring.as_ref().map(FrameRing::pose_times);
         let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;
         let Self { control, events, collector, memory, window, metrics, .. } = self;
@@ -255,6 +257,7 @@ impl Run {
         let is_interrupted = || interrupt::count() > u32::from(is_live);
         let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut restarts, &mut |stages| {
             drain(events, collector, metrics.as_ref(), control);
+            may_tell_of_rays = may_tell_of_rays && !tell_of_rays(collector, progress);
             memory.sample(stages);
             window.sample(control);
             progress.show(control.written_frames());
@@ -268,6 +271,9 @@ impl Run {
         let (flown, words) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
         drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
+        if may_tell_of_rays {
+            tell_of_rays(&self.collector, progress);
+        }
         // Against the clock, a flight of poses has the frames that were drawn until it was ended.
         let drawn = (is_live && flown.is_none()).then(|| self.control.written_frames());
         if let Some(drawn) = drawn {
@@ -311,6 +317,19 @@ impl Run {
             restarts: self.restarts,
         }
     }
+}
+
+/// Tells the user when rays are cast because there is no device. Whether it is known what draws.
+fn tell_of_rays(collector: &Collector, progress: &Progress) -> bool {
+    let Some(technique) = collector.technique() else { return false };
+    if technique == TechniqueChoice::Rays.name() {
+        progress.warn(&format!(
+            "no Vulkan device can be used here; the ground is drawn by rays, on the processor ({}); --technique mesh says \
+             what is missing",
+            collector.device()
+        ));
+    }
+    true
 }
 
 fn drain(

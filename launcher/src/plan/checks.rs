@@ -2,7 +2,7 @@
 
 use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::FrameRange;
-use crate::cli::{CourseArgs, Mode, RealtimeArgs, Switch};
+use crate::cli::{CourseArgs, Mode, Overlay, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
 use crate::path::orbit::{self, Extent};
@@ -11,7 +11,9 @@ use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
 use std::time::Duration;
-use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig, RunConfig, SinkConfig};
+use terravision_common::run::{
+    Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -134,6 +136,26 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             rest("--rest-texel-px", args.rest_texel_px, texel, texel)?,
         ],
     }))
+}
+
+/// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
+pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
+    let technique = picture.technique.map_or(TechniqueChoice::Auto, TechniqueChoice::from);
+    if technique == TechniqueChoice::Rays && picture.overlay == Some(Overlay::Tree) {
+        return Err(Failure::bad_input(anyhow!(
+            "--technique rays: the leaves of the quad tree (--overlay tree) can be drawn over a mesh only"
+        )));
+    }
+    if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
+        return Err(Failure::bad_input(anyhow!(
+            "--technique rays: one ray is cast per pixel; --samples 4 is for --technique mesh"
+        )));
+    }
+    if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
+        return Err(Failure::bad_input(anyhow!("--rays is for --technique rays; a mesh has none")));
+    }
+    let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
+    Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))
 }
 
 /// Restarts within a minute in real time, if nothing else is said.

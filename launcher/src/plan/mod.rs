@@ -32,7 +32,7 @@ use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
-use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig};
+use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
@@ -287,6 +287,8 @@ impl<'a> Draft<'a> {
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
         let realtime = self.realtime.and_then(|args| realtime(args, [r_z_px, r_c_px]).transpose()).transpose()?;
+        let (technique, rays) = checks::technique(picture, realtime.is_some())?;
+        let samples = if technique == TechniqueChoice::Rays { 1 } else { samples };
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
         let layout =
@@ -353,6 +355,8 @@ impl<'a> Draft<'a> {
                 decoder_threads,
                 prefetch: prefetch(self.realtime),
                 render: RenderConfig {
+                    technique,
+                    rays,
                     sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
                     samples: picture.samples.unwrap_or(samples),
                     has_tree_overlay: picture.overlay == Some(Overlay::Tree),

@@ -12,7 +12,9 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RealtimeConfig, RenderConfig, RunConfig, SinkConfig};
+use terravision_common::run::{
+    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };
@@ -215,6 +217,8 @@ impl Flight {
             decoder_threads: 1,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
+                technique: TechniqueChoice::Mesh,
+                rays: RaysChoice::Mipmap,
                 sky_rgb: [0; 3],
                 samples: 1,
                 has_tree_overlay: false,

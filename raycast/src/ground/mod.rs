@@ -10,7 +10,7 @@ mod model;
 mod tree;
 
 pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
-pub(crate) use model::{LOG_BLOCK, Span};
+pub(crate) use model::{LOG_BLOCK, Span, SteepBlock};
 pub(crate) use tree::{Found, Link};
 
 use crate::color::{ColorLayout, ColorPlace};
@@ -25,10 +25,12 @@ pub struct GroundShape {
     pub lattice_unit_m: f64,
     /// Levels of the quad tree.
     pub levels: u8,
+    /// Where the ground ends east and north, lattice units; `u32::MAX` where tiles end it. Cells may reach beyond.
+    pub extent: [u32; 2],
     /// Layers of colour.
     pub color: ColorLayout,
-    /// How densities are made.
-    pub filter: Filter,
+    /// How densities are made. `None`: no voxels are made at all, heights are for exact rays alone.
+    pub filter: Option<Filter>,
 }
 
 /// A tile to be added to a ground.
@@ -92,6 +94,9 @@ pub enum GroundError {
     },
 }
 
+/// Boundary cells reach no more voxels above the highest post.
+const VOXELS_ABOVE: f32 = 3.0;
+
 /// A tile as rays see it. Heights are metres above the ground's datum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tile {
@@ -110,12 +115,14 @@ pub(crate) struct Tile {
     pub(crate) layers: u32,
     /// Height of its lowest layer, voxels above height 0 in world coordinates.
     pub(crate) lowest_layer: i32,
-    pub(crate) highest_m: f32,
+    /// No ground of it is higher, metres above the datum.
+    pub(crate) top_m: f32,
     pub(crate) is_accurate: bool,
     pub(crate) color: ColorPlace,
 }
 
 impl Tile {
+    #[inline]
     pub(crate) fn posts(&self) -> [usize; 2] {
         self.cells.map(|n| n as usize + 1)
     }
@@ -134,12 +141,12 @@ pub struct Ground {
     maxima: Vec<f32>,
     blocks: Vec<u16>,
     scratch: model::Scratch,
-    steepest: f32,
-    steepest_voxels: f32,
+    steep: Vec<SteepBlock>,
     lowest_m: f32,
     highest_m: f32,
     highest_voxel_m: f32,
     end: [u32; 2],
+    is_cut: bool,
 }
 
 impl Ground {
@@ -157,12 +164,12 @@ impl Ground {
             maxima: Vec::new(),
             blocks: Vec::new(),
             scratch: model::Scratch::default(),
-            steepest: 0.0,
-            steepest_voxels: 0.0,
+            steep: Vec::new(),
             lowest_m: 0.0,
             highest_m: 0.0,
             highest_voxel_m: 0.0,
             end: [0; 2],
+            is_cut: false,
         };
         ground.clear(0.0);
         ground
@@ -170,6 +177,7 @@ impl Ground {
 
     /// Its geometry.
     #[must_use]
+    #[inline]
     pub fn shape(&self) -> &GroundShape {
         &self.shape
     }
@@ -184,12 +192,12 @@ impl Ground {
         self.densities.clear();
         self.maxima.clear();
         self.blocks.clear();
-        self.steepest = 0.0;
-        self.steepest_voxels = 0.0;
+        self.steep.clear();
         self.lowest_m = f32::INFINITY;
         self.highest_m = f32::NEG_INFINITY;
         self.highest_voxel_m = f32::NEG_INFINITY;
         self.end = [0; 2];
+        self.is_cut = false;
     }
 
     /// Adds a tile. [`Ground::finish`] makes rays see it.
@@ -229,19 +237,23 @@ impl Ground {
             self.heights.truncate(heights_at);
             return Err(GroundError::Height { origin, index });
         }
-        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, highest_m).is_err() {
+        let spacing_m = (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32;
+        let top_m = if self.has_voxels() { highest_m + VOXELS_ABOVE * spacing_m } else { highest_m };
+        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, top_m).is_err() {
             self.heights.truncate(heights_at);
             return Err(GroundError::Occupied { origin });
         }
         self.lowest_m = self.lowest_m.min(lowest_m);
         self.highest_m = self.highest_m.max(highest_m);
         for (axis, end) in self.end.iter_mut().enumerate() {
-            *end = (*end).max(origin[axis] + (cells[axis] << spec.log_spacing));
+            let reach = origin[axis].saturating_add(cells[axis] << spec.log_spacing);
+            self.is_cut |= reach > self.shape.extent[axis];
+            *end = (*end).max(reach.min(self.shape.extent[axis]));
         }
         self.tiles.push(Tile {
             origin,
             log_spacing: spec.log_spacing,
-            spacing_m: (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32,
+            spacing_m,
             cells,
             heights_at,
             spans_at: 0,
@@ -250,7 +262,7 @@ impl Ground {
             blocks_at: 0,
             layers: 0,
             lowest_layer: 0,
-            highest_m,
+            top_m,
             is_accurate: spec.is_accurate,
             color: spec.color,
         });
@@ -276,21 +288,25 @@ impl Ground {
         self.densities.len() + size_of_val(&self.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
     }
 
-    /// The steepest slope of the surface of voxels, metres up per metre: an upper bound over all cells, infinite where a cliff
-    /// makes a wall.
-    #[must_use]
-    pub fn steepest_voxels(&self) -> f32 {
-        self.steepest_voxels
+    /// A slope that no ground exceeds outside of [`Ground::steep_blocks`], metres up per metre.
+    pub(crate) fn gentle(&self) -> f32 {
+        model::GENTLE
     }
 
-    /// The steepest slope of bilinear heights, metres up per metre: an upper bound over all cells.
+    /// Blocks of cells that are steeper.
+    pub(crate) fn steep_blocks(&self) -> &[SteepBlock] {
+        &self.steep
+    }
+
+    /// Whether it has voxels.
     #[must_use]
-    pub fn steepest(&self) -> f32 {
-        self.steepest
+    pub fn has_voxels(&self) -> bool {
+        self.shape.filter.is_some()
     }
 
     /// What heights are above, world coordinates.
     #[must_use]
+    #[inline]
     pub fn datum_m(&self) -> f64 {
         self.datum_m
     }
@@ -301,9 +317,9 @@ impl Ground {
         [self.lowest_m, self.highest_m]
     }
 
-    /// The top of the highest boundary cell, metres above the datum.
-    pub(crate) fn highest_voxel_m(&self) -> f32 {
-        self.highest_voxel_m
+    /// The top of the highest boundary cell, or the highest post of a ground without voxels, metres above the datum.
+    pub(crate) fn top_m(&self) -> f32 {
+        if self.has_voxels() { self.highest_voxel_m } else { self.highest_m }
     }
 
     /// One past the tiles, east and north, lattice units.
@@ -311,23 +327,34 @@ impl Ground {
         self.end
     }
 
+    /// Whether cells reach beyond its end.
+    pub(crate) fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
+    #[inline]
     pub(crate) fn tiles(&self) -> &[Tile] {
         &self.tiles
     }
 
+    #[inline]
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
     }
 
+    #[inline]
     pub(crate) fn heights(&self, tile: &Tile) -> &[f32] {
         let [columns, rows] = tile.posts();
         &self.heights[tile.heights_at..][..columns * rows]
     }
 
+    #[inline]
     pub(crate) fn spans(&self, tile: &Tile) -> &[Span] {
-        &self.spans[tile.spans_at..][..tile.cells[0] as usize * tile.cells[1] as usize]
+        let cells = tile.cells[0] as usize * tile.cells[1] as usize;
+        &self.spans[tile.spans_at..][..if self.has_voxels() { cells } else { 0 }]
     }
 
+    #[inline]
     pub(crate) fn densities(&self, tile: &Tile) -> &[u8] {
         let [columns, rows] = tile.posts();
         let bytes = if tile.is_accurate { columns * rows * tile.layers as usize } else { 0 };
@@ -335,15 +362,17 @@ impl Ground {
     }
 
     /// The highest boundary cell of blocks of `1 << LOG_BLOCK` cells a side.
+    #[inline]
     pub(crate) fn blocks(&self, tile: &Tile) -> &[u16] {
         &self.blocks[tile.blocks_at..]
     }
 
+    #[inline]
     pub(crate) fn maxima(&self, tile: &Tile) -> &[f32] {
         &self.maxima[tile.maxima_at..]
     }
 
-    /// Height of the surface at a point, bilinear, metres above the datum; `None` where no tile is. Lattice units.
+    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no tile is. Lattice units.
     #[must_use]
     pub fn height_at(&self, point: [f64; 2]) -> Option<f32> {
         match self.tree.find(point) {
@@ -352,7 +381,7 @@ impl Ground {
         }
     }
 
-    /// Bilinear height in a tile; a point outside of its cells is taken to their border.
+    /// Height in a tile, linear on facets as everywhere (`terravision_common::facet`); a point outside of its cells is taken to their border.
     fn height_in(&self, tile: &Tile, point: [f64; 2]) -> f32 {
         let unit = f64::from(1u32 << tile.log_spacing);
         let place = |axis: usize| {
@@ -365,9 +394,14 @@ impl Ground {
         let stride = tile.posts()[0];
         let heights = self.heights(tile);
         let z = |i: usize, j: usize| heights[j * stride + i];
-        let south = z(i, j) + (z(i + 1, j) - z(i, j)) * u;
-        let north = z(i, j + 1) + (z(i + 1, j + 1) - z(i, j + 1)) * u;
-        south + (north - south) * v
+        let (sw, ne) = (z(i, j), z(i + 1, j + 1));
+        if u >= v {
+            let se = z(i + 1, j);
+            sw + (se - sw) * u + (ne - se) * v
+        } else {
+            let nw = z(i, j + 1);
+            sw + (nw - sw) * v + (ne - nw) * u
+        }
     }
 }
 

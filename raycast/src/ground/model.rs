@@ -20,6 +20,23 @@ const MOST_LAYERS: usize = 4096;
 /// log2 of the cells along a side of a block of the skipping array.
 pub(crate) const LOG_BLOCK: u32 = 4;
 
+/// log2 of the cells along a side of a block that is steep or not.
+const LOG_STEEP: u32 = 2;
+/// A slope up to which ground is not worth telling apart, metres up per metre.
+pub(super) const GENTLE: f32 = 0.75;
+
+/// Cells of a tile, some of which are steep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct SteepBlock {
+    /// South west and north east corner, lattice units.
+    pub(crate) low: [u32; 2],
+    pub(crate) high: [u32; 2],
+    /// The steepest slope of heights, metres up per metre: an upper bound.
+    pub(crate) slope: f32,
+    /// That of the surface of voxels, infinite where a cliff makes a wall.
+    pub(crate) voxel_slope: f32,
+}
+
 /// One tile's intermediate values, in memory that is used again.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
@@ -35,7 +52,15 @@ pub(super) struct Scratch {
 impl Ground {
     /// Makes the model of a tile; the heights of all tiles are there.
     pub(super) fn make_model(&mut self, index: usize) {
-        let filter = self.shape.filter;
+        let maxima_at = self.push_maxima(index);
+        self.tiles[index].maxima_at = maxima_at;
+        match self.shape.filter {
+            Some(filter) => self.make_voxels(index, filter),
+            None => self.push_steep_heights(index),
+        }
+    }
+
+    fn make_voxels(&mut self, index: usize, filter: Filter) {
         let mut scratch = std::mem::take(&mut self.scratch);
         let tile = self.tiles[index];
         let [columns, rows] = tile.posts();
@@ -81,10 +106,9 @@ impl Ground {
                 scratch.tops.push(top(voxels));
             }
         }
-        self.push_spans(&model, &scratch, radius);
+        self.push_spans(&model, &scratch, filter);
         self.push_blocks(&model);
-        let maxima_at = self.push_maxima(&model);
-        self.tiles[index] = Tile { maxima_at, ..model };
+        self.tiles[index] = model;
         self.scratch = scratch;
     }
 
@@ -132,9 +156,11 @@ impl Ground {
     }
 
     /// The boundary array of a tile, and the slopes of its cells.
-    fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, radius: usize) {
+    fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, filter: Filter) {
         let [columns, rows] = tile.posts();
+        let radius = filter.radius();
         let stride = columns + 2 * radius;
+        let first = self.steep.len();
         for j in 0..rows - 1 {
             for i in 0..columns - 1 {
                 let at = j * columns + i;
@@ -150,17 +176,53 @@ impl Ground {
                 self.spans.push(Span { lowest, highest });
                 let at = (j + radius) * stride + i + radius;
                 let corners = [at, at + 1, at + stride, at + stride + 1].map(|at| scratch.around[at]);
-                let [sw, se, nw, ne] = corners;
-                let east = (se - sw).abs().max((ne - nw).abs());
-                let north = (nw - sw).abs().max((ne - se).abs());
-                let slope = (east * east + north * north).sqrt();
-                self.steepest = self.steepest.max(slope);
-                let steepest = match self.shape.filter {
-                    Filter::OrientedBox => voxel_slope(corners, slope, [least_up, most_up]),
+                let slope = facets_slope(corners);
+                let voxel_slope = match filter {
+                    Filter::OrientedBox => voxel_slope(corners, [least_up, most_up]),
                     // Plateaus of density between a high and a low column become walls.
                     Filter::Gaussian => f32::INFINITY,
                 };
-                self.steepest_voxels = self.steepest_voxels.max(steepest);
+                if slope.max(voxel_slope) > GENTLE {
+                    self.note_steep(tile, first, [i, j], slope, voxel_slope);
+                }
+            }
+        }
+    }
+
+    /// The slopes of a tile without voxels.
+    fn push_steep_heights(&mut self, index: usize) {
+        let tile = self.tiles[index];
+        let columns = tile.posts()[0];
+        let first = self.steep.len();
+        let per_m = 1.0 / tile.spacing_m;
+        for j in 0..tile.cells[1] as usize {
+            for i in 0..tile.cells[0] as usize {
+                let at = tile.heights_at + j * columns + i;
+                let corners = [at, at + 1, at + columns, at + columns + 1].map(|at| self.heights[at]);
+                let slope = facets_slope(corners) * per_m;
+                if slope > GENTLE {
+                    self.note_steep(&tile, first, [i, j], slope, f32::INFINITY);
+                }
+            }
+        }
+    }
+
+    /// A cell is steep: into its block, which is new or among those of its tile, from `first` on. Cells come row by row.
+    fn note_steep(&mut self, tile: &Tile, first: usize, cell: [usize; 2], slope: f32, voxel_slope: f32) {
+        let corner = |axis: usize, past: u32| {
+            let block = (cell[axis] as u32 >> LOG_STEEP) + past;
+            tile.origin[axis] + ((block << LOG_STEEP).min(tile.cells[axis]) << tile.log_spacing)
+        };
+        let low = [corner(0, 0), corner(1, 0)];
+        let mut same_row = self.steep[first..].iter_mut().rev().take_while(|block| block.low[1] == low[1]);
+        match same_row.find(|block| block.low == low) {
+            Some(block) => {
+                block.slope = block.slope.max(slope);
+                block.voxel_slope = block.voxel_slope.max(voxel_slope);
+            }
+            None => {
+                let high = [corner(0, 1), corner(1, 1)];
+                self.steep.push(SteepBlock { low, high, slope, voxel_slope });
             }
         }
     }
@@ -185,7 +247,8 @@ impl Ground {
     }
 
     /// The highest post of blocks of 2, 4, 8, … cells a side, their borders included, until one block is all.
-    fn push_maxima(&mut self, tile: &Tile) -> usize {
+    fn push_maxima(&mut self, index: usize) -> usize {
+        let tile = self.tiles[index];
         let start = self.maxima.len();
         let [columns, rows] = tile.posts();
         let mut cells = tile.cells.map(|n| n as usize);
@@ -221,8 +284,19 @@ impl Ground {
     }
 }
 
-/// A slope that the surface of voxels does not exceed in a cell, given that of its heights and the normals at its corners.
-fn voxel_slope(corners: [f32; 4], slope: f32, [least_up, most_up]: [f32; 2]) -> f32 {
+/// The steeper one of a cell's two facets, up per cell: the south eastern and the north western one.
+fn facets_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
+    let [south, north] = [se - sw, ne - nw];
+    let [west, east] = [nw - sw, ne - se];
+    (south * south + east * east).max(north * north + west * west).sqrt()
+}
+
+/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals at its corners.
+fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
+    let [sw, se, nw, ne] = corners;
+    let east = (se - sw).abs().max((ne - nw).abs());
+    let north = (nw - sw).abs().max((ne - se).abs());
+    let slope = (east * east + north * north).sqrt();
     let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
     let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
     let range = highest - lowest;

@@ -5,8 +5,9 @@ const SHAPE: GroundShape = GroundShape {
     side: 16,
     lattice_unit_m: 10.0,
     levels: 3,
+    extent: [u32::MAX; 2],
     color: ColorLayout { side: 16, mips: 1 },
-    filter: Filter::OrientedBox,
+    filter: Some(Filter::OrientedBox),
 };
 
 fn spec(origin: [u32; 2], heights: &[f32]) -> TileSpec<'_> {
@@ -35,7 +36,7 @@ fn rough(x: u32, y: u32) -> f32 {
 #[test]
 fn columns_on_the_edge_of_two_tiles_are_the_same_in_both() {
     for filter in [Filter::OrientedBox, Filter::Gaussian] {
-        let mut ground = Ground::new(GroundShape { filter, ..SHAPE });
+        let mut ground = Ground::new(GroundShape { filter: Some(filter), ..SHAPE });
         for origin in [[0, 0], [16, 0], [0, 16], [16, 16]] {
             ground.add(&spec(origin, &field(origin, rough))).unwrap();
         }
@@ -71,7 +72,7 @@ fn columns_on_the_edge_of_two_tiles_are_the_same_in_both() {
 #[test]
 fn the_boundary_array_says_where_densities_cross_the_threshold() {
     for filter in [Filter::OrientedBox, Filter::Gaussian] {
-        let mut ground = Ground::new(GroundShape { filter, ..SHAPE });
+        let mut ground = Ground::new(GroundShape { filter: Some(filter), ..SHAPE });
         ground.add(&spec([16, 32], &field([16, 32], rough))).unwrap();
         ground.finish();
         let tile = &ground.tiles()[0];

@@ -50,23 +50,28 @@ impl Tree {
         self.root_level = root_level;
     }
 
+    #[inline]
     pub(crate) fn root(&self) -> Link {
         self.root.unwrap_or(Link::Empty)
     }
 
+    #[inline]
     pub(crate) fn root_level(&self) -> u32 {
         self.root_level
     }
 
+    #[inline]
     pub(crate) fn log_side(&self) -> u32 {
         self.log_side
     }
 
+    #[inline]
     pub(crate) fn node(&self, index: u32) -> &Node {
         &self.nodes[index as usize]
     }
 
     /// The child of a node that holds a point, of side `2^log`.
+    #[inline]
     pub(crate) fn child(&self, node: u32, point: [u32; 2], log: u32) -> Link {
         self.node(node).children[child(point, log)]
     }
@@ -111,6 +116,7 @@ impl Tree {
     }
 
     /// The tile at a point, lattice units.
+    #[inline]
     pub(crate) fn find(&self, point: [f64; 2]) -> Found {
         let side = (1u64 << (self.log_side + self.root_level)) as f64;
         if !point.iter().all(|v| (0.0..side).contains(v)) {
@@ -133,6 +139,7 @@ impl Tree {
 }
 
 /// Which child of its parent the node of side `2^log` is that holds a point.
+#[inline(always)]
 fn child(point: [u32; 2], log: u32) -> usize {
     ((point[0] >> log) & 1 | ((point[1] >> log) & 1) << 1) as usize
 }

@@ -9,6 +9,7 @@
 
 use glam::DVec2;
 use terravision_common::camera::Camera;
+use terravision_common::facet::facet_linear;
 use terravision_raycast::color::{ColorLayout, ColorPlace};
 use terravision_raycast::ground::{Filter, Ground, GroundShape, TileSpec};
 
@@ -67,15 +68,16 @@ impl Field {
         })
     }
 
-    /// The ground of this field in one tile, or in tiles of `side` cells.
-    pub fn ground(&self, side: usize, filter: Filter) -> Ground {
+    /// The ground of this field in one tile, or in tiles of `side` cells; without a filter it has no voxels.
+    pub fn ground(&self, side: usize, filter: impl Into<Option<Filter>>) -> Ground {
         let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
         let shape = GroundShape {
             side: side as u32,
             lattice_unit_m: UNIT_M,
             levels,
+            extent: [u32::MAX; 2],
             color: ColorLayout { side: self.cells as u32, mips: 1 },
-            filter,
+            filter: filter.into(),
         };
         let mut ground = Ground::new(shape);
         self.fill(&mut ground, side);
@@ -112,12 +114,12 @@ impl Field {
     }
 
     /// One layer of colour, a texel per cell: every one of its own.
-    pub fn colors(&self) -> Vec<Vec<u8>> {
+    pub fn colors(&self) -> Vec<u8> {
         let texel = |k: usize| [(k % self.cells) as u8, (k / self.cells) as u8, (k % 7 * 30) as u8, 255];
-        vec![(0..self.cells * self.cells).flat_map(texel).collect()]
+        (0..self.cells * self.cells).flat_map(texel).collect()
     }
 
-    /// Bilinear height at a point, metres.
+    /// Height at a point, linear on facets, metres.
     pub fn at(&self, x: f64, y: f64) -> Option<f64> {
         let (u, v) = (x / UNIT_M, y / UNIT_M);
         let end = self.cells as f64;
@@ -127,9 +129,7 @@ impl Field {
         let (i, j) = ((u as usize).min(self.cells - 1), (v as usize).min(self.cells - 1));
         let (u, v) = (u - i as f64, v - j as f64);
         let z = |i: usize, j: usize| f64::from(self.heights[j * (self.cells + 1) + i]);
-        let south = z(i, j) + (z(i + 1, j) - z(i, j)) * u;
-        let north = z(i, j + 1) + (z(i + 1, j + 1) - z(i, j + 1)) * u;
-        Some(south + (north - south) * v)
+        Some(facet_linear(z(i, j), z(i + 1, j), z(i, j + 1), z(i + 1, j + 1), u, v))
     }
 }
 

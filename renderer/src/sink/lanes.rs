@@ -6,7 +6,7 @@
 
 use super::{FrameSink, Picture, SinkError};
 use crate::engine::Finished;
-use crate::gpu::Readback;
+use crate::pixels::Pixels;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -31,7 +31,7 @@ pub struct Written {
     /// How long it took.
     pub duration_nanos: u64,
     /// The buffer, free again.
-    pub readback: Readback,
+    pub pixels: Pixels,
 }
 
 #[expect(clippy::large_enum_variant, reason = "a box would be an allocation a frame; the queue has room for both")]
@@ -178,9 +178,9 @@ fn run_lane(
         let started_nanos = monotonic_nanos();
         let picture = Picture {
             frame: frame.frame,
-            size: frame.readback.size(),
-            rgba: frame.readback.rgba(),
-            reversed_depth: frame.readback.reversed_depth(),
+            size: frame.pixels.size(),
+            rgba: frame.pixels.rgba(),
+            reversed_depth: frame.pixels.reversed_depth(),
             camera: frame.camera,
             is_settled: frame.is_settled,
         };
@@ -191,7 +191,7 @@ fn run_lane(
             lane,
             started_nanos,
             duration_nanos: monotonic_nanos() - started_nanos,
-            readback: frame.readback,
+            pixels: frame.pixels,
         });
         let is_failed = result.is_err();
         if done.send(result).is_err() || is_failed {

@@ -144,6 +144,10 @@ impl FrameSource for LiveSource {
         self.colors.slot_offset(slot)
     }
 
+    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
+        self.colors.bytes(slot, generation)?.bytes().get(..self.tile_bytes as usize)
+    }
+
     fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
         let Some(tile) = self.colors.bytes(slot, generation) else { return false };
         let Some(bytes) = tile.bytes().get(..out.len().min(self.tile_bytes as usize)) else { return false };

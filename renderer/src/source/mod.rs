@@ -125,6 +125,9 @@ pub trait FrameSource {
     /// Byte offset of a colour tile in [`FrameSource::color_memory`]; `None` when the slot holds another generation.
     fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64>;
 
+    /// A colour tile with its mips, in place; `None` when the slot holds another generation.
+    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]>;
+
     /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
     fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool;
 

@@ -4,6 +4,7 @@ use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
+use terravision_common::database::color_tile_bytes;
 use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
@@ -248,6 +249,12 @@ impl FrameSource for RecordedSource {
 
     fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
         self.recording.color_offsets.get(&(slot, generation)).copied()
+    }
+
+    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
+        let offset = *self.recording.color_offsets.get(&(slot, generation))? as usize;
+        let bytes = color_tile_bytes(&self.recording.world);
+        self.recording.colors.constant_bytes()?.get(offset..offset + bytes)
     }
 
     fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {

@@ -124,6 +124,10 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.color_offset(slot, generation)
     }
 
+    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
+        self.inner.color(slot, generation)
+    }
+
     fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
         self.inner.read_color(slot, generation, out)
     }

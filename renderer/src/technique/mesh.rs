@@ -8,6 +8,7 @@ use crate::gpu::{
     ViewParameters,
 };
 use terravision_common::camera::Camera;
+use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 use terravision_common::world::World;
 
@@ -69,7 +70,7 @@ impl MeshTechnique {
 
 impl Technique for MeshTechnique {
     fn name(&self) -> &'static str {
-        "mesh"
+        TechniqueChoice::Mesh.name()
     }
 
     fn prepare(

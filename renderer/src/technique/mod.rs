@@ -1,9 +1,12 @@
-//! How terrain is drawn: one drawing trait, a sibling file per technique (the mesh now; rays and slices later).
+//! How terrain is drawn. The mesh is drawn by a device, behind one drawing trait; rays are cast without any, so that their part
+//! here is what a slot means to them.
 
 mod mesh;
+mod rays;
 mod view;
 
 pub use mesh::{LOD_BIAS, MAX_ANISOTROPY, MeshTechnique};
+pub use rays::BlockReader;
 pub use view::{NEAR_M, view_parameters};
 
 use crate::frame::Frame;

@@ -160,28 +160,28 @@ pub fn draw(options: &EngineOptions, recording: &Arc<Recording>) -> Result<Vec<F
             finished.extend(engine.poll(Duration::from_secs(20))?);
         }
         reader.read(&mut source, true)?;
-        let readback = engine.new_readback()?;
-        engine.submit(reader.frame(), &mut source, readback)?;
+        let pixels = engine.new_pixels()?;
+        engine.submit(reader.frame(), &mut source, pixels)?;
     }
     while engine.is_busy() {
         finished.extend(engine.poll(Duration::from_secs(20))?);
     }
-    engine.device().instance().check_validation()?;
+    engine.check_validation()?;
     Ok(finished)
 }
 
 /// The pixel of a picture.
 pub fn pixel(finished: &Finished, x: u32, y: u32) -> [u8; 3] {
-    let [width, _] = finished.readback.size();
+    let [width, _] = finished.pixels.size();
     let start = (y * width + x) as usize * 4;
-    let rgba = &finished.readback.rgba()[start..start + 4];
+    let rgba = &finished.pixels.rgba()[start..start + 4];
     assert_eq!(rgba[3], 255);
     [rgba[0], rgba[1], rgba[2]]
 }
 
 /// Number of pixels of sky.
 pub fn sky_pixels(finished: &Finished) -> usize {
-    finished.readback.rgba().chunks_exact(4).filter(|texel| texel[..3] == SKY).count()
+    finished.pixels.rgba().chunks_exact(4).filter(|texel| texel[..3] == SKY).count()
 }
 
 /// All ways in which elevations and colours reach the device.
@@ -193,8 +193,8 @@ pub fn paths(options: &EngineOptions) -> [EngineOptions; 2] {
 /// Writes a picture for a person to look at, when `TERRAVISION_TEST_PICTURES` names a folder.
 pub fn keep(finished: &Finished, name: &str) {
     let Some(folder) = std::env::var_os("TERRAVISION_TEST_PICTURES") else { return };
-    let [width, height] = finished.readback.size();
+    let [width, height] = finished.pixels.size();
     let path = std::path::Path::new(&folder).join(format!("{name}.png"));
-    image::save_buffer(path, finished.readback.rgba(), width, height, image::ExtendedColorType::Rgba8)
+    image::save_buffer(path, finished.pixels.rgba(), width, height, image::ExtendedColorType::Rgba8)
         .expect("the folder for pictures can be written");
 }

@@ -1,12 +1,10 @@
-//! The engine: device, pools, technique and the frames in flight. It turns checked frames into pictures in memory and
-//! knows neither where frames come from nor where they go.
+//! The mesh's engine: a Vulkan device, its pools, and the frames in flight.
 
+use super::{Described, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
-use crate::gpu::{
-    ColorPool, Device, DeviceChoice, DeviceKind, Elevation, ElevationPath, Filtering, FrameSlot, GpuError, Instance,
-    Needs, Readback, Target,
-};
-use crate::source::{Done, FrameSource, SourceError, SourceShape};
+use crate::gpu::{ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target};
+use crate::pixels::Pixels;
+use crate::source::{FrameSource, SourceShape};
 use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,140 +12,10 @@ use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
 
-/// How frames are drawn.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EngineOptions {
-    /// Which device.
-    pub device: DeviceChoice,
-    /// Picture size, pixels.
-    pub size: [u32; 2],
-    /// Samples per pixel, 1 or 4.
-    pub samples: u32,
-    /// Colour of the sky.
-    pub sky_rgb: [u8; 3],
-    /// Outlines of the colour leaves.
-    pub has_tree_overlay: bool,
-    /// The validation layer is asked for; its messages are errors.
-    pub has_validation: bool,
-    /// Depth comes back with the picture.
-    pub has_depth: bool,
-    /// Frames recorded or drawn at a time; 0 leaves it to the device ([`frames_in_flight`]).
-    pub frames_in_flight: usize,
-    /// How elevations reach the device.
-    pub elevation_path: ElevationPath,
-    /// Whether colour tiles may be copied from shared memory by the device itself.
-    pub can_import_colors: bool,
-    /// For tests: the device is lost when it is handed its so many-th frame, and so is every one that comes after it.
-    pub lose_device_at: Option<u64>,
-}
-
-impl Default for EngineOptions {
-    fn default() -> Self {
-        Self {
-            device: DeviceChoice::from_environment(),
-            size: [1280, 720],
-            samples: 1,
-            sky_rgb: [150, 190, 235],
-            has_tree_overlay: false,
-            has_validation: false,
-            has_depth: false,
-            frames_in_flight: 2,
-            elevation_path: ElevationPath::Best,
-            can_import_colors: true,
-            lose_device_at: None,
-        }
-    }
-}
-
-/// A frame could not be drawn.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum EngineError {
-    /// The device failed.
-    #[error(transparent)]
-    Gpu {
-        /// Why.
-        #[from]
-        source: GpuError,
-    },
-    /// A frame from the ring cannot be.
-    #[error(transparent)]
-    Frame {
-        /// Why.
-        #[from]
-        source: FrameError,
-    },
-    /// The source failed.
-    #[error(transparent)]
-    Source {
-        /// Why.
-        #[from]
-        source: SourceError,
-    },
-}
-
-impl EngineError {
-    /// Whether the device was lost: another one may do.
-    #[must_use]
-    pub fn is_device_lost(&self) -> bool {
-        matches!(self, Self::Gpu { source } if source.is_device_lost())
-    }
-}
-
-/// What recording a frame took.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Submitted {
-    /// Colour tiles uploaded.
-    pub uploads: u32,
-    /// When staging them began, nanoseconds of the monotonic clock.
-    pub upload_started_nanos: u64,
-    /// Nanoseconds spent on finding and staging them.
-    pub upload_nanos: u64,
-}
-
-/// A frame that the device is done with.
-#[derive(Debug)]
-pub struct Finished {
-    /// Its number.
-    pub frame: u64,
-    /// Counts the frames of the run from 1.
-    pub sequence: u64,
-    /// One past its last position in the elevation ring.
-    pub elevation_end: u64,
-    /// One past its last slot in the ring.
-    pub slots_end: u64,
-    /// Its camera.
-    pub camera: Camera,
-    /// Screen resolutions of facets and texels that its tree was made for, pixels.
-    pub r_px: [f64; 2],
-    /// Whether every tile that it wanted was there.
-    pub is_settled: bool,
-    /// Triangles drawn.
-    pub triangles: u64,
-    /// When recording it began, nanoseconds of the monotonic clock.
-    pub started_nanos: u64,
-    /// When it was handed to the device, nanoseconds of the monotonic clock.
-    pub submitted_nanos: u64,
-    /// When it was found finished.
-    pub finished_nanos: u64,
-    /// Time that the device took by its own clock, if it has one.
-    pub gpu_nanos: Option<f64>,
-    /// Its pixels.
-    pub readback: Readback,
-}
-
-impl Finished {
-    /// How far frames are done with when this one is.
-    #[must_use]
-    pub fn done(&self) -> Done {
-        Done { sequence: self.sequence, elevation_end: self.elevation_end, slots_end: self.slots_end }
-    }
-}
-
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
 /// itself gains nothing from a second frame, and then finishes both at the same time: with lavapipe every other frame
 /// took twice as long and the ones between nothing, at the same rate.
-pub(crate) fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
+fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
     match (asked, kind) {
         (0, DeviceKind::Cpu) => 1,
         (0, _) => 2,
@@ -169,8 +37,8 @@ struct InFlight {
     submitted_nanos: u64,
 }
 
-/// Draws frames.
-pub struct Engine {
+/// Draws frames with Vulkan.
+pub struct MeshEngine {
     // Slots first: fields are dropped in order, and a slot's objects wait for its submit.
     slots: Vec<FrameSlot>,
     in_flight: VecDeque<InFlight>,
@@ -185,13 +53,16 @@ pub struct Engine {
     device: Arc<Device>,
 }
 
-impl std::fmt::Debug for Engine {
+impl std::fmt::Debug for MeshEngine {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Engine").field("device", &self.device).field("options", &self.options).finish_non_exhaustive()
+        f.debug_struct("MeshEngine")
+            .field("device", &self.device)
+            .field("options", &self.options)
+            .finish_non_exhaustive()
     }
 }
 
-impl Engine {
+impl MeshEngine {
     /// Opens the device and makes all that frames of this source need.
     ///
     /// # Errors
@@ -233,6 +104,13 @@ impl Engine {
             options,
             device,
         })
+    }
+
+    /// What draws.
+    #[must_use]
+    pub fn describe(&self) -> Described {
+        let found = self.device.capabilities();
+        Described { technique: self.technique.name(), device: found.name.clone(), driver: found.driver.clone() }
     }
 
     /// The device.
@@ -387,7 +265,7 @@ impl Engine {
             submitted_nanos: oldest.submitted_nanos,
             finished_nanos: monotonic_nanos(),
             gpu_nanos,
-            readback,
+            pixels: Pixels::Device(readback),
         }))
     }
 }

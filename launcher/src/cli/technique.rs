@@ -1,0 +1,43 @@
+//! How the ground is drawn, as typed.
+
+use clap::ValueEnum;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
+
+/// [`TechniqueChoice`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TechniqueArg {
+    /// Triangles, by a Vulkan device
+    Mesh,
+    /// Rays, on the processor alone
+    Rays,
+}
+
+impl From<TechniqueArg> for TechniqueChoice {
+    fn from(technique: TechniqueArg) -> Self {
+        match technique {
+            TechniqueArg::Mesh => Self::Mesh,
+            TechniqueArg::Rays => Self::Rays,
+        }
+    }
+}
+
+/// [`RaysChoice`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum RaysArg {
+    /// Samples of voxels along lines of pixels, each ray from where the one below it hit
+    Coherent,
+    /// One exact ray per pixel through maxima of the heights
+    Mipmap,
+    /// The faster of the two, in exact mode 'mipmap'
+    Auto,
+}
+
+impl From<RaysArg> for RaysChoice {
+    fn from(rays: RaysArg) -> Self {
+        match rays {
+            RaysArg::Coherent => Self::Coherent,
+            RaysArg::Mipmap => Self::Mipmap,
+            RaysArg::Auto => Self::Auto,
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example views -- WORLD.tv [CELL_PX [ROUNDS]]`.
+//!
+//! The views are those of docs/quality.md. Medians of processor time of one worker, which other load disturbs least.
+
+#![allow(clippy::print_stdout, reason = "its output is the table")]
+
+use std::path::Path;
+use std::time::Instant;
+use terravision_common::camera::Camera;
+use terravision_common::database::Database;
+use terravision_common::level::{LevelFunction, Measure};
+use terravision_raycast::ground::{Filter, Ground};
+use terravision_raycast::view::Sampling;
+use terravision_raycast::world::{WorldTiles, ground_shape};
+use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+
+const SIZE: [u32; 2] = [1280, 720];
+/// Name, place as shares of the extent, metres above the ground, heading, pitch.
+const VIEWS: [(&str, [f64; 2], f64, f64, f64); 3] = [
+    ("medium", [0.45, 0.30], 900.0, 20.0, -28.0),
+    ("near", [0.55, 0.50], 250.0, 110.0, -20.0),
+    ("far", [0.20, 0.15], 2500.0, 45.0, -25.0),
+];
+
+/// Time that this thread has had on a processor.
+fn processor_millis() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok()).map_or(0.0, |nanos| 1e-6 * nanos)
+}
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let Some(folder) = arguments.next() else {
+        println!("usage: views WORLD.tv [CELL_PX [ROUNDS]]");
+        return;
+    };
+    let mut number = |default: f64| arguments.next().and_then(|text| text.parse().ok()).unwrap_or(default);
+    let (cell_px, rounds) = (number(1.0), number(3.0) as usize);
+    let database = Database::open(Path::new(&folder)).expect("the database opens");
+    let world = *database.world();
+    println!("| view | rays | ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |");
+    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|---|");
+    for (name, share, above_m, heading, pitch) in VIEWS {
+        let mut tiles = WorldTiles::new(&world, &database, database.ranges());
+        let [width, height] = world.extent_m();
+        let at = [share[0] * width, share[1] * height];
+        let camera = |z: f64| Camera {
+            eye_in_world: [at[0], at[1], z],
+            heading_rad: heading.to_radians(),
+            pitch_rad: pitch.to_radians(),
+            roll_rad: 0.0,
+            vfov_rad: 60f64.to_radians(),
+            width: SIZE[0],
+            height: SIZE[1],
+            timestamp_nanos: 0,
+        };
+        let level = |camera: &Camera| {
+            LevelFunction::new(camera, &world, 1.0, Measure::Max, cell_px / std::f64::consts::SQRT_2, 0.7)
+        };
+        let mut ground = Ground::new(ground_shape(&world, Some(Filter::OrientedBox)));
+        let above = Camera { pitch_rad: -1.57, ..camera(5000.0) };
+        tiles.fill(&mut ground, &above, &level(&above), -1.0).expect("tiles are there");
+        let unit = world.lattice_unit_m();
+        let below =
+            f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
+        let camera = camera(below + above_m);
+        for (method, accurate_m) in
+            [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0)]
+        {
+            let mut fill = || tiles.fill(&mut ground, &camera, &level(&camera), accurate_m).expect("tiles are there");
+            fill();
+            let start = Instant::now();
+            fill();
+            let models = start.elapsed();
+            let mut caster = Caster::new(1).expect("this thread is there");
+            let sampling = Sampling { interval_voxels: 0.6, voxel_px: cell_px as f32 };
+            let options = CastOptions { method, sampling, ..CastOptions::default() };
+            let picture = Picture::new(SIZE);
+            let layers = tiles.layers();
+            let mut millis = Vec::new();
+            let mut counts = Counts::default();
+            for _ in 0..rounds {
+                let start = processor_millis();
+                counts = caster.draw(&ground, &layers, &camera, &options, &picture);
+                millis.push(processor_millis() - start);
+            }
+            millis.sort_by(f64::total_cmp);
+            let per_ray = |n: u64| n as f64 / counts.rays as f64;
+            let hash = picture.rgba().fold(0u64, |hash, v| (hash ^ u64::from(v)).wrapping_mul(0x100_0000_01b3));
+            println!(
+                "| {name} | {method:?}{} | {:.0} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
+                if method == Method::Mipmap || accurate_m > 0.0 { "" } else { " approximate" },
+                millis[millis.len() / 2],
+                1e3 * models.as_secs_f64(),
+                ground.tile_count(),
+                per_ray(counts.unproven),
+                per_ray(counts.doubted),
+                per_ray(counts.samples),
+                per_ray(counts.densities),
+            );
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! From a slot of the ring to a tile of ground for rays: the same block of the same elevation array that the mesh draws, at
+//! the step that it is drawn with.
+
+use crate::frame::TileFault;
+use crate::source::{FrameSource, SourceError};
+use terravision_common::node::NodeId;
+use terravision_common::slot::TileSlot;
+use terravision_common::world::World;
+use terravision_raycast::color::ColorPlace;
+use terravision_raycast::ground::TileSpec;
+
+/// Reads blocks; keeps its buffers.
+#[derive(Debug)]
+pub struct BlockReader {
+    world: World,
+    /// The elevation array that was read last, and its position.
+    array: Vec<f32>,
+    position: Option<u64>,
+    /// Heights of the block.
+    heights: Vec<f32>,
+}
+
+impl BlockReader {
+    /// Buffers for slots of a world.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let posts = (world.elevation_posts() as usize).pow(2);
+        Self { world: *world, array: vec![0.0; posts], position: None, heights: Vec::with_capacity(posts) }
+    }
+
+    /// The tile of a checked slot: all of its colour leaf, also what was trimmed, with the colours of this layer. Heights are
+    /// above `eye_z_m`.
+    ///
+    /// # Errors
+    /// The source is damaged; within, what is wrong with the slot.
+    pub fn read(
+        &mut self,
+        tile: &TileSlot,
+        source: &mut dyn FrameSource,
+        eye_z_m: f64,
+        layer: u32,
+    ) -> Result<Result<TileSpec<'_>, TileFault>, SourceError> {
+        let Some((node, start, cells)) = self.block(tile) else { return Ok(Err(TileFault::Block)) };
+        if self.position != Some(tile.elevation_position) {
+            self.position = None;
+            if !source.read_elevation(tile.elevation_position, &mut self.array)? {
+                return Ok(Err(TileFault::Elevation));
+            }
+            self.position = Some(tile.elevation_position);
+        }
+        let (posts, step) = (self.world.elevation_posts() as usize, 1usize << tile.grid_snap);
+        let [columns, rows] = cells.map(|n| n as usize + 1);
+        self.heights.clear();
+        for row in 0..rows {
+            let row = &self.array[(start[1] as usize + row * step) * posts + start[0] as usize..];
+            self.heights.extend(row.iter().step_by(step).take(columns));
+        }
+        let origin = self.world.node_origin(node);
+        let log_spacing = tile.elevation_level + tile.grid_snap;
+        for axis in 0..2 {
+            self.reach_over_border(axis, [columns, rows], origin[axis], log_spacing);
+        }
+        Ok(Ok(TileSpec {
+            origin: origin.map(|v| v as u32),
+            level: node.q(),
+            log_spacing,
+            cells,
+            heights: &self.heights,
+            stride: columns,
+            datum_m: eye_z_m,
+            color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),
+            is_accurate: true,
+        }))
+    }
+
+    /// The colour leaf of a slot, its first post in the array, and its cells inside of the world.
+    fn block(&self, tile: &TileSlot) -> Option<(NodeId, [u32; 2], [u32; 2])> {
+        let world = &self.world;
+        let node = NodeId::unpack(tile.node).filter(|node| node.q() <= tile.elevation_level)?;
+        let posts = world.elevation_tile() >> (tile.elevation_level - node.q());
+        let step = 1u32 << tile.grid_snap;
+        if posts < step {
+            return None;
+        }
+        let origin = world.node_origin(node);
+        let (mut start, mut cells) = ([0; 2], [0; 2]);
+        for axis in 0..2 {
+            let from_array = origin[axis].checked_sub(u64::from(tile.elevation_origin[axis]))?;
+            start[axis] = u32::try_from(from_array >> tile.elevation_level).ok()?;
+            let left = u64::from(world.extent()[axis]).checked_sub(origin[axis]).filter(|left| *left > 0)?;
+            let inside = left.div_ceil(u64::from(step) << tile.elevation_level);
+            cells[axis] = inside.min(u64::from(posts / step)) as u32;
+            let is_in_array = start[axis].is_multiple_of(step) && start[axis] + posts <= world.elevation_tile();
+            // The block that is to be drawn is part of it.
+            let [first, last] = [tile.start[axis], tile.end[axis]].map(u32::from);
+            if !is_in_array || first < start[axis] || last > start[axis] + posts {
+                return None;
+            }
+        }
+        Some((node, start, cells))
+    }
+
+    /// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
+    /// far posts continue the slope that leads to the border.
+    fn reach_over_border(&mut self, axis: usize, [columns, rows]: [usize; 2], origin: u64, log_spacing: u8) {
+        let count = [columns, rows][axis];
+        let before = origin + ((count as u64 - 2) << log_spacing);
+        let inside = u64::from(self.world.extent()[axis]).saturating_sub(before);
+        if inside == 0 || inside >= 1 << log_spacing {
+            return;
+        }
+        let factor = (1u64 << log_spacing) as f32 / inside as f32;
+        let [along, across, others] = if axis == 0 { [1, columns, rows] } else { [columns, 1, columns] };
+        for other in 0..others {
+            let last = other * across + (count - 1) * along;
+            let before = self.heights[last - along];
+            self.heights[last] = before + (self.heights[last] - before) * factor;
+        }
+    }
+
+    /// Forgets the array: positions count anew.
+    pub fn forget(&mut self) {
+        self.position = None;
+    }
+}

@@ -1,0 +1,147 @@
+//! Pictures of hand-made frames by rays: those of the mesh, without a device.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+mod support;
+
+use std::sync::Arc;
+use support::{Scene, camera, draw, keep, node, options, pixel, sky_pixels, world};
+use terravision_common::camera::Camera;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::slot::TileSlot;
+use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
+use terravision_renderer::run::run;
+use terravision_renderer::sink::NullSink;
+use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::source::{RecordedSource, Recording};
+
+const SIZE: [u32; 2] = [160, 120];
+
+fn rays(rays: RaysChoice) -> EngineOptions {
+    EngineOptions { technique: TechniqueChoice::Rays, rays, has_validation: false, has_depth: true, ..options(SIZE) }
+}
+
+fn mesh() -> EngineOptions {
+    EngineOptions { has_depth: true, ..options(SIZE) }
+}
+
+fn rough(x: f64, y: f64) -> f64 {
+    60.0 * ((x * 0.031).sin() * (y * 0.023).cos() + 0.5 * (x * 0.11 + 1.0).sin() * (y * 0.13).sin())
+}
+
+fn checks(x: f64, y: f64) -> [u8; 3] {
+    [40 + (x / 8.0) as u8 % 100, 60 + (y / 8.0) as u8 % 100, 90]
+}
+
+/// All nodes of a level, one frame for each camera.
+fn recording(extent: [u32; 2], q: u8, cameras: &[Camera]) -> Arc<Recording> {
+    let mut scene = Scene::new(world(extent), &rough, &checks);
+    for camera in cameras {
+        let [columns, rows] = scene.world.nodes_at(q);
+        let tiles: Vec<TileSlot> =
+            (0..rows * columns).map(|i| scene.leaf(node(i % columns, i / columns, q), camera, [0; 4])).collect();
+        scene.frame(camera, tiles);
+    }
+    scene.finish()
+}
+
+fn metres(frame: &Finished) -> Vec<f32> {
+    frame.pixels.reversed_depth().unwrap().iter().map(|depth| 0.5 / depth).collect()
+}
+
+#[test]
+fn exact_rays_see_the_surface_of_the_mesh() {
+    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    let views =
+        [camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE), camera([600.0, 640.0, 900.0], 80.0, -89.0, SIZE), rolled];
+    // The second world's border cuts cells.
+    for extent in [[128, 128], [101, 83]] {
+        let recording = recording(extent, 1, &views);
+        let frames = [mesh(), rays(RaysChoice::Mipmap)].map(|options| draw(&options, &recording).unwrap());
+        for (index, (mesh, rays)) in frames[0].iter().zip(&frames[1]).enumerate() {
+            keep(mesh, &format!("rays-{}-{index}-mesh", extent[0]));
+            keep(rays, &format!("rays-{}-{index}", extent[0]));
+            let (a, b) = (metres(mesh), metres(rays));
+            let close = a.iter().zip(&b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-3 * *a).count();
+            // A pixel at an edge may see what is before it or behind; and cells that the border cuts, a twentieth of the ground of
+            // the second world, are cut into facets after that by the mesh, and before it by rays.
+            let fewest = if extent[0] == 128 { 0.995 } else { 0.97 };
+            assert!(close as f64 > fewest * a.len() as f64, "{extent:?}, view {index}: {close} of {}", a.len());
+            let skies = [mesh, rays].map(sky_pixels);
+            assert!(skies[0].abs_diff(skies[1]) < 120, "{extent:?}, view {index}: {skies:?}");
+            assert!(sky_pixels(mesh) < a.len() / 2);
+            let center = [mesh, rays].map(|frame| pixel(frame, SIZE[0] / 2, SIZE[1] / 2));
+            let furthest = (0..3).map(|c| center[0][c].abs_diff(center[1][c])).max();
+            assert!(furthest < Some(12), "{center:?}");
+        }
+    }
+}
+
+#[test]
+fn voxels_lie_within_a_voxel_of_the_mesh() {
+    let recording = recording([128, 128], 0, &[camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE)]);
+    let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());
+    let mut errors: Vec<f32> =
+        metres(&frames[0][0]).iter().zip(metres(&frames[1][0])).map(|(a, b)| (a - b).abs()).collect();
+    errors.retain(|error| error.is_finite());
+    errors.sort_by(f32::total_cmp);
+    assert!(errors[errors.len() / 2] < 5.0, "median {}", errors[errors.len() / 2]);
+}
+
+#[test]
+fn pictures_of_rays_do_not_depend_on_the_number_of_workers() {
+    let recording = recording([64, 64], 0, &[camera([320.0, 10.0, 300.0], 5.0, -35.0, SIZE)]);
+    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent] {
+        let bytes = [1, 2, 3].map(|workers| {
+            let frames = draw(&EngineOptions { workers, ..rays(choice) }, &recording).unwrap();
+            (frames[0].pixels.rgba().to_vec(), frames[0].pixels.reversed_depth().unwrap().to_vec())
+        });
+        assert!(sky_pixels(&draw(&rays(choice), &recording).unwrap()[0]) < 15_000);
+        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{choice:?}");
+    }
+}
+
+#[test]
+fn rays_refuse_what_only_the_mesh_does() {
+    let source = RecordedSource::new(recording([16, 16], 0, &[camera([80.0, 80.0, 300.0], 0.0, -80.0, SIZE)]), 1);
+    let usual = rays(RaysChoice::Mipmap);
+    for options in [
+        EngineOptions { has_tree_overlay: true, ..usual.clone() },
+        EngineOptions { samples: 4, ..usual.clone() },
+        EngineOptions { size: [60_000, 10], ..usual.clone() },
+    ] {
+        let error = Engine::new(options, &source).unwrap_err();
+        assert!(matches!(error, EngineError::MeshOnly { .. } | EngineError::PictureSize { .. }), "{error}");
+    }
+    let described = Engine::new(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
+    assert_eq!((described.technique, described.device.as_str()), ("rays", "CPU, 2 workers"));
+}
+
+#[test]
+fn a_height_that_is_no_number_is_refused() {
+    let mut scene = Scene::new(world([16, 16]), &|_, _| f64::NAN, &checks);
+    let camera = camera([80.0, 80.0, 300.0], 0.0, -80.0, SIZE);
+    let tiles = vec![scene.leaf(node(0, 0, 0), &camera, [0; 4])];
+    scene.frame(&camera, tiles);
+    let error = draw(&rays(RaysChoice::Mipmap), &scene.finish()).unwrap_err().to_string();
+    assert!(error.contains("no finite number"), "{error}");
+}
+
+#[test]
+fn more_frames_of_rays_take_no_more_allocations() {
+    let recording = recording([64, 64], 0, &[camera([320.0, 10.0, 300.0], 5.0, -35.0, SIZE)]);
+    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent] {
+        let allocations = |laps: u64| {
+            let mut source = RecordedSource::new(Arc::clone(&recording), laps);
+            let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+            let info = allocation_counter::measure(|| {
+                run(rays(choice), &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+            });
+            info.count_total
+        };
+        allocations(3);
+        let (short, long) = (allocations(4), allocations(44));
+        // As with the mesh: a queue allocates the first time that somebody waits at it.
+        assert!(long <= short + 4, "{choice:?}: 40 more frames allocated {} times", long as i64 - short as i64);
+    }
+}

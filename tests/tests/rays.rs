@@ -1,0 +1,125 @@
+//! Flights drawn by rays: the picture of the mesh, without Vulkan, the same bytes for any number of workers.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+use std::fs;
+use terravision_tests::flight::{Pose, write_path};
+use terravision_tests::folder::TestFolder;
+use terravision_tests::metrics::median_absolute_error;
+use terravision_tests::process::Terravision;
+use terravision_tests::shot::{Shot, oblique_poses, read_report};
+use terravision_tests::worlds::synth_world;
+
+/// No Vulkan driver, as the loader sees it.
+const NO_DRIVERS: [&str; 2] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"];
+
+fn without_vulkan(command: Terravision) -> Terravision {
+    NO_DRIVERS.iter().fold(command, |command, name| command.env(name, "/nonexistent.json"))
+}
+
+#[test]
+fn rays_show_what_the_mesh_shows() {
+    let world = synth_world(1024);
+    for (name, pose) in oblique_poses(&world).into_iter().take(2) {
+        let shot = Shot { size: [640, 360], ..Shot::new(&world, pose) };
+        let [mesh, rays] = ["mesh", "rays"].map(|technique| shot.take(&["--technique", technique], true));
+        assert_eq!((&mesh.report["technique"], &rays.report["technique"]), (&"mesh".into(), &"rays".into()));
+        assert!(rays.report["device"].as_str().unwrap().starts_with("CPU, "), "{}", rays.report["device"]);
+        assert_eq!((&mesh.report["settled"], &rays.report["settled"]), (&true.into(), &true.into()));
+        let pairs = || mesh.depth.iter().copied().zip(rays.depth.iter().copied());
+        let error = median_absolute_error(pairs());
+        assert!(error < 0.01, "{name}: depth is {error} m off");
+        let torn = pairs().filter(|(a, b)| a.is_nan() != b.is_nan() || (a - b).abs() > 0.01 * a.abs()).count();
+        assert!(torn * 500 < mesh.depth.len(), "{name}: {torn} pixels see something else");
+        let far = mesh.rgb.iter().zip(&rays.rgb).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 40)).count();
+        assert!(far * 200 < mesh.rgb.len(), "{name}: {far} pixels have another colour");
+        // Ground positions come from depth: where rays meet the ground, within a texel.
+        let grounds = mesh.ground.iter().zip(&rays.ground).filter(|(a, _)| !a[2].is_nan());
+        let near = grounds.clone().filter(|(a, b)| (0..3).all(|c| (a[c] - b[c]).abs() < 1.0)).count();
+        assert!(near * 100 > grounds.count() * 95, "{name}: {near} pixels see the same place");
+    }
+}
+
+#[test]
+fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
+    let world = synth_world(1024);
+    let shot = Shot { size: [320, 180], ..Shot::new(&world, oblique_poses(&world)[0].1) };
+    let folder = TestFolder::new("no-vulkan");
+    let finished = without_vulkan(shot.command(&folder)).run();
+    finished.assert_told(0);
+    assert!(finished.stderr.contains("no Vulkan device") && finished.stderr.contains("rays"), "{}", finished.stderr);
+    assert_eq!(read_report(&folder)["technique"], "rays");
+    let alone = fs::read(folder.join("a.png")).unwrap();
+    // Asked for, they are no surprise.
+    let asked = without_vulkan(shot.command(&folder)).args(["--technique", "rays"]).succeed();
+    assert!(!asked.stderr.contains("Vulkan"), "{}", asked.stderr);
+    assert!(alone == fs::read(folder.join("a.png")).unwrap(), "the same picture");
+    let mesh = without_vulkan(shot.command(&folder)).args(["--technique", "mesh"]).run();
+    mesh.assert_told(1);
+    assert!(mesh.stderr.contains("no Vulkan device was found"), "{}", mesh.stderr);
+    // What only a mesh can show is missed in a sentence.
+    let overlay = without_vulkan(shot.command(&folder)).args(["--overlay", "tree"]).run();
+    overlay.assert_told(2);
+    assert!(overlay.stderr.contains("--technique mesh"), "{}", overlay.stderr);
+    let doctor = without_vulkan(Terravision::verb("doctor").args(["--memory", "64MiB"])).run();
+    let words = String::from_utf8_lossy(&doctor.stdout);
+    assert!(words.contains("flights draw by rays"), "{words}");
+}
+
+/// A barrel roll: forwards, with one full turn to the right.
+fn write_roll(folder: &TestFolder, frames: u32) {
+    let world = synth_world(1024);
+    let pose = |k: u32| {
+        let t = f64::from(k) / f64::from(frames);
+        Pose { roll: 360.0 * t, ..Pose::new(world.above(0.4 + 0.1 * t, 0.3 + 0.2 * t, 500.0), 25.0, -22.0) }
+    };
+    let poses: Vec<Pose> = (0..frames).map(pose).collect();
+    write_path(&folder.join("path.json"), &poses, [320, 200], 60.0);
+}
+
+fn fly(folder: &TestFolder, output: &str, arguments: &[&str]) -> Terravision {
+    Terravision::verb("fly")
+        .arg(synth_world(1024).database())
+        .arg("--path")
+        .arg(folder.join("path.json"))
+        .arg("-o")
+        .arg(folder.join(output))
+        .arg("--report")
+        .arg(folder.join("report.json"))
+        .args(["--technique", "rays"])
+        .args(arguments)
+}
+
+#[test]
+fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
+    const FRAMES: u32 = 9;
+    let folder = TestFolder::new("roll");
+    write_roll(&folder, FRAMES);
+    for rays in ["mipmap", "coherent"] {
+        for workers in ["1", "3"] {
+            fly(&folder, &format!("{rays}-{workers}/"), &["--rays", rays, "--threads", workers]).succeed();
+            let report = read_report(&folder);
+            assert_eq!(report["settled"], true, "{report}");
+            assert!(report["driver"].as_str().unwrap().starts_with(rays), "{report}");
+        }
+        for frame in 0..FRAMES {
+            let [one, three] = ["1", "3"]
+                .map(|workers| fs::read(folder.join(format!("{rays}-{workers}/frame-{frame:06}.png"))).unwrap());
+            assert!(one == three, "{rays}, frame {frame}");
+        }
+    }
+    // In exact mode the choice is not left to the clock.
+    fly(&folder, "auto/", &["--rays", "auto", "--frames", "0..1"]).succeed();
+    let [auto, mipmap] = ["auto", "mipmap-1"].map(|way| fs::read(folder.join(way).join("frame-000000.png")).unwrap());
+    assert!(auto == mipmap);
+}
+
+#[test]
+fn a_realtime_flight_of_rays_comes_to_its_end_and_says_how_it_was_cast() {
+    let folder = TestFolder::new("rays-realtime");
+    write_roll(&folder, 20);
+    fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
+    let report = read_report(&folder);
+    assert_eq!((&report["technique"], &report["frames"]), (&"rays".into(), &20.into()), "{report}");
+    assert!(!report["driver"].as_str().unwrap().is_empty(), "{report}");
+}
