@@ -71,8 +71,9 @@ pub struct TileSlot {
     pub edge_snap: [u8; 4],
     /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are multiples of that step.
     pub grid_snap: u8,
-    /// Zero.
-    pub reserved: u8,
+    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it out; a technique with a surface of
+    /// its own may see some of it past the edge of what hides it.
+    pub is_hidden: u8,
 }
 
 /// Closes a frame.

@@ -217,7 +217,7 @@ fn tile_slot(
         color_level: color.color.node.q(),
         edge_snap,
         grid_snap,
-        reserved: 0,
+        is_hidden: 0,
     }
 }
 

@@ -82,40 +82,21 @@ impl Trim {
         self.horizon.enter(vertices, 1 << snaps.0, snaps.1.map(|snap| 1 << snap));
     }
 
-    /// Trims a block of the entered leaf; `false` when nothing of it is left.
+    /// Trims a block of the entered leaf, or marks it as hidden; `false` when nothing of it is in the picture.
     pub fn trim(&self, slot: &mut TileSlot) -> bool {
-        // Vertices on an edge that snaps move within such steps, so strips of them are trimmed whole.
-        let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);
-        let mut start = slot.start;
-        let mut end = slot.end;
-        loop {
-            let [x0, y0] = start;
-            let [x1, y1] = end;
-            if x0 >= x1 || y0 >= y1 {
-                return false;
-            }
-            if self.is_unseen([x0, y0], [x1, (y0 + step).min(y1)]) {
-                start[1] = y0 + step;
-            } else if self.is_unseen([x0, last_strip(y0, y1, step)], [x1, y1]) {
-                end[1] = last_strip(y0, y1, step);
-            } else if self.is_unseen([x0, y0], [(x0 + step).min(x1), y1]) {
-                start[0] = x0 + step;
-            } else if self.is_unseen([last_strip(x0, x1, step), y0], [x1, y1]) {
-                end[0] = last_strip(x0, x1, step);
-            } else {
-                slot.start = start;
-                slot.end = end;
-                return true;
-            }
+        if !trim_by(slot, |from, to| self.is_outside(from, to)) {
+            return false;
         }
+        let mut seen = *slot;
+        if trim_by(&mut seen, |from, to| self.is_outside(from, to) || self.horizon.is_hidden(from, to)) {
+            *slot = seen;
+        } else {
+            slot.is_hidden = 1;
+        }
+        true
     }
 
-    /// Whether all vertices of a closed range of the array are outside of the same plane, or its facets are hidden.
-    fn is_unseen(&self, from: [u16; 2], to: [u16; 2]) -> bool {
-        let (from, to) = (from.map(usize::from), to.map(usize::from));
-        self.is_outside(from, to) || self.horizon.is_hidden(from, to)
-    }
-
+    /// Whether all vertices of a closed range of the array are outside of the same plane.
     fn is_outside(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
         let mut all = u8::MAX;
         for row in self.outside.chunks_exact(self.posts).take(y1 + 1).skip(y0) {
@@ -125,6 +106,33 @@ impl Trim {
             }
         }
         all != 0
+    }
+}
+
+/// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing is left.
+fn trim_by(slot: &mut TileSlot, is_unseen: impl Fn([usize; 2], [usize; 2]) -> bool) -> bool {
+    // Vertices on an edge that snaps move within such steps, so strips of them are trimmed whole.
+    let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);
+    let is_unseen = |from: [u16; 2], to: [u16; 2]| is_unseen(from.map(usize::from), to.map(usize::from));
+    let (mut start, mut end) = (slot.start, slot.end);
+    loop {
+        let [x0, y0] = start;
+        let [x1, y1] = end;
+        if x0 >= x1 || y0 >= y1 {
+            return false;
+        }
+        if is_unseen([x0, y0], [x1, (y0 + step).min(y1)]) {
+            start[1] = y0 + step;
+        } else if is_unseen([x0, last_strip(y0, y1, step)], [x1, y1]) {
+            end[1] = last_strip(y0, y1, step);
+        } else if is_unseen([x0, y0], [(x0 + step).min(x1), y1]) {
+            start[0] = x0 + step;
+        } else if is_unseen([last_strip(x0, x1, step), y0], [x1, y1]) {
+            end[0] = last_strip(x0, x1, step);
+        } else {
+            (slot.start, slot.end) = (start, end);
+            return true;
+        }
     }
 }
 

@@ -86,7 +86,7 @@ impl Technique for MeshTechnique {
         self.tiles.clear();
         self.blocks.clear();
         self.triangles = 0;
-        for tile in &frame.tiles {
+        for tile in frame.tiles.iter().filter(|tile| tile.is_hidden == 0) {
             let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
             // `FrameReader` checked that every tile's array is one of the frame's.
             let Some(&start) = places.starts.get(array) else { continue };
