@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what TerraVision needs and this machine lacks: Debian 12, Ubuntu 24.04 and their like. Asks nothing, says what
-# and why. With --tests also what only the tests need.
+# and why. With --tests also what only the tests need, with --servers what scripts/servers.sh does.
 set -euo pipefail
 
 readonly MSRV=1.89
@@ -44,8 +44,13 @@ check_packages() {
   need libvulkan1 'the Vulkan loader (renderer)' has_library 'libvulkan\.so\.1'
   need mesa-vulkan-drivers 'a Vulkan device without a GPU: lavapipe (renderer)' has_vulkan_driver
   need ffmpeg 'makes films (fly -o film.mp4)' command -v ffmpeg
+  if [[ $1 == tests || $1 == servers ]]; then
+    need python3-venv 'an S3 server' python3 -c 'import venv, ensurepip'
+  fi
+  if [[ $1 == servers ]]; then
+    need curl 'fills an S3 bucket' command -v curl
+  fi
   if [[ $1 == tests ]]; then
-    need python3-venv 'an S3 server for the tests' python3 -c 'import venv, ensurepip'
     need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
     need python3-numpy 'reads and steers flights from Python (examples)' has_python_module numpy
     need python3-pil 'saves what flights from Python see (examples)' has_python_module PIL
@@ -96,11 +101,20 @@ check_rust() {
   fi
 }
 
+# A web server, unpacked beside what cargo builds: an installed one would be started by the system.
+unpack_nginx() {
+  local folder=${CARGO_TARGET_DIR:-$(dirname "${BASH_SOURCE[0]}")/../target}/nginx
+  PATH=$PATH:/usr/sbin command -v nginx >/dev/null || [[ -x $folder/usr/sbin/nginx ]] && return
+  say "nginx is missing: a web server, in $folder"
+  mkdir -p "$folder"
+  (cd "$folder" && apt-get download -qq nginx >&2 && dpkg-deb -x nginx_*.deb . && rm nginx_*.deb)
+}
+
 # An S3 server of Python, for the tests of buckets: in a folder of its own, beside what cargo builds.
 install_s3_server() {
   local folder=${CARGO_TARGET_DIR:-$(dirname "${BASH_SOURCE[0]}")/../target}/s3-server
   [[ -x $folder/bin/moto_server ]] && return
-  say "moto is missing: an S3 server for the tests, in $folder"
+  say "moto is missing: an S3 server, in $folder"
   python3 -m venv "$folder" >&2
   "$folder/bin/pip" install --quiet --disable-pip-version-check 'moto[s3,server]==5.2.5' >&2
 }
@@ -110,8 +124,9 @@ main() {
   case ${1:-} in
     '') ;;
     --tests) purpose=tests ;;
+    --servers) purpose=servers ;;
     *)
-      say "usage: scripts/setup.sh [--tests]"
+      say "usage: scripts/setup.sh [--tests|--servers]"
       exit 2
       ;;
   esac
@@ -126,7 +141,10 @@ main() {
     fi
   fi
   check_rust
-  if [[ $purpose == tests ]]; then
+  if [[ $purpose == servers ]]; then
+    unpack_nginx
+    install_s3_server
+  elif [[ $purpose == tests ]]; then
     # Without it the tests of buckets say so and pass.
     install_s3_server || say 'moto cannot be installed: the tests of S3 buckets are skipped'
   fi

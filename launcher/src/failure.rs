@@ -8,7 +8,7 @@ use std::fmt;
 pub enum ExitStatus {
     /// The run failed.
     Failed = 1,
-    /// The command line or the input is wrong; the same command will fail again.
+    /// The command line is wrong, or something that it names cannot be used, for whatever reason; nothing was made.
     BadInput = 2,
     /// The flight finished, but tiles were missing and were drawn from coarser ones.
     TilesUnavailable = 3,

@@ -52,11 +52,13 @@ pub enum Cause {
     Disk,
     /// The store was closed while it was read.
     Closed,
+    /// The server sent a page for people in place of the file.
+    WebPage,
 }
 
 impl Cause {
     /// All causes, by their numbers.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::NotFound,
         Self::Denied,
         Self::Credentials,
@@ -78,6 +80,7 @@ impl Cause {
         Self::Cache,
         Self::Disk,
         Self::Closed,
+        Self::WebPage,
     ];
 
     /// Its number, by which other processes are told of it.
@@ -117,6 +120,7 @@ impl Cause {
             Self::Cache => "cache",
             Self::Disk => "disk",
             Self::Closed => "closed",
+            Self::WebPage => "web_page",
         }
     }
 
@@ -268,30 +272,10 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether the same command will fail again: there is no such database, rather than no way to it just now.
+    /// Whether what was named cannot be opened, for whatever reason, rather than this machine failed.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
-        match self {
-            Self::Database(_)
-            | Self::NotADatabase { .. }
-            | Self::Manifest { .. }
-            | Self::World { .. }
-            | Self::WebPage { .. }
-            | Self::Client { .. } => true,
-            Self::Fetch(error) => matches!(
-                error.cause(),
-                Some(
-                    Cause::NotFound
-                        | Cause::Denied
-                        | Cause::Credentials
-                        | Cause::NoRanges
-                        | Cause::Redirects
-                        | Cause::Offline
-                        | Cause::Changed
-                )
-            ),
-            Self::Mirror { .. } | Self::Threads { .. } => false,
-        }
+        !matches!(self, Self::Mirror { .. } | Self::Threads { .. })
     }
 }
 

@@ -282,10 +282,7 @@ fn classify(error: &object_store::Error) -> (Cause, String) {
     }
     let why = deepest(error).to_string();
     if matches!(error, object_store::Error::NotSupported { .. }) {
-        return (
-            Cause::NoRanges,
-            "the server does not honour byte ranges, or sends a page for people in place of the file".to_owned(),
-        );
+        return (Cause::NoRanges, "the server does not honour byte ranges".to_owned());
     }
     match chain(error).find_map(|e| e.downcast_ref::<rustls::Error>()) {
         Some(rustls::Error::InvalidCertificate(reason)) => {

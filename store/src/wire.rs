@@ -5,7 +5,8 @@ use crate::error::Cause;
 use async_trait::async_trait;
 use chrono::{DateTime, Utc};
 use futures_util::StreamExt;
-use http::{HeaderMap, StatusCode, header::RETRY_AFTER};
+use http::header::{CONTENT_TYPE, RANGE, RETRY_AFTER};
+use http::{HeaderMap, StatusCode};
 use object_store::ClientOptions;
 use object_store::client::{
     HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpService, ReqwestConnector,
@@ -64,7 +65,7 @@ impl Wire {
     }
 }
 
-/// An answer with a status that is no success.
+/// An answer that is none.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{why}")]
 pub(crate) struct WireError {
@@ -101,6 +102,7 @@ struct Counted {
 impl HttpService for Counted {
     async fn call(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
         self.wire.requests.fetch_add(1, Ordering::Relaxed);
+        let is_for_range = request.headers().contains_key(RANGE);
         let is_for_credentials = CREDENTIAL_PATHS.iter().any(|path| request.uri().path().starts_with(path));
         let answer = self.inner.execute(request).await;
         if is_for_credentials && !answer.as_ref().is_ok_and(|answer| answer.status().is_success()) {
@@ -108,7 +110,9 @@ impl HttpService for Counted {
         }
         let answer = answer?;
         let status = answer.status();
-        if status.is_success() {
+        // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one all the same.
+        let is_page = status == StatusCode::OK && is_for_range && is_html(answer.headers());
+        if status.is_success() && !is_page {
             return Ok(answer);
         }
         let hold = retry_after(answer.headers(), Utc::now());
@@ -119,6 +123,7 @@ impl HttpService for Counted {
         // S3 says in XML what a status alone does not tell: an expired token, say.
         let code = error_code(&start_of(answer).await).unwrap_or_default();
         let cause = match status.as_u16() {
+            200 => Cause::WebPage,
             404 | 410 => Cause::NotFound,
             401 | 403 | 407 => Cause::Denied,
             400 if code.contains("Token") || code.contains("Credential") => Cause::Denied,
@@ -130,6 +135,7 @@ impl HttpService for Counted {
         };
         let code = if code.is_empty() { code } else { format!(", {code}") };
         let why = match cause {
+            Cause::WebPage => "the server sent a web page in place of the file (a log-in?)".to_owned(),
             Cause::NotFound => format!("the server has no such file ({status}{code})"),
             Cause::Denied => format!("the server gives no access ({status}{code}): wrong or expired credentials?"),
             Cause::Throttled => format!("the server asks for fewer requests ({status}{code})"),
@@ -138,6 +144,11 @@ impl HttpService for Counted {
         };
         Err(HttpError::new(HttpErrorKind::Unknown, WireError { cause, why }))
     }
+}
+
+fn is_html(headers: &HeaderMap) -> bool {
+    let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+    kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/html"))
 }
 
 /// The first few thousand bytes of an answer, as far as they come.

@@ -63,7 +63,11 @@ impl S3Server {
         }
     }
 
-    fn put(&self, path: &str, content: &[u8]) {
+    /// Makes one object, or a bucket of nothing.
+    ///
+    /// # Panics
+    /// When the server does not take it.
+    pub fn put(&self, path: &str, content: &[u8]) {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the server listens");
         let head = format!(
             "PUT /{path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",

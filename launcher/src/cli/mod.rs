@@ -27,7 +27,8 @@ A world from nothing, flown:
 EXIT STATUS
   0    done
   1    the run failed (a stage died, no space left, no Vulkan device for --technique mesh)
-  2    bad usage or bad input; the same command will fail again
+  2    bad usage or bad input: something that the command names cannot be used
+       (wrong, not there, damaged, out of reach); nothing was made
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
   130  interrupted by Ctrl-C or TERM
