@@ -117,19 +117,6 @@ proptest! {
     }
 
     #[test]
-    fn exact_rays_agree_with_those_that_each_begin_at_the_eye(
-        seed in 0u64..1000, is_towers: bool, is_tiled: bool, x in 0.05..0.95f64, y in 0.05..0.95f64, height in 20.0..500.0f64,
-        heading in 0.0..360.0f64, pitch in -90.0..30.0f64, roll in -180.0..180.0f64, vfov in 20.0..90.0f64,
-    ) {
-        let field = if is_towers { Field::towers(CELLS, 120.0, seed) } else { Field::hills(CELLS, 400.0, seed) };
-        let side = if is_tiled { 16 } else { 128 };
-        let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
-        let [plain, exact] =
-            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
-        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0);
-    }
-
-    #[test]
     fn from_beside_the_ground_they_agree_as_well(
         seed in 0u64..1000, distance in 0.0..500.0f64, height in 100.0..400.0f64, turn in -40.0..40.0f64,
         pitch in -60.0..0.0f64, roll in -180.0..180.0f64,
@@ -143,5 +130,22 @@ proptest! {
         let [plain, exact] =
             [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, 128, None, &camera, method).0);
         prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn exact_rays_agree_with_those_that_each_begin_at_the_eye(
+        seed in 0u64..1000, is_towers: bool, is_tiled: bool, x in 0.05..0.95f64, y in 0.05..0.95f64, height in 20.0..500.0f64,
+        heading in 0.0..360.0f64, pitch in -90.0..30.0f64, roll in -180.0..180.0f64, vfov in 20.0..90.0f64,
+    ) {
+        let field = if is_towers { Field::towers(CELLS, 120.0, seed) } else { Field::hills(CELLS, 400.0, seed) };
+        let side = if is_tiled { 16 } else { 128 };
+        let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
+        let [plain, exact] =
+            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
+        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0);
     }
 }

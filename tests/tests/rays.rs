@@ -92,7 +92,7 @@ fn fly(folder: &TestFolder, output: &str, arguments: &[&str]) -> Terravision {
 
 #[test]
 fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
-    const FRAMES: u32 = 9;
+    const FRAMES: u32 = 6;
     let folder = TestFolder::new("roll");
     write_roll(&folder, FRAMES);
     for rays in ["mipmap", "coherent"] {

@@ -201,7 +201,7 @@ pub struct Described {
 
 /// Draws frames.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one of them")]
+#[allow(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum Engine {
     /// With Vulkan.
     Mesh(MeshEngine),

@@ -159,6 +159,7 @@ impl RaysEngine {
         let method = self.choice.method();
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
         ground.clear(frame.marker.camera.eye_in_world[2]);
+        self.blocks.forget();
         for (index, tile) in frame.tiles.iter().enumerate() {
             let spec = self.blocks.read(tile, source, frame.marker.camera.eye_in_world[2], index as u32)?;
             let spec = spec.map_err(|fault| fail(index, fault))?;

@@ -118,7 +118,7 @@ impl BlockReader {
         }
     }
 
-    /// Forgets the array: positions count anew.
+    /// A frame begins: no array has been read.
     pub fn forget(&mut self) {
         self.position = None;
     }
