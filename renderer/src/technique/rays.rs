@@ -57,8 +57,8 @@ impl BlockReader {
         }
         let origin = self.world.node_origin(node);
         let log_spacing = tile.elevation_level + tile.grid_snap;
-        for axis in 0..2 {
-            self.reach_over_border(axis, [columns, rows], origin[axis], log_spacing);
+        for (axis, origin) in origin.into_iter().enumerate() {
+            self.reach_over_border(axis, [columns, rows], origin, log_spacing);
         }
         Ok(Ok(TileSpec {
             origin: origin.map(|v| v as u32),
