@@ -140,7 +140,7 @@ impl FrameMaker {
             let snaps = self.thinning.snaps(at, leaf);
             let (heights, trim, origin) = (&mut self.heights, &mut self.trim, self.world.node_origin(leaf.node));
             let position = out.array(&mut |values| {
-                heights.make(level, tiles, leaf, values)?;
+                heights.make(level, tiles, leaf, snaps.0, values)?;
                 trim.enter(origin, leaf.node.q(), values, snaps);
                 Ok(())
             })?;
@@ -152,6 +152,7 @@ impl FrameMaker {
                     tile_count += 1;
                 }
             }
+            self.trim.leave();
         }
         let counts = FrameCounts {
             wanted: tree.wanted().len() as u32,

@@ -7,10 +7,12 @@
 //!
 //! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
 
+use crate::entered_tile::EnteredTile;
 use crate::truncation::{ElevationLeaf, Tiles};
-use terravision_common::facet::{CellPosition, facet_linear, tile_elevation};
+use std::ops::RangeInclusive;
+use terravision_common::facet::{CellPosition, tile_elevation};
 use terravision_common::level::LevelFunction;
-use terravision_common::node::NodeId;
+use terravision_common::node::{MAX_LEVEL, NodeId};
 use terravision_common::world::World;
 
 /// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it has one post per
@@ -34,13 +36,14 @@ pub struct Heights {
     rows: Vec<u64>,
     xs: Vec<f64>,
     ys: Vec<f64>,
-    /// Places of columns in the tile at hand.
-    cells: Vec<CellPosition>,
+    tile: EnteredTile,
     /// One row of one level.
     row: Vec<f64>,
     /// Levels, then heights, of the whole array.
     levels: Vec<f64>,
     sums: Vec<f64>,
+    /// Of each row: the pyramid levels that its heights are taken from.
+    spans: Vec<RangeInclusive<u8>>,
 }
 
 impl Heights {
@@ -54,15 +57,17 @@ impl Heights {
             rows: vec![0; posts],
             xs: vec![0.0; posts],
             ys: vec![0.0; posts],
-            cells: vec![CellPosition::default(); posts],
+            tile: EnteredTile::new(posts),
             row: vec![0.0; posts],
             levels: vec![0.0; posts * posts],
             sums: vec![0.0; posts * posts],
+            spans: vec![0..=0; posts],
         }
     }
 
     /// Fills `out`, `(Nz + 1)²` numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
-    /// relative to the eye, metres, exaggerated. Tiles of the leaf and of all its ancestors have to be there.
+    /// relative to the eye, metres, exaggerated. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
+    /// them are set to zero. Tiles of the leaf and of all its ancestors have to be there.
     ///
     /// # Errors
     /// [`TileVanished`] when one is not.
@@ -71,17 +76,28 @@ impl Heights {
         level: &LevelFunction,
         tiles: &impl Tiles,
         leaf: &ElevationLeaf,
+        grid_snap: u8,
         out: &mut [f32],
     ) -> Result<(), TileVanished> {
-        let node = leaf.node;
-        self.place(node);
-        let highest = self.make_levels(level, tiles, node)?;
-        self.make_heights(tiles, node, highest)?;
+        let grid = 1 << grid_snap;
+        let world = self.world;
+        let mut ancestors = Ancestors::new(&world, tiles, leaf.node);
+        self.place(leaf.node);
+        self.make_levels(level, &mut ancestors, grid)?;
+        self.make_heights(&mut ancestors, grid)?;
+        let posts = self.columns.len();
         let (exaggeration, eye_z) = (level.exaggeration(), level.eye().z);
-        for (out, z) in out.iter_mut().zip(&self.sums) {
-            *out = relative_height(exaggeration, *z, eye_z);
+        let rows = out.chunks_exact_mut(posts).zip(self.sums.chunks_exact(posts));
+        for (row, (out, sums)) in rows.enumerate() {
+            if row % grid > 0 {
+                out.fill(0.0);
+                continue;
+            }
+            for (out, z) in out.iter_mut().zip(sums) {
+                *out = relative_height(exaggeration, *z, eye_z);
+            }
         }
-        self.make_seams(level, tiles, leaf, out)
+        self.make_seams(level, &mut ancestors, leaf, grid, out)
     }
 
     /// Where the vertices are: columns and rows, clamped to the extent.
@@ -98,26 +114,31 @@ impl Heights {
         }
     }
 
-    /// The level wanted at each vertex inside the leaf's own range; returns the highest.
-    fn make_levels(&mut self, level: &LevelFunction, tiles: &impl Tiles, node: NodeId) -> Result<f64, TileVanished> {
-        let posts = self.columns.len();
+    /// The level wanted at each vertex inside the leaf's own range, and so where each row's heights are taken from.
+    fn make_levels<T: Tiles>(
+        &mut self,
+        level: &LevelFunction,
+        ancestors: &mut Ancestors<'_, T>,
+        grid: usize,
+    ) -> Result<(), TileVanished> {
+        let (posts, node) = (self.columns.len(), ancestors.node);
         let (root, floor) = (f64::from(self.world.root().q()), f64::from(node.q()));
-        let smooth = ancestor_tile(&self.world, tiles, node, smooth_level(&self.world, node.q()))?;
+        let smooth = ancestors.tile(smooth_level(&self.world, node.q()))?;
         self.enter(smooth.0);
-        let mut highest = floor;
-        for j in 0..posts {
+        for j in (0..posts).step_by(grid) {
             self.interpolate_row(&smooth, j);
             for z in &mut self.row {
                 *z *= level.exaggeration();
             }
             let levels = &mut self.levels[j * posts..][..posts];
             level.elevation_levels(&self.xs, self.ys[j], &self.row, levels);
-            for l in levels {
+            for l in &mut *levels {
                 *l = l.max(floor).min(root);
-                highest = highest.max(*l);
             }
+            let [lowest, highest] = range_of(levels);
+            self.spans[j] = lowest as u8..=(highest as u8 + 1).min(self.world.root().q());
         }
-        Ok(highest)
+        Ok(())
     }
 
     /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth row is looked at:
@@ -132,7 +153,8 @@ impl Heights {
         node: NodeId,
     ) -> Result<u8, TileVanished> {
         self.place(node);
-        let smooth = ancestor_tile(&self.world, tiles, node, smooth_level(&self.world, node.q()))?;
+        let world = self.world;
+        let smooth = Ancestors::new(&world, tiles, node).tile(smooth_level(&world, node.q()))?;
         self.enter(smooth.0);
         let posts = self.columns.len();
         let mut lowest = f64::from(self.world.root().q());
@@ -148,14 +170,19 @@ impl Heights {
         Ok((lowest.max(0.0) as u8).max(node.q()))
     }
 
-    fn make_heights(&mut self, tiles: &impl Tiles, node: NodeId, highest: f64) -> Result<(), TileVanished> {
+    fn make_heights<T: Tiles>(&mut self, ancestors: &mut Ancestors<'_, T>, grid: usize) -> Result<(), TileVanished> {
         let posts = self.columns.len();
         self.sums.fill(0.0);
-        let last = (highest as u8 + 1).min(self.world.root().q());
-        for q in node.q()..=last {
-            let tile = ancestor_tile(&self.world, tiles, node, q)?;
+        let drawn = self.spans.iter().step_by(grid);
+        let [lowest, highest] = drawn.fold([u8::MAX, 0], |[low, high], s| [low.min(*s.start()), high.max(*s.end())]);
+        for q in lowest..=highest {
+            let tile = ancestors.tile(q)?;
             self.enter(tile.0);
-            for j in 0..posts {
+            for j in (0..posts).step_by(grid) {
+                // What another level would add is an exact zero.
+                if !self.spans[j].contains(&q) {
+                    continue;
+                }
                 self.interpolate_row(&tile, j);
                 let range = j * posts..(j + 1) * posts;
                 for ((sum, l), z) in self.sums[range.clone()].iter_mut().zip(&self.levels[range]).zip(&self.row) {
@@ -167,23 +194,24 @@ impl Heights {
     }
 
     /// Vertices that a coarser leaf touches, too.
-    fn make_seams(
+    fn make_seams<T: Tiles>(
         &self,
         level: &LevelFunction,
-        tiles: &impl Tiles,
+        ancestors: &mut Ancestors<'_, T>,
         leaf: &ElevationLeaf,
+        grid: usize,
         out: &mut [f32],
     ) -> Result<(), TileVanished> {
         let last = self.columns.len() - 1;
         let mut make = |floor: u8, i: usize, j: usize| {
             if floor > leaf.node.q() {
                 let point = LatticePoint { x: self.columns[i], y: self.rows[j] };
-                out[j * (last + 1) + i] = vertex_height(&self.world, level, tiles, leaf.node, point, floor)?;
+                out[j * (last + 1) + i] = ancestors.vertex_height(level, point, floor)?;
             }
             Ok(())
         };
         let [west, east, south, north] = leaf.seams.edges;
-        for k in 1..last {
+        for k in (grid..last).step_by(grid) {
             make(west, 0, k)?;
             make(east, last, k)?;
             make(south, k, 0)?;
@@ -197,24 +225,14 @@ impl Heights {
     }
 
     fn enter(&mut self, tile: NodeId) {
-        let (x0, cells) = (self.world.node_origin(tile)[0], self.world.elevation_tile());
-        for (cell, x) in self.cells.iter_mut().zip(&self.columns) {
-            *cell = CellPosition::new(*x, x0, tile.q(), cells);
-        }
+        self.tile.enter(&self.columns, self.world.node_origin(tile)[0], tile.q(), self.world.elevation_tile());
     }
 
     /// Elevation of the entered tile along row `j` of the array.
     fn interpolate_row(&mut self, (tile, posts): &(NodeId, &[f32]), j: usize) {
         let (y0, cells) = (self.world.node_origin(*tile)[1], self.world.elevation_tile());
         let y = CellPosition::new(self.rows[j], y0, tile.q(), cells);
-        let stride = cells as usize + 1;
-        let (south, rest) = posts[y.cell as usize * stride..].split_at(stride);
-        let north = &rest[..stride];
-        for (z, x) in self.row.iter_mut().zip(&self.cells) {
-            let i = x.cell as usize;
-            let [z00, z10, z01, z11] = [south[i], south[i + 1], north[i], north[i + 1]].map(f64::from);
-            *z = facet_linear(z00, z10, z01, z11, x.offset, y.offset);
-        }
+        self.tile.interpolate(posts, y, &mut self.row);
     }
 }
 
@@ -225,6 +243,51 @@ pub struct LatticePoint {
     pub x: u64,
     /// Lattice units north of the origin.
     pub y: u64,
+}
+
+/// Elevation tiles of a node and of its ancestors, each looked up once.
+struct Ancestors<'t, T> {
+    world: &'t World,
+    tiles: &'t T,
+    node: NodeId,
+    found: [Option<&'t [f32]>; MAX_LEVEL as usize + 1],
+}
+
+impl<'t, T: Tiles> Ancestors<'t, T> {
+    fn new(world: &'t World, tiles: &'t T, node: NodeId) -> Self {
+        Self { world, tiles, node, found: [None; MAX_LEVEL as usize + 1] }
+    }
+
+    /// The ancestor of level `q` and its posts.
+    fn tile(&mut self, q: u8) -> Result<(NodeId, &'t [f32]), TileVanished> {
+        let ancestor = self.node.ancestor(q);
+        let found = &mut self.found[usize::from(q)];
+        if found.is_none() {
+            let posts = self.world.elevation_posts() as usize;
+            *found = self.tiles.elevation(ancestor).and_then(|tile| tile.get(..posts * posts));
+        }
+        found.map(|tile| (ancestor, tile)).ok_or(TileVanished { node: ancestor })
+    }
+
+    fn elevation(&mut self, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
+        let (tile, posts) = self.tile(q)?;
+        let ([x0, y0], cells) = (self.world.node_origin(tile), self.world.elevation_tile());
+        let (x, y) = (CellPosition::new(point.x, x0, q, cells), CellPosition::new(point.y, y0, q, cells));
+        Ok(tile_elevation(posts, cells, x, y))
+    }
+
+    fn vertex_height(&mut self, level: &LevelFunction, point: LatticePoint, floor: u8) -> Result<f32, TileVanished> {
+        let (root, unit) = (self.world.root().q(), self.world.lattice_unit_m());
+        let smooth = self.elevation(point, smooth_level(self.world, floor))? * level.exaggeration();
+        let p = glam::DVec3::new(point.x as f64 * unit, point.y as f64 * unit, smooth);
+        let l = level.elevation_level_at(p).max(f64::from(floor)).min(f64::from(root));
+        let lower = l as u8;
+        let mut sum = 0.0;
+        for q in lower..=(lower + 1).min(root) {
+            sum += weight(l, q) * self.elevation(point, q)?;
+        }
+        Ok(relative_height(level.exaggeration(), sum, level.eye().z))
+    }
 }
 
 /// Height of one vertex relative to the eye, as [`Heights::make`] has it: on a leaf `node`, with `floor` the level of
@@ -240,24 +303,23 @@ pub fn vertex_height(
     point: LatticePoint,
     floor: u8,
 ) -> Result<f32, TileVanished> {
-    let cells = world.elevation_tile();
-    let elevation = |q: u8| {
-        let (tile, posts) = ancestor_tile(world, tiles, node, q)?;
-        let [x0, y0] = world.node_origin(tile);
-        let (x, y) = (CellPosition::new(point.x, x0, q, cells), CellPosition::new(point.y, y0, q, cells));
-        Ok(tile_elevation(posts, cells, x, y))
-    };
-    let root = world.root().q();
-    let smooth = elevation(smooth_level(world, floor))? * level.exaggeration();
-    let unit = world.lattice_unit_m();
-    let p = glam::DVec3::new(point.x as f64 * unit, point.y as f64 * unit, smooth);
-    let l = level.elevation_level_at(p).max(f64::from(floor)).min(f64::from(root));
-    let lower = l as u8;
-    let mut sum = 0.0;
-    for q in lower..=(lower + 1).min(root) {
-        sum += weight(l, q) * elevation(q)?;
+    Ancestors::new(world, tiles, node).vertex_height(level, point, floor)
+}
+
+/// Least and greatest of numbers, four side by side: a plain fold waits for each comparison.
+fn range_of(numbers: &[f64]) -> [f64; 2] {
+    let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
+    let fours = numbers.chunks_exact(4);
+    let rest = fours.remainder();
+    for four in fours {
+        for ((low, high), x) in low.iter_mut().zip(&mut high).zip(four) {
+            *low = if *x < *low { *x } else { *low };
+            *high = if *x > *high { *x } else { *high };
+        }
     }
-    Ok(relative_height(level.exaggeration(), sum, level.eye().z))
+    let low = low.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
+    let high = high.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
+    [low, high]
 }
 
 /// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on both sides. A level
@@ -274,18 +336,4 @@ fn relative_height(exaggeration: f64, z: f64, eye_z: f64) -> f32 {
 
 fn smooth_level(world: &World, floor: u8) -> u8 {
     SMOOTH_LEVEL.min(world.root().q()).max(floor)
-}
-
-fn ancestor_tile<'t, T: Tiles>(
-    world: &World,
-    tiles: &'t T,
-    node: NodeId,
-    q: u8,
-) -> Result<(NodeId, &'t [f32]), TileVanished> {
-    let ancestor = node.ancestor(q);
-    let posts = world.elevation_posts() as usize;
-    match tiles.elevation(ancestor).and_then(|tile| tile.get(..posts * posts)) {
-        Some(tile) => Ok((ancestor, tile)),
-        None => Err(TileVanished { node: ancestor }),
-    }
 }

@@ -12,7 +12,7 @@
 //! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken from the rows and columns
 //! of drawn edges; a block of facets is hidden when its highest vertex lies below the horizon of every bin that it touches.
 
-use glam::DVec2;
+use glam::{DVec2, Vec2};
 use terravision_common::camera::Camera;
 use terravision_common::world::World;
 
@@ -26,15 +26,15 @@ const MARGIN_PX: f64 = 0.25;
 /// Directions this steep, as ahead over distance, have no place on the upright plane.
 const LEAST_AHEAD: f64 = 0.2;
 /// Leaves with a vertex nearer than this, metres ahead of the eye, neither hide nor are hidden.
-const NEAREST_M: f64 = 0.1;
+const NEAREST_M: f32 = 0.1;
 
 /// Vertices of a leaf: where they lie from the eye, metres. Heights by row from the south.
 #[derive(Debug, Clone, Copy)]
 pub struct Vertices<'a> {
     /// East of the eye, by column.
-    pub xs: &'a [f64],
+    pub xs: &'a [f32],
     /// North of it, by row.
-    pub ys: &'a [f64],
+    pub ys: &'a [f32],
     /// Above it, by row, then column.
     pub heights: &'a [f32],
 }
@@ -45,7 +45,7 @@ pub struct Horizon {
     extent_m: [f64; 2],
     is_active: bool,
     /// The camera's heading.
-    ahead: DVec2,
+    ahead: Vec2,
     /// Takes `u` to bins: those of the picture are `0..BINS`.
     bins_per_u: f32,
     /// In `u` and `v`.
@@ -54,13 +54,19 @@ pub struct Horizon {
     /// Upright coordinates of the entered leaf's vertices, `u` in bins.
     us: Vec<f32>,
     vs: Vec<f32>,
-    bounds: Bounds,
-    /// Of the entered leaf, by blocks of `step` facets' sides.
-    hidden: Vec<bool>,
-    step: usize,
-    /// Columns of vertices over a row of blocks.
-    columns: Vec<Bounds>,
+    /// None, when one of its vertices has no place on the upright plane.
+    entered: Option<Leaf>,
     posts: usize,
+}
+
+/// How a leaf is drawn: steps between its vertices.
+#[derive(Debug, Clone, Copy)]
+struct Leaf {
+    grid: usize,
+    /// On its west, east, south and north edge.
+    edges: [usize; 4],
+    /// The longest of all of them.
+    step: usize,
 }
 
 /// What a set of vertices spans on the upright plane.
@@ -68,31 +74,11 @@ pub struct Horizon {
 struct Bounds {
     low_u: f32,
     high_u: f32,
-    bottom: f32,
     top: f32,
 }
 
 impl Bounds {
-    const NONE: Self =
-        Self { low_u: f32::INFINITY, high_u: f32::NEG_INFINITY, bottom: f32::INFINITY, top: f32::NEG_INFINITY };
-
-    /// Without regard for NaN, unlike `f32::min`: that compiles to one instruction.
-    #[inline(always)]
-    fn with(self, other: Self) -> Self {
-        let min = |a: f32, b: f32| if a < b { a } else { b };
-        let max = |a: f32, b: f32| if a > b { a } else { b };
-        Self {
-            low_u: min(self.low_u, other.low_u),
-            high_u: max(self.high_u, other.high_u),
-            bottom: min(self.bottom, other.bottom),
-            top: max(self.top, other.top),
-        }
-    }
-
-    #[inline(always)]
-    fn of(u: f32, v: f32) -> Self {
-        Self { low_u: u, high_u: u, bottom: v, top: v }
-    }
+    const NONE: Self = Self { low_u: f32::INFINITY, high_u: f32::NEG_INFINITY, top: f32::NEG_INFINITY };
 }
 
 impl Horizon {
@@ -103,16 +89,13 @@ impl Horizon {
         Self {
             extent_m: world.extent_m(),
             is_active: false,
-            ahead: DVec2::Y,
+            ahead: Vec2::Y,
             bins_per_u: 1.0,
             margin: 0.0,
             bins: vec![f32::NEG_INFINITY; BINS],
             us: vec![0.0; posts * posts],
             vs: vec![0.0; posts * posts],
-            bounds: Bounds::NONE,
-            hidden: vec![false; posts * posts],
-            step: 1,
-            columns: vec![Bounds::NONE; posts],
+            entered: None,
             posts,
         }
     }
@@ -121,7 +104,7 @@ impl Horizon {
     /// an eye beside the world, which may see under its edge, from one under the ground, nor in a steep view.
     pub fn look(&mut self, camera: &Camera, ground_m: f64) {
         let (sin, cos) = camera.heading_rad.sin_cos();
-        self.ahead = DVec2::new(sin, cos);
+        let ahead = DVec2::new(sin, cos);
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
         let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
         let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
@@ -129,105 +112,95 @@ impl Horizon {
         self.is_active = is_over(0)
             && is_over(1)
             && camera.eye_in_world[2] > ground_m
-            && corners.iter().all(|corner| corner.dot(self.ahead) >= LEAST_AHEAD);
+            && corners.iter().all(|corner| corner.dot(ahead) >= LEAST_AHEAD);
+        self.entered = None;
         if self.is_active {
-            let across = corners.map(|corner| (corner.perp_dot(self.ahead) / corner.dot(self.ahead)).abs());
+            let across = corners.map(|corner| (corner.perp_dot(ahead) / corner.dot(ahead)).abs());
+            self.ahead = ahead.as_vec2();
             self.bins_per_u = (0.5 * BINS as f64 / across.into_iter().fold(1e-9, f64::max)) as f32;
             self.margin = (MARGIN_PX / camera.focal_px()) as f32;
             self.bins.fill(f32::NEG_INFINITY);
         }
     }
 
-    /// Takes the vertices of the next leaf, near to far, and finds what of it is hidden, in blocks of `step` facets'
-    /// sides, the longest of its steps; then the leaf hides what comes after it. It is drawn with every vertex that is a
-    /// multiple of `grid`, on its west, east, south and north edges of `edges`.
+    /// Takes the vertices of the next leaf, near to far, to say what of it is [hidden](Self::is_hidden). It is drawn with every
+    /// vertex that is a multiple of `grid`, on its west, east, south and north edges of `edges`; the others are not looked at.
     pub fn enter(&mut self, vertices: Vertices<'_>, grid: usize, edges: [usize; 4]) {
-        self.step = edges.into_iter().fold(grid, usize::max);
-        if self.is_active && self.is_under(vertices) {
+        let leaf = Leaf { grid, edges, step: edges.into_iter().fold(grid, usize::max) };
+        if self.is_active && self.is_under(vertices, leaf) {
             self.is_active = false;
         }
-        if !self.is_active {
-            return;
-        }
-        if !self.project(vertices) {
-            self.hidden.fill(false);
-        } else if self.find_hidden() {
-            self.raise(grid, edges);
+        self.entered = (self.is_active && self.project(vertices, leaf)).then_some(leaf);
+    }
+
+    /// The entered leaf is drawn, at least in part: it hides what comes after it.
+    pub fn leave(&mut self) {
+        if let Some(leaf) = self.entered.take() {
+            self.raise(leaf);
         }
     }
 
-    /// Whether a block of the entered leaf, from `x0, y0` to `x1, y1` in posts and multiples of the step, is hidden.
+    /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. It is taken to be as large as the
+    /// blocks, of the longest step's sides, that it touches.
     #[must_use]
     pub fn is_hidden(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
-        let step = self.step;
-        let rows = self.hidden.chunks_exact((self.posts - 1) / step);
-        self.is_active
-            && rows
-                .take(y1.div_ceil(step))
-                .skip(y0 / step)
-                .all(|row| row[x0 / step..x1.div_ceil(step)].iter().all(|is_hidden| *is_hidden))
+        let Some(leaf) = self.entered else { return false };
+        let first = |from: usize| from / leaf.step * leaf.step;
+        (first(y0)..y1).step_by(leaf.step).all(|y| {
+            let mut blocks = (first(x0)..x1).step_by(leaf.step);
+            blocks.all(|x| self.is_block_hidden(leaf, [x, y]))
+        })
+    }
+
+    fn is_block_hidden(&self, leaf: Leaf, [x, y]: [usize; 2]) -> bool {
+        let mut bounds = Bounds::NONE;
+        for row in (y..=y + leaf.step).step_by(leaf.grid) {
+            let range = row * self.posts + x..=row * self.posts + x + leaf.step;
+            let vertices = self.us[range.clone()].iter().zip(&self.vs[range]);
+            for (u, v) in vertices.step_by(leaf.grid) {
+                bounds.low_u = bounds.low_u.min(*u);
+                bounds.high_u = bounds.high_u.max(*u);
+                bounds.top = bounds.top.max(*v);
+            }
+        }
+        let bins = self.bins_of(bounds);
+        !bins.is_empty() && bins.iter().all(|bin| bounds.top + self.margin < *bin)
     }
 
     /// Whether the eye may be under the surface that is drawn (ground that is coarse, because its tiles are on their way):
     /// what is hidden from above is seen from there. An eye within the range of heights of a node's ground is in its box, so
     /// that node is in the tree; one below the range is below the ground of every level.
-    fn is_under(&self, vertices: Vertices<'_>) -> bool {
+    fn is_under(&self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
         let last = self.posts - 1;
-        let around = |metres: &[f64]| {
-            let holds_eye = |at: &usize| metres[*at] <= 0.0 && metres[(at + self.step).min(last)] >= 0.0;
-            (0..last).step_by(self.step).find(holds_eye).map(|at| at..=(at + self.step).min(last))
+        let around = |metres: &[f32]| {
+            let holds_eye = |at: &usize| metres[*at] <= 0.0 && metres[at + leaf.step] >= 0.0;
+            let from = (0..last).step_by(leaf.step).find(holds_eye)?;
+            Some((from..=from + leaf.step).step_by(leaf.grid))
         };
         let (Some(columns), Some(mut rows)) = (around(vertices.xs), around(vertices.ys)) else { return false };
         rows.any(|row| columns.clone().any(|column| vertices.heights[row * self.posts + column] >= 0.0))
     }
 
     /// Finds where the vertices are on the upright plane; `false` when one has no place there.
-    fn project(&mut self, vertices: Vertices<'_>) -> bool {
-        let mut least_ahead = f64::INFINITY;
-        let mut bounds = Bounds::NONE;
+    fn project(&mut self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
+        let ends = |metres: &[f32]| [metres[0], metres[self.posts - 1]];
+        let is_ahead = |x: f32, y: f32| x * self.ahead.x + y * self.ahead.y >= NEAREST_M;
+        let [south, north] = ends(vertices.ys);
+        if !ends(vertices.xs).into_iter().all(|x| is_ahead(x, south) && is_ahead(x, north)) {
+            return false;
+        }
+        let (x_bins, y_bins) = (self.ahead.y * self.bins_per_u, self.ahead.x * self.bins_per_u);
         let rows = self.us.chunks_exact_mut(self.posts).zip(self.vs.chunks_exact_mut(self.posts));
-        for (((us, vs), heights), y) in rows.zip(vertices.heights.chunks_exact(self.posts)).zip(vertices.ys) {
+        let rows = rows.zip(vertices.heights.chunks_exact(self.posts)).zip(vertices.ys);
+        for (((us, vs), heights), y) in rows.step_by(leaf.grid) {
+            let (y_ahead, y_across) = (y * self.ahead.y, y * y_bins);
             for (((u, v), z), x) in us.iter_mut().zip(vs).zip(heights).zip(vertices.xs) {
-                let ahead = x * self.ahead.x + y * self.ahead.y;
-                least_ahead = if ahead < least_ahead { ahead } else { least_ahead };
-                let per_metre = (1.0 / ahead) as f32;
-                *u = (x * self.ahead.y - y * self.ahead.x) as f32 * per_metre * self.bins_per_u + 0.5 * BINS as f32;
+                let per_metre = 1.0 / (x * self.ahead.x + y_ahead);
+                *u = (x * x_bins - y_across) * per_metre + 0.5 * BINS as f32;
                 *v = z * per_metre;
-                bounds = bounds.with(Bounds::of(*u, *v));
             }
         }
-        self.bounds = bounds;
-        least_ahead >= NEAREST_M
-    }
-
-    /// Whether anything of the entered leaf may be seen.
-    fn find_hidden(&mut self) -> bool {
-        let (step, side) = (self.step, self.posts - 1);
-        let per_row = side / step;
-        if !self.bins_of(self.bounds).iter().any(|bin| *bin > self.bounds.bottom) {
-            self.hidden[..per_row * per_row].fill(false);
-            return true;
-        }
-        let mut is_seen = false;
-        for row in 0..per_row {
-            self.columns.fill(Bounds::NONE);
-            for line in row * step..=(row + 1) * step {
-                let range = line * self.posts..(line + 1) * self.posts;
-                for ((column, u), v) in self.columns.iter_mut().zip(&self.us[range.clone()]).zip(&self.vs[range]) {
-                    *column = column.with(Bounds::of(*u, *v));
-                }
-            }
-            for block in 0..per_row {
-                let columns = &self.columns[block * step..=(block + 1) * step];
-                let bounds = columns.iter().fold(Bounds::NONE, |all, column| all.with(*column));
-                let bins = self.bins_of(bounds);
-                let top = bounds.top + self.margin;
-                let is_hidden = !bins.is_empty() && bins.iter().all(|bin| top < *bin);
-                self.hidden[row * per_row + block] = is_hidden;
-                is_seen |= !is_hidden;
-            }
-        }
-        is_seen
+        true
     }
 
     /// The bins that something touches; none beside the picture, which is for the frustum to say.
@@ -243,7 +216,8 @@ impl Horizon {
 
     /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are drawn as they are only where
     /// nothing collapses on them.
-    fn raise(&mut self, grid: usize, [west, east, south, north]: [usize; 4]) {
+    fn raise(&mut self, leaf: Leaf) {
+        let Leaf { grid, edges: [west, east, south, north], .. } = leaf;
         let last = self.posts - 1;
         let first_of = |edge: usize| if edge > grid { grid } else { 0 };
         let end_of = |edge: usize| if edge > grid { last - grid } else { last };
@@ -330,11 +304,13 @@ mod tests {
     }
 
     /// Enters a level leaf of 400 m a side and says whether all of it is hidden.
-    fn enter(horizon: &mut Horizon, [west, south]: [f64; 2], up: f32) -> bool {
-        let metres = |from: f64| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
+    fn enter(horizon: &mut Horizon, [west, south]: [f32; 2], up: f32) -> bool {
+        let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
         let vertices = Vertices { xs: &metres(west), ys: &metres(south), heights: &[up; POSTS * POSTS] };
         horizon.enter(vertices, 1, [1; 4]);
-        horizon.is_hidden([0, 0], [POSTS - 1, POSTS - 1])
+        let is_hidden = horizon.is_hidden([0, 0], [POSTS - 1, POSTS - 1]);
+        horizon.leave();
+        is_hidden
     }
 
     #[test]
