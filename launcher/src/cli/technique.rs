@@ -1,4 +1,4 @@
-//! How the ground is drawn, as typed.
+//! How the ground is drawn, and how its colours are kept for that, as typed.
 
 use clap::ValueEnum;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
@@ -40,4 +40,15 @@ impl From<RaysArg> for RaysChoice {
             RaysArg::Auto => Self::Auto,
         }
     }
+}
+
+/// Whether colour tiles are compressed in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CompressionArg {
+    /// On a GPU that samples compressed textures, unless --quality best is asked for
+    Auto,
+    /// Wherever the device can
+    On,
+    /// Never
+    Off,
 }
