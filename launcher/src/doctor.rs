@@ -155,7 +155,9 @@ fn vulkan_finding(answer: &Value) -> Finding {
 fn compression(answer: Result<&Value, &str>) -> Finding {
     let text = match Compression::of(answer) {
         Compression::Fast(why) => format!("flights compress colour tiles (BC1): {why}; not with --quality best"),
-        Compression::Slow(why) => format!("flights leave colour tiles as they are: {why} (--texture-compression on)"),
+        Compression::Slow(why) => {
+            format!("flights leave colour tiles as they are: {why}; --texture-compression on asks for it all the same")
+        }
         Compression::Impossible(why) => format!("flights leave colour tiles as they are: {why}"),
     };
     Finding::good("compression", text)

@@ -51,13 +51,36 @@ impl TexelQuestion {
             Self::On(question) => (question, true),
         };
         let answer = question.answer();
-        match Compression::of(answer.as_ref().map_err(String::as_str)) {
-            Compression::Fast(_) => Ok((TexelFormat::Bc1, TechniqueChoice::Mesh)),
-            Compression::Slow(_) if is_demanded => Ok((TexelFormat::Bc1, TechniqueChoice::Mesh)),
-            Compression::Impossible(why) if is_demanded => {
-                Err(Failure::bad_input(anyhow!("--texture-compression on: {why}; expected auto or off here")))
-            }
-            Compression::Slow(_) | Compression::Impossible(_) => Ok((TexelFormat::Rgba8, technique)),
+        let compression = Compression::of(answer.as_ref().map_err(String::as_str));
+        let is_compressed = is_compressed(compression, is_demanded)?;
+        Ok(if is_compressed { (TexelFormat::Bc1, TechniqueChoice::Mesh) } else { (TexelFormat::Rgba8, technique) })
+    }
+}
+
+/// Whether tiles are compressed for a device that is so good at it; `is_demanded`: with `on`.
+fn is_compressed(compression: Compression, is_demanded: bool) -> Result<bool, Failure> {
+    match compression {
+        Compression::Fast(_) => Ok(true),
+        Compression::Slow(_) => Ok(is_demanded),
+        Compression::Impossible(why) if is_demanded => {
+            Err(Failure::bad_input(anyhow!("--texture-compression on: {why}; expected auto or off here")))
         }
+        Compression::Impossible(_) => Ok(false),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::failure::ExitStatus;
+
+    #[test]
+    fn only_fast_devices_get_compressed_tiles_unasked() {
+        let [fast, slow, impossible] = [Compression::Fast, Compression::Slow, Compression::Impossible]
+            .map(|kind| [false, true].map(|is_demanded| is_compressed(kind("it lacks it".to_owned()), is_demanded)));
+        assert!(matches!(fast, [Ok(true), Ok(true)]) && matches!(slow, [Ok(false), Ok(true)]));
+        let [Ok(false), Err(refused)] = impossible else { panic!("{impossible:?}") };
+        assert_eq!(refused.status, ExitStatus::BadInput);
+        assert_eq!(refused.to_string(), "--texture-compression on: it lacks it; expected auto or off here");
     }
 }
