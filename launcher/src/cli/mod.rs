@@ -13,8 +13,7 @@ use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
-use technique::{CompressionArg, RaysArg, TechniqueArg};
-use terravision_common::level::Measure;
+use technique::{CompressionArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
@@ -474,27 +473,6 @@ pub enum Quality {
 pub enum Overlay {
     /// The leaves of the quad tree
     Tree,
-}
-
-/// [`Measure`] as typed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MeasureChoice {
-    /// The shorter side: fewest facets, blurred at glancing angles
-    Min,
-    /// The area, as if the ground were level: an even load, slopes that face the camera get too few facets
-    Area,
-    /// The longer side: the best picture for its triangles
-    Max,
-}
-
-impl From<MeasureChoice> for Measure {
-    fn from(choice: MeasureChoice) -> Self {
-        match choice {
-            MeasureChoice::Min => Self::Min,
-            MeasureChoice::Area => Self::Area,
-            MeasureChoice::Max => Self::Max,
-        }
-    }
 }
 
 #[cfg(test)]
