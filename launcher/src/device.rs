@@ -95,7 +95,9 @@ impl Compression {
             return Self::Impossible(format!("{name} lacks the feature textureCompressionBC"));
         }
         match device["type"].as_str() {
-            Some("discrete" | "integrated" | "virtual") => Self::Fast(format!("{name} is a GPU, which unpacks it in hardware")),
+            Some("discrete" | "integrated" | "virtual") => {
+                Self::Fast(format!("{name} is a GPU, which unpacks it in hardware"))
+            }
             Some("cpu") => Self::Slow(format!("{name} is the processor itself, which unpacks every texel by program")),
             _ => Self::Slow(format!("{name} does not say what kind of device it is")),
         }
