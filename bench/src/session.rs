@@ -13,6 +13,7 @@ use terravision_common::run::{
 };
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_common::stage::STAGE_ENVIRONMENT;
+use terravision_common::texels::TexelFormat;
 
 /// How a flight is flown.
 #[derive(Debug, Clone)]
@@ -64,7 +65,7 @@ impl Session {
         // Unlike the launcher, a bench has several runs, in tests at the same time.
         let run = RunId::unique_for_tests();
         let [width, height] = settings.size;
-        let layout = Layout::for_run(flight.database.world(), settings.memory_bytes, width, height)?;
+        let layout = Layout::for_run(flight.database.world(), settings.memory_bytes, TexelFormat::Rgba8)?;
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;
         control.set_resolutions(settings.r_px[0], settings.r_px[1]);
@@ -80,6 +81,7 @@ impl Session {
             r_c_px: settings.r_px[1],
             measure: settings.measure,
             exaggeration: 1.0,
+            texels: TexelFormat::Rgba8,
             decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {

@@ -7,6 +7,7 @@
 //! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
+//! * [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
@@ -26,6 +27,7 @@ pub mod slot;
 pub mod stage;
 pub mod sync;
 pub mod synthetic;
+pub mod texels;
 pub mod top_levels;
 pub mod traversal;
 pub mod tree;

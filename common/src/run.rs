@@ -3,6 +3,7 @@
 
 use crate::level::Measure;
 use crate::rate::RateSettings;
+use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -35,6 +36,9 @@ pub struct RunConfig {
     pub measure: Measure,
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
+    /// How the colour pool holds its tiles. Rays read them on the processor: for them, never compressed.
+    #[serde(default)]
+    pub texels: TexelFormat,
     /// Threads that decode tiles in the prefetcher, and that cast rays in the renderer.
     pub decoder_threads: u32,
     /// What the prefetcher does beyond what frames ask of it.

@@ -199,7 +199,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let index = Index::open(&config.world)?;
     let world = index.world();
     // Memory bounds the pools, not the elevation ring.
-    let layout = Layout::for_run(world, u64::MAX >> 8, config.width, config.height)?;
+    let layout = Layout::for_run(world, u64::MAX >> 8, config.texels)?;
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;

@@ -12,6 +12,7 @@ use terravision_common::run::{
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
+use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::TreeLimits;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
@@ -46,6 +47,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
         r_c_px: 1.0,
         measure: Measure::Area,
         exaggeration: 1.0,
+        texels: TexelFormat::Rgba8,
         decoder_threads: 1,
         prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {

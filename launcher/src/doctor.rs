@@ -1,15 +1,17 @@
 //! `terravision doctor`: whether this machine has what a flight needs.
 
 use crate::cli::DoctorArgs;
+use crate::device::{self, Compression, DeviceQuestion};
 use crate::failure::Failure;
 use crate::flight::own_folder;
-use crate::machine::{bytes_for_people, find_program};
+use crate::machine::{bytes_for_people, find_program, outcome_words};
 use anyhow::{Context, anyhow};
 use serde_json::Value;
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use terravision_common::shm::{Layout, free_bytes, reap_dead_runs};
+use terravision_common::texels::TexelFormat;
 use terravision_common::world::{World, WorldFields};
 
 /// How one thing stands.
@@ -52,9 +54,12 @@ impl Finding {
 /// Something that a flight needs is missing (exit code 1).
 pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     let programs = own_folder()?;
+    let answer = DeviceQuestion::ask(&programs).answer();
+    let answer = answer.as_ref().map_err(String::as_str);
     let findings = [
         stages(&programs),
-        vulkan(&programs),
+        vulkan(answer),
+        compression(answer),
         shared_memory(args.memory.0),
         leftovers(),
         ffmpeg(),
@@ -102,13 +107,7 @@ fn stages(programs: &Path) -> Finding {
 /// What a program says on standard output, or what went wrong, in words.
 fn output_of(program: &Path, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(program).args(arguments).stdin(Stdio::null()).output();
-    let output = output.map_err(|error| format!("{}: {error}", program.display()))?;
-    if output.status.success() {
-        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
-    }
-    let words = String::from_utf8_lossy(&output.stderr);
-    let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed without a word");
-    Err(last.trim().to_owned())
+    outcome_words(&output.map_err(|error| format!("{}: {error}", program.display()))?)
 }
 
 const INSTALL_VULKAN: &str =
@@ -117,32 +116,26 @@ const INSTALL_VULKAN: &str =
 /// What a flight does without a device.
 const RAYS_INSTEAD: &str = "flights draw by rays, on the processor alone (--technique rays)";
 
-fn vulkan(programs: &Path) -> Finding {
-    let text = match output_of(&programs.join("terravision-renderer"), &["--doctor-json"]) {
-        Ok(text) => text,
-        Err(words) => return Finding::missing("Vulkan", words, INSTALL_VULKAN),
-    };
-    match serde_json::from_str(&text) {
-        Ok(value) => vulkan_finding(&value),
-        Err(error) => Finding::missing("Vulkan", format!("the renderer's answer is not JSON: {error}"), INSTALL_VULKAN),
+fn vulkan(answer: Result<&Value, &str>) -> Finding {
+    match answer {
+        Ok(answer) => vulkan_finding(answer),
+        Err(words) => Finding::missing("Vulkan", words.to_owned(), INSTALL_VULKAN),
     }
 }
 
 /// The finding of the renderer's list of devices.
 fn vulkan_finding(answer: &Value) -> Finding {
-    let devices = answer.as_array().or_else(|| answer.get("devices").and_then(Value::as_array));
-    let devices = devices.map_or(&[][..], Vec::as_slice);
-    let chosen = devices.iter().find(|device| device["is_chosen"] == true).or(devices.first());
-    let Some(device) = chosen else {
+    let Some(device) = device::chosen(answer) else {
         let text = format!("the loader finds no device; {RAYS_INSTEAD}");
         return Finding::limited("Vulkan", text, INSTALL_VULKAN);
     };
     let text = |key: &str| device[key].as_str().unwrap_or("?").to_owned();
     let mut line = format!("{} ({}), driver {}, Vulkan {}", text("name"), text("type"), text("driver"), text("vulkan"));
-    if devices.len() > 1 {
-        line += &format!("; chosen of {}", devices.len());
+    let count = device::devices(answer).len();
+    if count > 1 {
+        line += &format!("; chosen of {count}");
     }
-    let missing: Vec<&str> = device["missing"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let missing = device::lacks(device);
     if !missing.is_empty() {
         let text = format!("{line}; lacks {}; {RAYS_INSTEAD}", missing.join(", "));
         return Finding::limited(
@@ -158,6 +151,18 @@ fn vulkan_finding(answer: &Value) -> Finding {
     Finding::limited("Vulkan", format!("{line}; has no VK_EXT_external_memory_host"), advice)
 }
 
+/// Whether flights compress colour tiles if nothing else is said. Either way they fly.
+fn compression(answer: Result<&Value, &str>) -> Finding {
+    let text = match Compression::of(answer) {
+        Compression::Fast(why) => format!("flights compress colour tiles (BC1): {why}; not with --quality best"),
+        Compression::Slow(why) => {
+            format!("flights leave colour tiles as they are: {why}; --texture-compression on asks for it all the same")
+        }
+        Compression::Impossible(why) => format!("flights leave colour tiles as they are: {why}"),
+    };
+    Finding::good("compression", text)
+}
+
 /// The layout of a flight over a world of default tiles.
 fn default_layout(memory_bytes: u64) -> Option<Layout> {
     let world = World::new(WorldFields {
@@ -170,7 +175,8 @@ fn default_layout(memory_bytes: u64) -> Option<Layout> {
         finest_elevation_level: 0,
         finest_color_level: 0,
     });
-    Layout::for_run(&world.ok()?, memory_bytes, 1280, 720).ok()
+    // The larger of the two.
+    Layout::for_run(&world.ok()?, memory_bytes, TexelFormat::Rgba8).ok()
 }
 
 fn shared_memory(memory_bytes: u64) -> Finding {

@@ -7,10 +7,12 @@
 //! * [`report`] (of a flight against the clock also [`realtime_report`], of where tiles came from [`network_report`]), [`trace`]: what a run says about itself afterwards;
 //!   [`output`]: files that appear whole or not at all.
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
+//! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
+pub mod device;
 pub mod doctor;
 pub mod export;
 pub mod failure;

@@ -1,6 +1,7 @@
 //! What this machine has, and how to tell people of it.
 
 use std::path::PathBuf;
+use std::process::Output;
 
 /// The program of that name in the folders of `PATH`.
 #[must_use]
@@ -9,6 +10,19 @@ pub fn find_program(name: &str) -> Option<PathBuf> {
     let is_program =
         |path: &PathBuf| path.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0);
     std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(is_program)
+}
+
+/// What a program said on standard output, or its last words when it failed.
+///
+/// # Errors
+/// It failed.
+pub fn outcome_words(output: &Output) -> Result<String, String> {
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+    }
+    let words = String::from_utf8_lossy(&output.stderr);
+    let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed without a word");
+    Err(last.trim().to_owned())
 }
 
 /// Bytes as people say them, with a unit.

@@ -10,6 +10,7 @@ use std::io::{self, Write};
 use terravision_common::event::SpanName;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Stage;
+use terravision_common::texels::TexelFormat;
 
 /// All that is known of a run when it has ended.
 #[derive(Debug)]
@@ -104,6 +105,8 @@ struct Settings {
     samples: u32,
     exaggeration: f64,
     threads: u32,
+    /// The format of the pool of colour tiles.
+    texels: TexelFormat,
 }
 
 /// Milliseconds per frame.
@@ -200,6 +203,7 @@ impl Report {
                 samples: config.render.samples,
                 exaggeration: config.exaggeration,
                 threads: config.decoder_threads,
+                texels: config.texels,
             },
             stages,
             spans,
@@ -377,6 +381,7 @@ pub(crate) mod tests {
             r_c_px: 1.0,
             measure: Measure::Area,
             exaggeration: 1.0,
+            texels: TexelFormat::Rgba8,
             decoder_threads: 2,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {

@@ -11,6 +11,7 @@ use terravision_common::database::{
 };
 use terravision_common::event::monotonic_nanos;
 use terravision_common::shm::{FillGuard, WantBell};
+use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::World;
 use tokio::runtime::Runtime;
 use tokio::task::AbortHandle;
@@ -74,21 +75,44 @@ pub trait Crew {
     fn drain(&mut self, ended: &mut Vec<Ended>);
 }
 
-/// Decodes a tile into its slot and publishes it.
+/// Buffers of a thread that decodes.
+#[derive(Debug, Default)]
+pub struct DecodeScratch {
+    tile: TileScratch,
+    /// A colour tile before it is compressed.
+    texels: Vec<u8>,
+}
+
+/// Decodes a tile into its slot and publishes it. Colours get the format of the pool.
 ///
 /// # Errors
 /// The cause as a code: the payload is damaged.
-pub fn decode(world: &World, job: DecodeJob, scratch: &mut TileScratch) -> Result<(u32, u32), u8> {
+pub fn decode(
+    world: &World,
+    texels: TexelFormat,
+    job: DecodeJob,
+    scratch: &mut DecodeScratch,
+) -> Result<(u32, u32), u8> {
     let DecodeJob { tile, payload, mut guard } = job;
     let is_decoded = match tile.layer {
         Layer::Elevation => {
             let posts = world.elevation_posts();
             guard.f32_mut().len() >= (posts * posts) as usize
-                && decode_elevation_tile(&payload, posts, guard.f32_mut(), scratch).is_ok()
+                && decode_elevation_tile(&payload, posts, guard.f32_mut(), &mut scratch.tile).is_ok()
         }
         Layer::Color => {
-            guard.bytes_mut().len() >= color_tile_bytes(world)
-                && decode_color_tile(&payload, world.color_stored(), guard.bytes_mut()).is_ok()
+            let side = world.color_stored();
+            guard.bytes_mut().len() as u64 >= texels.tile_bytes(side)
+                && if texels.is_compressed() {
+                    scratch.texels.resize(color_tile_bytes(world), 0);
+                    let is_decoded = decode_color_tile(&payload, side, &mut scratch.texels).is_ok();
+                    if is_decoded {
+                        compress_tile(&scratch.texels, side, guard.bytes_mut());
+                    }
+                    is_decoded
+                } else {
+                    decode_color_tile(&payload, side, guard.bytes_mut()).is_ok()
+                }
         }
     };
     if is_decoded { Ok(guard.publish()) } else { Err(CORRUPT) }
@@ -148,11 +172,12 @@ impl<S> std::fmt::Debug for Workers<S> {
 }
 
 impl<S: PayloadSource> Workers<S> {
-    /// Workers with `threads` threads (at least one) that decode tiles of `world`. They ring `bell` when work has ended.
+    /// Workers with `threads` threads (at least one) that decode tiles of `world`, colours as `texels`. They ring `bell`
+    /// when work has ended.
     ///
     /// # Errors
     /// [`CrewError`].
-    pub fn new(source: S, world: &World, threads: u32, bell: WantBell) -> Result<Self, CrewError> {
+    pub fn new(source: S, world: &World, texels: TexelFormat, threads: u32, bell: WantBell) -> Result<Self, CrewError> {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(REQUEST_THREADS)
             .max_blocking_threads(FILE_THREADS)
@@ -169,7 +194,7 @@ impl<S: PayloadSource> Workers<S> {
         };
         for thread in 1..=threads.max(1) {
             let (shared, world) = (Arc::clone(&workers.shared), *world);
-            let work = move || decode_tiles(&shared, &world, thread);
+            let work = move || decode_tiles(&shared, &world, texels, thread);
             workers.threads.push(std::thread::Builder::new().name(format!("decoder-{thread}")).spawn(work)?);
         }
         Ok(workers)
@@ -247,8 +272,8 @@ impl<S> Drop for Workers<S> {
 }
 
 /// What a thread does: tile after tile, until the queue is closed.
-fn decode_tiles(shared: &Shared, world: &World, thread: u32) {
-    let mut scratch = TileScratch::default();
+fn decode_tiles(shared: &Shared, world: &World, texels: TexelFormat, thread: u32) {
+    let mut scratch = DecodeScratch::default();
     loop {
         let job = {
             let mut queue = lock(&shared.queue);
@@ -264,7 +289,7 @@ fn decode_tiles(shared: &Shared, world: &World, thread: u32) {
         };
         let tile = job.tile;
         let start_nanos = monotonic_nanos();
-        let result = decode(world, job, &mut scratch);
+        let result = decode(world, texels, job, &mut scratch);
         let duration_nanos = monotonic_nanos().saturating_sub(start_nanos);
         shared.end(Ended::Decoded { tile, result, thread, start_nanos, duration_nanos });
     }

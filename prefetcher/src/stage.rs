@@ -117,7 +117,7 @@ pub fn serve<S: PayloadSource>(
     ports: Ports,
 ) -> Result<(), PrefetcherError> {
     let Ports { control, mut wants, mut outcomes, elevation, color, path, mut events } = ports;
-    let mut crew = Workers::new(source, world, config.decoder_threads, wants.bell())?;
+    let mut crew = Workers::new(source, world, config.texels, config.decoder_threads, wants.bell())?;
     let has_ended = crew.has_ended();
     let mut desk = Desk::new(world, elevation, color, config.prefetch.has_retries);
     let mut ahead = Ahead::new(world, ranges, config, path);

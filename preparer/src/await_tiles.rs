@@ -4,6 +4,7 @@ use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
 use terravision_common::database::Layer;
 use terravision_common::shm::{Control, Layout, WaitError};
+use terravision_common::texels::TexelFormat;
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
@@ -54,6 +55,7 @@ impl From<WaitError> for AwaitError {
 #[derive(Debug)]
 pub struct TileWait {
     world: World,
+    texels: TexelFormat,
     pending: Vec<Tile>,
     /// The top levels, which are in the pools whatever a frame wants.
     locked: Vec<Tile>,
@@ -62,11 +64,11 @@ pub struct TileWait {
 }
 
 impl TileWait {
-    /// Buffers for frames that want up to `wanted` tiles.
+    /// Buffers for frames that want up to `wanted` tiles, whose colours the pool holds in this format.
     #[must_use]
-    pub fn new(world: &World, wanted: usize) -> Self {
+    pub fn new(world: &World, texels: TexelFormat, wanted: usize) -> Self {
         let (locked, first_unlocked) = top_levels(world);
-        Self { world: *world, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
+        Self { world: *world, texels, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
     }
 
     /// Waits until the top levels of both pyramids, which the prefetcher keeps for ever, are there: from then on there
@@ -160,7 +162,7 @@ impl TileWait {
     /// What memory would do, if any.
     fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: u64) -> AwaitError {
         let slots = |memory: u64| {
-            let layout = Layout::for_run(&self.world, memory, 1, 1).ok()?;
+            let layout = Layout::for_run(&self.world, memory, self.texels).ok()?;
             Some(u64::from(if layer == Layer::Color { layout.color_slots } else { layout.elevation_slots }))
         };
         // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by halving.

@@ -147,7 +147,7 @@ impl<L: TileLoader> Preparer<L> {
             world: *world,
             config: config.clone(),
             loader,
-            wait: TileWait::new(world, 2 * nodes as usize),
+            wait: TileWait::new(world, config.texels, 2 * nodes as usize),
             tree: FrameTree::new(world, nodes, ports.elevation.capacity()),
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),

@@ -9,7 +9,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use terravision_common::world::COLOR_MIPS;
+use terravision_common::texels::TexelFormat;
 
 /// A frame is waited for no longer than this.
 const LONGEST: Duration = Duration::from_secs(60);
@@ -80,12 +80,13 @@ impl Stopwatch {
 /// The device failed.
 pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) -> Result<Measured, GpuError> {
     let side = 264;
-    let needs = Needs { size: options.size, samples: options.samples, color_layers: 1, color_tile_side: side };
+    let texels = TexelFormat::Rgba8;
+    let needs = Needs { size: options.size, samples: options.samples, color_layers: 1, color_tile_side: side, texels };
     let instance = Instance::new(options.has_validation)?;
     let device = Device::new(&instance, &options.device, &needs)?;
     let mut target = Target::new(&device, options.size, options.samples, false)?;
     let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
-    let mut colors = ColorPool::new(&device, side, 1, filtering, None, 1)?;
+    let mut colors = ColorPool::new(&device, [side, 1], texels, filtering, None, 1)?;
     let pass = FloorPass::new(&colors, &target, columns, rows)?;
     let mut slot = FrameSlot::new(&device, 0)?;
     let mut spare = Some(Readback::new(&device, options.size, false)?);
@@ -100,7 +101,7 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
         if frame == 0 {
             let room = colors.upload_staged(&recording, 0, 0)?;
             room.iter_mut().enumerate().for_each(|(i, byte)| *byte = (i * 97 % 251) as u8);
-            debug_assert_eq!(room.len() as u64, (0..COLOR_MIPS).map(|m| u64::from(side >> m).pow(2) * 4).sum::<u64>());
+            debug_assert_eq!(room.len() as u64, texels.tile_bytes(side));
         }
         colors.record_uploads(&mut recording);
         target.begin_picture(&mut recording, options.sky_rgb);

@@ -101,7 +101,8 @@ fn render(json: &str) -> anyhow::Result<()> {
     let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Index::open(&config.world)?.world();
-    let mut source = LiveSource::open(&run_id, world, config.frames)?.with_gaps(config.realtime.is_some());
+    let mut source =
+        LiveSource::open(&run_id, world, config.texels, config.frames)?.with_gaps(config.realtime.is_some());
     stop_on_signals(Arc::clone(source.control()), config.frames[1] == OPEN_END)?;
     if !matches!(config.render.samples, 1 | 4) {
         bail!("{} samples per pixel are not possible, 1 or 4 are", config.render.samples);

@@ -6,6 +6,7 @@ use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::texels::TexelFormat;
 use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
 use terravision_renderer::source::{Done, SourceShape};
 
@@ -52,6 +53,7 @@ fn shape() -> SourceShape {
         done: Done { elevation_end: 100, ..Done::default() },
         is_resumed: false,
         color_slots: 4,
+        texels: TexelFormat::Rgba8,
         frames: [7, 9],
         has_gaps: false,
     }

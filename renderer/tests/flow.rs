@@ -12,6 +12,7 @@ use terravision_common::event::{Event, EventKind};
 use terravision_common::node::NodeId;
 use terravision_common::shm::{RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent};
+use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
@@ -300,8 +301,16 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     let (mut pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
     let (events, mut drained) = memory::ring::<Event>(1024).expect("memory of this process holds the recording");
     let frames = [0, recording.frames().len() as u64];
-    let mut source = LiveSource::new(Arc::clone(&control), consumer, elevation, colors, Some(events), world, frames)
-        .expect("memory of this process holds the recording");
+    let mut source = LiveSource::new(
+        Arc::clone(&control),
+        consumer,
+        elevation,
+        (colors, TexelFormat::Rgba8),
+        Some(events),
+        world,
+        frames,
+    )
+    .expect("memory of this process holds the recording");
     let kept = Kept::default();
     let lanes = Lanes::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
     let result = std::thread::scope(|scope| {

@@ -6,6 +6,7 @@ use support::{Scene, camera, draw, keep, node, options, paths, pixel, sky_pixels
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
+use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::{EngineOptions, MeshEngine};
 use terravision_renderer::source::RecordedSource;
 
@@ -321,4 +322,62 @@ fn precision_holds_far_from_the_origin() {
         let row: Vec<u8> = [-4.0, 0.0, 4.0].map(|d| pixel(&frames[0], (at + d) as u32, 60)[0]).to_vec();
         assert!(row.iter().all(|v| v.abs_diff(expected) < 40), "stripe {stripe}: {row:?}");
     }
+}
+
+/// Ground with some of everything: a slope of tones, and edges.
+fn motley(x: f64, y: f64) -> [u8; 3] {
+    let tone = 90.0 + 60.0 * (x * 0.02).sin() * (y * 0.017).cos();
+    let field = if ((x / 23.0).floor() + (y / 31.0).floor()) as i64 % 2 == 0 { 25.0 } else { 0.0 };
+    [tone + field, tone * 0.8 + 40.0, tone * 0.5 + field].map(|v| v as u8)
+}
+
+#[test]
+fn compressed_colours_give_nearly_the_same_picture() {
+    // From far above to close by: all mip levels, also the last, whose side (10 texels) is no multiple of a block. Flat
+    // colours tell blocks that were put in a wrong place from those that lose a little.
+    let views = [
+        camera([320.0, 320.0, 900.0], 0.0, -90.0, SIZE),
+        camera([320.0, -60.0, 150.0], 0.0, -25.0, SIZE),
+        camera([100.0, 100.0, 110.0], 30.0, -40.0, SIZE),
+    ];
+    let recording = |texels: TexelFormat| {
+        let mut scene = Scene::new(world([64, 64]), &rough, &motley).with_texels(texels);
+        for camera in &views {
+            let tiles = level(&mut scene, 0, camera);
+            scene.frame(camera, tiles);
+        }
+        scene.finish()
+    };
+    let plain = draw(&options(SIZE), &recording(TexelFormat::Rgba8)).unwrap();
+    let compressed = recording(TexelFormat::Bc1);
+    let [imported, staged] = paths(&options(SIZE)).map(|options| draw(&options, &compressed).unwrap());
+    for (index, (plain, compressed)) in plain.iter().zip(&imported).enumerate() {
+        keep(compressed, &format!("compressed-{index}"));
+        assert_eq!(compressed.pixels.rgba(), staged[index].pixels.rgba(), "both paths give the same bytes");
+        assert_eq!(sky_pixels(plain), sky_pixels(compressed));
+        let ground = plain.pixels.rgba().chunks_exact(4).zip(compressed.pixels.rgba().chunks_exact(4));
+        let squares: Vec<f64> = ground
+            .filter(|(texel, _)| texel[..3] != support::SKY)
+            .flat_map(|(a, b)| (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).powi(2)))
+            .collect();
+        let psnr = 10.0 * (255.0f64.powi(2) / (squares.iter().sum::<f64>() / squares.len() as f64)).log10();
+        assert!(psnr > 36.0 && psnr < 80.0, "view {index}: {psnr} dB");
+    }
+}
+
+#[test]
+fn compressed_colours_lie_where_they_belong() {
+    let recording = |texels| {
+        let mut scene = Scene::new(world([16, 16]), &flat, &quadrants).with_texels(texels);
+        let camera = camera([80.0, 80.0, 200.0], 0.0, -90.0, SIZE);
+        let tiles = level(&mut scene, 0, &camera);
+        scene.frame(&camera, tiles);
+        scene.finish()
+    };
+    let [plain, compressed] =
+        [TexelFormat::Rgba8, TexelFormat::Bc1].map(|texels| draw(&options(SIZE), &recording(texels)).unwrap());
+    // 5 and 6 bits a channel: 20 and 220 are off by 5 at most, wherever they are.
+    let pairs = plain[0].pixels.rgba().iter().zip(compressed[0].pixels.rgba());
+    let worst = pairs.map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(worst <= Some(5), "{worst:?}");
 }

@@ -1,5 +1,6 @@
 //! The colour tile: a JPEG of `(Nc + 8)²` texels, then "TVc1" and the crc32 of all bytes before it.
 
+use crate::texels::TexelFormat;
 use crate::world::{COLOR_MIPS, World};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -46,8 +47,7 @@ pub enum ColorCodecError {
 /// Bytes of a decoded colour tile: RGBA8 of its mip levels back to back.
 #[must_use]
 pub fn color_tile_bytes(world: &World) -> usize {
-    let side = world.color_stored() as usize;
-    (0..COLOR_MIPS).map(|mip| (side >> mip) * (side >> mip) * 4).sum()
+    TexelFormat::Rgba8.tile_bytes(world.color_stored()) as usize
 }
 
 /// Appends the trailer to a picture: it is then a tile.

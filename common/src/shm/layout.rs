@@ -7,7 +7,8 @@ use crate::camera::Camera;
 use crate::event::Event;
 use crate::outcome::TileOutcome;
 use crate::slot::Slot;
-use crate::world::{COLOR_MIPS, World};
+use crate::texels::TexelFormat;
+use crate::world::World;
 
 /// One pose of the flight, in the camera ring; 80 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -34,7 +35,7 @@ pub struct Layout {
     pub elevation_array_f32: u32,
     /// Slots of the colour pool.
     pub color_slots: u32,
-    /// Bytes of one slot of the colour pool, a multiple of 4096: RGBA8 mips back to back.
+    /// Bytes of one slot of the colour pool, a multiple of 4096: mips back to back.
     pub color_slot_bytes: u64,
     /// Slots of the elevation pool.
     pub elevation_slots: u32,
@@ -59,20 +60,19 @@ const ELEVATION_RING_BYTES: u64 = 64 << 20;
 
 impl Layout {
     /// The layout for a world, at most `memory_bytes` for the tile pools and the device's copy of the colour pool
-    /// together. The picture's size does not matter yet: trees are bounded by `tree_nodes`.
+    /// together, whose tiles are of this format. The picture's size does not matter: trees are bounded by `tree_nodes`.
     ///
     /// # Errors
     /// [`ShmError::MemoryTooSmall`].
-    pub fn for_run(world: &World, memory_bytes: u64, _width: u32, _height: u32) -> Result<Self, ShmError> {
+    pub fn for_run(world: &World, memory_bytes: u64, texels: TexelFormat) -> Result<Self, ShmError> {
         let posts = u64::from(world.elevation_posts());
         let array_bytes = posts * posts * 4;
         let elevation_slot_bytes = array_bytes.next_multiple_of(64);
-        let stored = u64::from(world.color_stored());
-        let color_bytes: u64 = (0..COLOR_MIPS).map(|mip| (stored >> mip).pow(2) * 4).sum();
-        let color_slot_bytes = color_bytes.next_multiple_of(4096);
-        // Two copies of each colour tile, one of them the device's, and a sixteenth of that for elevation, four tiles at
-        // least: fine facets under coarse texels want many more elevation tiles than colour tiles.
-        let elevation_per_color = (color_slot_bytes / (8 * elevation_slot_bytes)).max(4);
+        let slot_bytes = |format: TexelFormat| format.tile_bytes(world.color_stored()).next_multiple_of(4096);
+        let color_slot_bytes = slot_bytes(texels);
+        // Two copies of each colour tile, one of them the device's, and a sixteenth of what they take uncompressed for
+        // elevation, four tiles at least: fine facets under coarse texels want many more elevation tiles than colour tiles.
+        let elevation_per_color = (slot_bytes(TexelFormat::Rgba8) / (8 * elevation_slot_bytes)).max(4);
         let per_color_slot = 2 * color_slot_bytes + elevation_per_color * elevation_slot_bytes;
         let color_slots = (memory_bytes / per_color_slot).min(MAX_COLOR_SLOTS);
         if color_slots < MIN_COLOR_SLOTS {

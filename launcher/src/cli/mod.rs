@@ -13,8 +13,7 @@ use database::DatabaseArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
-use technique::{RaysArg, TechniqueArg};
-use terravision_common::level::Measure;
+use technique::{CompressionArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
@@ -157,6 +156,14 @@ pub struct PictureArgs {
     /// Smaller sharpens until the source has no more to give, and needs more tiles; larger blurs and loads less.
     #[arg(long, value_name = "PIXELS")]
     pub texel_px: Option<f64>,
+    /// Whether colour tiles are compressed in memory
+    ///
+    /// Compressed (BC1) a tile takes an eighth of its memory, here and on the device, so that --memory holds more of them;
+    /// the picture loses a little (docs/quality.md), and loading a tile takes longer. The database is not touched. A device
+    /// that is the processor itself (lavapipe) is slower at such tiles: there, 'auto' leaves them as they are. 'on' where no
+    /// device can do it is an error. The same frames come out on every run either way.
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = CompressionArg::Auto)]
+    pub texture_compression: CompressionArg,
     /// Samples per pixel: 1, or 4 for smooth edges [default: 1, best: 4]
     #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
@@ -466,27 +473,6 @@ pub enum Quality {
 pub enum Overlay {
     /// The leaves of the quad tree
     Tree,
-}
-
-/// [`Measure`] as typed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MeasureChoice {
-    /// The shorter side: fewest facets, blurred at glancing angles
-    Min,
-    /// The area, as if the ground were level: an even load, slopes that face the camera get too few facets
-    Area,
-    /// The longer side: the best picture for its triangles
-    Max,
-}
-
-impl From<MeasureChoice> for Measure {
-    fn from(choice: MeasureChoice) -> Self {
-        match choice {
-            MeasureChoice::Min => Self::Min,
-            MeasureChoice::Area => Self::Area,
-            MeasureChoice::Max => Self::Max,
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
-//! How the ground is drawn, as typed.
+//! How the ground is drawn, how its size on screen is measured, and how its colours are kept for that, as typed.
 
 use clap::ValueEnum;
+use terravision_common::level::Measure;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 /// [`TechniqueChoice`] as typed.
@@ -38,6 +39,38 @@ impl From<RaysArg> for RaysChoice {
             RaysArg::Coherent => Self::Coherent,
             RaysArg::Mipmap => Self::Mipmap,
             RaysArg::Auto => Self::Auto,
+        }
+    }
+}
+
+/// Whether colour tiles are compressed in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CompressionArg {
+    /// On a GPU that samples compressed textures, unless --quality best is asked for
+    Auto,
+    /// Wherever the device can
+    On,
+    /// Never
+    Off,
+}
+
+/// [`Measure`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MeasureChoice {
+    /// The shorter side: fewest facets, blurred at glancing angles
+    Min,
+    /// The area, as if the ground were level: an even load, slopes that face the camera get too few facets
+    Area,
+    /// The longer side: the best picture for its triangles
+    Max,
+}
+
+impl From<MeasureChoice> for Measure {
+    fn from(choice: MeasureChoice) -> Self {
+        match choice {
+            MeasureChoice::Min => Self::Min,
+            MeasureChoice::Area => Self::Area,
+            MeasureChoice::Max => Self::Max,
         }
     }
 }

@@ -2,6 +2,7 @@
 //! is left to interpret.
 
 mod checks;
+mod compression;
 mod live;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
@@ -28,6 +29,7 @@ use checks::{
     DEFAULT_FPS, check_distance, decoder_threads, exaggeration, has_extension, in_range, is_folder_name, prefetch,
     realtime,
 };
+use compression::TexelQuestion;
 use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -111,6 +113,7 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
+    let texels = TexelQuestion::new(&args.picture)?;
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     if args.live.camera.is_some() && args.realtime.prediction == Some(PredictionChoice::Oracle) {
@@ -176,7 +179,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
-    let mut plan = draft.finish(&args.measurements)?;
+    let mut plan = draft.finish(texels, &args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
     plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
     Ok(plan)
@@ -187,6 +190,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
+    let texels = TexelQuestion::new(&args.picture)?;
     let database = open_world(&args.world, &args.database)?;
     exaggeration(args.picture.exaggeration)?;
     const ANGLE: &str = "degrees from -1000000 to 1000000";
@@ -217,7 +221,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.depth = depth;
     draft.ground = ground;
     draft.destination = args.output.display().to_string();
-    draft.finish(&args.measurements)
+    draft.finish(texels, &args.measurements)
 }
 
 /// A plan in the making.
@@ -270,7 +274,7 @@ impl<'a> Draft<'a> {
         })
     }
 
-    fn finish(self, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
+    fn finish(self, texels: TexelQuestion, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
         let Self { database, access, picture, resources, settings, .. } = self;
         let world = &database.world().clone();
         let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
@@ -291,15 +295,15 @@ impl<'a> Draft<'a> {
         let samples = if technique == TechniqueChoice::Rays { 1 } else { samples };
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
-        let layout =
-            Layout::for_run(world, resources.memory.0, size.width, size.height).map_err(|error| match error {
-                ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
-                    "--memory {}: the tile pools of this world need at least {}",
-                    bytes_for_people(resources.memory.0),
-                    bytes_for_people(needed)
-                )),
-                other => Failure::failed(other),
-            })?;
+        let (texels, technique) = texels.decide(technique)?;
+        let layout = Layout::for_run(world, resources.memory.0, texels).map_err(|error| match error {
+            ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
+                "--memory {}: the tile pools of this world need at least {}",
+                bytes_for_people(resources.memory.0),
+                bytes_for_people(needed)
+            )),
+            other => Failure::failed(other),
+        })?;
 
         let ground = WorldGround::finest(&database, world, exaggeration).bounded(database.ranges());
         let mut warnings = Vec::new();
@@ -352,6 +356,7 @@ impl<'a> Draft<'a> {
                 r_c_px,
                 measure: picture.measure.into(),
                 exaggeration,
+                texels,
                 decoder_threads,
                 prefetch: prefetch(self.realtime),
                 render: RenderConfig {

@@ -21,6 +21,7 @@ use terravision_common::shm::{
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::stage::Events;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
+use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
@@ -214,6 +215,7 @@ impl Flight {
             r_c_px: R_PX[1],
             measure: Measure::Area,
             exaggeration: 1.5,
+            texels: TexelFormat::Rgba8,
             decoder_threads: 1,
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {

@@ -1,6 +1,6 @@
 //! The mesh's engine: a Vulkan device, its pools, and the frames in flight.
 
-use super::{Described, EngineError, EngineOptions, Finished, Submitted};
+use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target};
 use crate::pixels::Pixels;
@@ -9,7 +9,6 @@ use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Tec
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
-use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
 
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
@@ -23,25 +22,12 @@ fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
     }
 }
 
-struct InFlight {
-    slot: usize,
-    frame: u64,
-    sequence: u64,
-    elevation_end: u64,
-    slots_end: u64,
-    camera: Camera,
-    r_px: [f64; 2],
-    is_settled: bool,
-    triangles: u64,
-    started_nanos: u64,
-    submitted_nanos: u64,
-}
-
 /// Draws frames with Vulkan.
 pub struct MeshEngine {
     // Slots first: fields are dropped in order, and a slot's objects wait for its submit.
     slots: Vec<FrameSlot>,
-    in_flight: VecDeque<InFlight>,
+    /// Each with the frame slot that it was recorded in.
+    in_flight: VecDeque<(usize, InFlight)>,
     next_slot: usize,
     technique: Box<dyn Technique>,
     elevation: Elevation,
@@ -75,6 +61,7 @@ impl MeshEngine {
             samples: options.samples,
             color_layers: shape.color_slots,
             color_tile_side: world.color_stored(),
+            texels: shape.texels,
         };
         let instance = Instance::new(options.has_validation)?;
         let device = Device::new(&instance, &options.device, &needs)?;
@@ -85,8 +72,8 @@ impl MeshEngine {
         let target = Target::new(&device, options.size, options.samples, options.has_depth)?;
         let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
         let shared = source.color_memory().filter(|_| options.can_import_colors);
-        let side = world.color_stored();
-        let colors = ColorPool::new(&device, side, shape.color_slots, filtering, shared.as_ref(), slot_count)?;
+        let tiles = [world.color_stored(), shape.color_slots];
+        let colors = ColorPool::new(&device, tiles, shape.texels, filtering, shared.as_ref(), slot_count)?;
         let shared = source.elevation_memory();
         let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
         let technique = MeshTechnique::new(&colors, &target, &world, options.has_tree_overlay, slot_count)?;
@@ -221,19 +208,8 @@ impl MeshEngine {
         }
         recording.read_back(target, readback);
         recording.submit()?;
-        self.in_flight.push_back(InFlight {
-            slot: index,
-            frame: frame.marker.frame,
-            sequence: frame.sequence,
-            elevation_end: frame.end.elevation_end,
-            slots_end: frame.slots_end,
-            camera: frame.marker.camera,
-            r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
-            is_settled: frame.end.unavailable_count == 0,
-            triangles: self.technique.triangles(),
-            started_nanos,
-            submitted_nanos: monotonic_nanos(),
-        });
+        let in_flight = InFlight::new(frame, self.technique.triangles(), started_nanos, monotonic_nanos());
+        self.in_flight.push_back((index, in_flight));
         self.next_slot = (index + 1) % self.slots.len();
         Ok(Submitted { uploads, upload_started_nanos: before, upload_nanos })
     }
@@ -243,30 +219,17 @@ impl MeshEngine {
     /// # Errors
     /// The device was lost, or the validation layer said something.
     pub fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError> {
-        let Some(oldest) = self.in_flight.front() else { return Ok(None) };
-        if !self.slots[oldest.slot].wait(timeout)? {
+        let Some(&(slot, in_flight)) = self.in_flight.front() else { return Ok(None) };
+        if !self.slots[slot].wait(timeout)? {
             return Ok(None);
         }
-        let taken = self.slots[oldest.slot].take()?;
-        let (Some(oldest), Some((readback, gpu_nanos))) = (self.in_flight.pop_front(), taken) else { return Ok(None) };
+        let taken = self.slots[slot].take()?;
+        self.in_flight.pop_front();
+        let Some((readback, gpu_nanos)) = taken else { return Ok(None) };
         if self.options.has_validation {
             self.device.instance().check_validation()?;
         }
-        Ok(Some(Finished {
-            frame: oldest.frame,
-            sequence: oldest.sequence,
-            elevation_end: oldest.elevation_end,
-            slots_end: oldest.slots_end,
-            camera: oldest.camera,
-            r_px: oldest.r_px,
-            is_settled: oldest.is_settled,
-            triangles: oldest.triangles,
-            started_nanos: oldest.started_nanos,
-            submitted_nanos: oldest.submitted_nanos,
-            finished_nanos: monotonic_nanos(),
-            gpu_nanos,
-            pixels: Pixels::Device(readback),
-        }))
+        Ok(Some(in_flight.finish(gpu_nanos, Pixels::Device(readback))))
     }
 }
 

@@ -13,6 +13,7 @@ use crate::pixels::Pixels;
 use crate::source::{Done, FrameSource, SourceError};
 use std::time::Duration;
 use terravision_common::camera::Camera;
+use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_raycast::workers::WorkersError;
 
@@ -178,6 +179,55 @@ pub struct Finished {
     pub gpu_nanos: Option<f64>,
     /// Its pixels.
     pub pixels: Pixels,
+}
+
+/// A frame that was taken in, without its picture yet.
+#[derive(Debug, Clone, Copy)]
+struct InFlight {
+    frame: u64,
+    done: Done,
+    camera: Camera,
+    r_px: [f64; 2],
+    is_settled: bool,
+    triangles: u64,
+    started_nanos: u64,
+    submitted_nanos: u64,
+}
+
+impl InFlight {
+    fn new(frame: &Frame, triangles: u64, started_nanos: u64, submitted_nanos: u64) -> Self {
+        Self {
+            frame: frame.marker.frame,
+            done: Done { sequence: frame.sequence, elevation_end: frame.end.elevation_end, slots_end: frame.slots_end },
+            camera: frame.marker.camera,
+            r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
+            is_settled: frame.end.unavailable_count == 0,
+            triangles,
+            started_nanos,
+            submitted_nanos,
+        }
+    }
+
+    /// The frame with its picture, now.
+    fn finish(self, gpu_nanos: Option<f64>, pixels: Pixels) -> Finished {
+        let Self { frame, done, camera, r_px, is_settled, triangles, started_nanos, submitted_nanos } = self;
+        let Done { sequence, elevation_end, slots_end } = done;
+        Finished {
+            frame,
+            sequence,
+            elevation_end,
+            slots_end,
+            camera,
+            r_px,
+            is_settled,
+            triangles,
+            started_nanos,
+            submitted_nanos,
+            finished_nanos: monotonic_nanos(),
+            gpu_nanos,
+            pixels,
+        }
+    }
 }
 
 impl Finished {

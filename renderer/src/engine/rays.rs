@@ -1,15 +1,14 @@
 //! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in shared memory, cast on the
 //! processor's cores. No Vulkan.
 
-use super::{Described, EngineError, EngineOptions, Finished, Submitted};
+use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::pixels::{Pixels, Raster};
-use crate::source::FrameSource;
+use crate::source::{FrameSource, SourceShape};
 use crate::technique::{BlockReader, NEAR_M};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
-use terravision_common::world::World;
 use terravision_raycast::ground::{Filter, Ground, GroundError};
 use terravision_raycast::view::Sampling;
 use terravision_raycast::world::ground_shape;
@@ -106,7 +105,10 @@ impl RaysEngine {
         if options.size.iter().any(|side| *side > LONGEST_SIDE) {
             return Err(EngineError::PictureSize { size: options.size, limit: LONGEST_SIDE });
         }
-        let world: World = source.shape().world;
+        let SourceShape { world, texels, .. } = source.shape();
+        if texels.is_compressed() {
+            return Err(EngineError::MeshOnly { what: "block-compressed colour tiles" });
+        }
         Ok(Self {
             caster: Caster::new(options.workers)?,
             grounds: [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter))),
@@ -189,27 +191,13 @@ impl RaysEngine {
             }
         }
         let pixels = self.hand_over(pixels);
-        let finished_nanos = monotonic_nanos();
-        if self.choice.learn(Duration::from_nanos(finished_nanos - started_nanos)) {
+        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
+        if self.choice.learn(Duration::from_nanos(finished.finished_nanos - started_nanos)) {
             for event in Event::text(EventKind::DriverName, self.choice.words()) {
                 source.event(&event);
             }
         }
-        self.finished = Some(Finished {
-            frame: frame.marker.frame,
-            sequence: frame.sequence,
-            elevation_end: frame.end.elevation_end,
-            slots_end: frame.slots_end,
-            camera: frame.marker.camera,
-            r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
-            is_settled: frame.end.unavailable_count == 0,
-            triangles: 0,
-            started_nanos,
-            submitted_nanos: prepared_nanos,
-            finished_nanos,
-            gpu_nanos: None,
-            pixels,
-        });
+        self.finished = Some(finished);
         Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
     }
 

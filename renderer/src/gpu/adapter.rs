@@ -1,5 +1,6 @@
 //! The physical devices of the machine: what they can do, which one to take.
 
+use super::color_pool::image_format;
 use super::device::DeviceChoice;
 use super::error::{During, GpuError};
 use super::instance::Instance;
@@ -7,6 +8,7 @@ use super::requirements::{Capabilities, DeviceKind, Needs, missing_of};
 use ash::{ext, vk};
 use serde::Serialize;
 use std::ffi::CStr;
+use terravision_common::texels::TexelFormat;
 
 /// A device, for `terravision doctor`.
 #[derive(Debug, Clone, Serialize)]
@@ -26,6 +28,8 @@ pub struct AdapterDescription {
     pub is_chosen: bool,
     /// Whether shared memory is used in place; without it, it is copied.
     pub has_host_import: bool,
+    /// Whether it samples block-compressed textures.
+    pub has_block_compression: bool,
     /// All that it lacks; usable when empty.
     pub missing: Vec<String>,
 }
@@ -49,6 +53,7 @@ pub fn describe_adapters(choice: &DeviceChoice, needs: &Needs) -> Result<Vec<Ada
             vulkan: format!("{}.{}", capabilities.api_version[0], capabilities.api_version[1]),
             is_chosen: chosen == Some(index),
             has_host_import: capabilities.host_import_alignment.is_some(),
+            has_block_compression: capabilities.has_block_compression,
             name: capabilities.name,
         })
         .collect())
@@ -151,6 +156,11 @@ fn capabilities_of(instance: &Instance, device: vk::PhysicalDevice) -> Result<Ca
             vk::Format::D32_SFLOAT,
             vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT | vk::FormatFeatureFlags::TRANSFER_SRC,
         ),
+        has_block_compression: features.texture_compression_bc == vk::TRUE
+            && has_format(instance, device, image_format(TexelFormat::Bc1), {
+                use vk::FormatFeatureFlags as F;
+                F::SAMPLED_IMAGE_FILTER_LINEAR | F::TRANSFER_DST
+            }),
         max_image_side: limits.max_image_dimension2_d,
         max_image_layers: limits.max_image_array_layers,
         max_framebuffer: [
@@ -194,6 +204,7 @@ mod tests {
             has_robust_buffer_access: true,
             has_color_format: true,
             has_depth_format: true,
+            has_block_compression: true,
             max_image_side: 16384,
             max_image_layers: 2048,
             max_framebuffer: [16384; 2],

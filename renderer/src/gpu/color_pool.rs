@@ -12,6 +12,7 @@ use super::requirements::DeviceKind;
 use super::target::COLOR_FORMAT;
 use ash::vk;
 use std::sync::Arc;
+use terravision_common::texels::{MipPlace, TexelFormat};
 use terravision_common::world::COLOR_MIPS;
 
 /// How the texture is sampled.
@@ -46,6 +47,7 @@ pub struct ColorPool {
     staged_tiles: u64,
     tile_bytes: u64,
     side: u32,
+    texels: TexelFormat,
     is_initialized: bool,
 }
 
@@ -53,21 +55,21 @@ pub struct ColorPool {
 unsafe impl Send for ColorPool {}
 
 impl ColorPool {
-    /// A texture array of `layers` tiles, `side` texels wide with border. `shared`: the pool's memory, to be imported if
-    /// the device can; without it every tile is copied through a staging buffer. `slots`: frame slots of the run.
+    /// A texture array of `layers` tiles of a format, `side` texels wide with border. `shared`: the pool's memory, to be
+    /// imported if the device can; without it every tile is copied through a staging buffer. `slots`: frame slots of the run.
     ///
     /// # Errors
     /// Out of memory.
     pub fn new(
         device: &Arc<Device>,
-        side: u32,
-        layers: u32,
+        [side, layers]: [u32; 2],
+        texels: TexelFormat,
         filtering: Filtering,
         shared: Option<&HostMemory>,
         slots: usize,
     ) -> Result<Self, GpuError> {
         let shape = ImageShape {
-            format: COLOR_FORMAT,
+            format: image_format(texels),
             size: [side, side],
             layers,
             mips: COLOR_MIPS,
@@ -94,8 +96,9 @@ impl ColorPool {
             generations: vec![None; layers as usize],
             copies: Vec::with_capacity(256 * COLOR_MIPS as usize),
             staged_tiles: 0,
-            tile_bytes: (0..COLOR_MIPS).map(|mip| u64::from(side >> mip).pow(2) * 4).sum(),
+            tile_bytes: texels.tile_bytes(side),
             side,
+            texels,
             is_initialized: false,
         })
     }
@@ -132,7 +135,7 @@ impl ColorPool {
     pub fn upload_imported(&mut self, slot: u32, generation: u32, offset: u64) -> Result<(), GpuError> {
         let limit = self.imported.as_ref().map_or(0, Buffer::len);
         let end = offset.saturating_add(self.tile_bytes);
-        if end > limit || !offset.is_multiple_of(4) {
+        if end > limit || !offset.is_multiple_of(self.texels.unit_bytes()) {
             return Err(GpuError::TooMany { what: "bytes of the shared colour pool", found: end, limit });
         }
         self.add_copies(slot, generation, offset)
@@ -169,17 +172,18 @@ impl ColorPool {
         Ok(&mut bytes[offset as usize..needed as usize])
     }
 
-    fn add_copies(&mut self, slot: u32, generation: u32, mut offset: u64) -> Result<(), GpuError> {
+    fn add_copies(&mut self, slot: u32, generation: u32, offset: u64) -> Result<(), GpuError> {
         let limit = u64::from(self.layers());
         let Some(held) = self.generations.get_mut(slot as usize) else {
             return Err(GpuError::TooMany { what: "colour slots", found: u64::from(slot) + 1, limit });
         };
         *held = Some(generation);
-        for mip in 0..COLOR_MIPS {
-            let side = self.side >> mip;
+        // Rows are dense (of whole blocks), so no row length is named; a level whose side is no multiple of a block is
+        // copied up to its edge, which Vulkan allows for the extent alone.
+        for (mip, MipPlace { side, offset: start, .. }) in (0..).zip(self.texels.mips(self.side)) {
             self.copies.push(
                 vk::BufferImageCopy2::default()
-                    .buffer_offset(offset)
+                    .buffer_offset(offset + start)
                     .image_subresource(vk::ImageSubresourceLayers {
                         aspect_mask: vk::ImageAspectFlags::COLOR,
                         mip_level: mip,
@@ -188,7 +192,6 @@ impl ColorPool {
                     })
                     .image_extent(vk::Extent3D { width: side, height: side, depth: 1 }),
             );
-            offset += u64::from(side).pow(2) * 4;
         }
         Ok(())
     }
@@ -235,6 +238,14 @@ impl ColorPool {
     #[must_use]
     pub fn device(&self) -> &Arc<Device> {
         self.sampler.device()
+    }
+}
+
+/// The image format of tiles of a format; what a device must be able to do with it is in `adapter`.
+pub(super) fn image_format(texels: TexelFormat) -> vk::Format {
+    match texels {
+        TexelFormat::Rgba8 => COLOR_FORMAT,
+        TexelFormat::Bc1 => vk::Format::BC1_RGB_UNORM_BLOCK,
     }
 }
 

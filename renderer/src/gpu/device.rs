@@ -281,7 +281,8 @@ fn open(
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
     let basic = vk::PhysicalDeviceFeatures::default()
         .robust_buffer_access(true)
-        .sampler_anisotropy(capabilities.max_anisotropy > 1.0);
+        .sampler_anisotropy(capabilities.max_anisotropy > 1.0)
+        .texture_compression_bc(capabilities.has_block_compression);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default().dynamic_rendering(true).synchronization2(true);
     let import = [ext::external_memory_host::NAME.as_ptr()];

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use terravision_common::texels::TexelFormat;
 
 /// What kind of device it is; ordered from the least to the most wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -44,6 +45,8 @@ pub struct Capabilities {
     pub has_color_format: bool,
     /// D32 can be drawn to and copied from.
     pub has_depth_format: bool,
+    /// Feature `textureCompressionBC`: BC1 can be sampled with linear filtering and copied to.
+    pub has_block_compression: bool,
     /// Largest side of a 2D image.
     pub max_image_side: u32,
     /// Most layers of an image.
@@ -75,11 +78,14 @@ pub struct Needs {
     pub color_layers: u32,
     /// Side of a stored colour tile, texels.
     pub color_tile_side: u32,
+    /// How the pool holds colour tiles.
+    pub texels: TexelFormat,
 }
 
 impl Needs {
     /// The least that any run needs; what `doctor` asks for.
-    pub const LEAST: Self = Self { size: [1280, 720], samples: 1, color_layers: 256, color_tile_side: 264 };
+    pub const LEAST: Self =
+        Self { size: [1280, 720], samples: 1, color_layers: 256, color_tile_side: 264, texels: TexelFormat::Rgba8 };
 }
 
 /// Bytes of push constants that the passes use.
@@ -142,6 +148,7 @@ pub fn missing_of(found: &Capabilities, needs: &Needs) -> Vec<Missing> {
         (found.has_robust_buffer_access, "the feature robustBufferAccess"),
         (found.has_color_format, "drawing and linear sampling of R8G8B8A8_UNORM"),
         (found.has_depth_format, "depth buffers of D32_SFLOAT"),
+        (found.has_block_compression || !needs.texels.is_compressed(), "the feature textureCompressionBC"),
         (found.sample_counts & needs.samples != 0, "the asked number of samples per pixel"),
     ];
     missing.extend(features.iter().filter(|(has, _)| !has).map(|(_, name)| Missing::Feature(name)));
@@ -179,6 +186,7 @@ mod tests {
             has_robust_buffer_access: true,
             has_color_format: true,
             has_depth_format: true,
+            has_block_compression: false,
             max_image_side: 4096,
             max_image_layers: 256,
             max_framebuffer: [4096, 4096],
@@ -219,6 +227,13 @@ mod tests {
             spoil(&mut device);
             assert_eq!(missing_of(&device, &Needs::LEAST).len(), 1, "case {index}");
         }
+    }
+
+    #[test]
+    fn block_compression_is_needed_only_for_compressed_tiles() {
+        let needs = Needs { texels: TexelFormat::Bc1, ..Needs::LEAST };
+        assert_eq!(missing_of(&good(), &needs), [Missing::Feature("the feature textureCompressionBC")]);
+        assert_eq!(missing_of(&Capabilities { has_block_compression: true, ..good() }, &needs), []);
     }
 
     #[test]

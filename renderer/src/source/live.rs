@@ -9,7 +9,8 @@ use terravision_common::shm::{
     Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
 };
 use terravision_common::slot::Slot;
-use terravision_common::world::{COLOR_MIPS, World};
+use terravision_common::texels::TexelFormat;
+use terravision_common::world::World;
 
 /// The renderer's ends of a run's segments.
 #[derive(Debug)]
@@ -22,25 +23,26 @@ pub struct LiveSource {
     world: World,
     frames: [u64; 2],
     has_gaps: bool,
+    texels: TexelFormat,
     tile_bytes: u64,
 }
 
 impl LiveSource {
-    /// Opens the segments of a run as its renderer.
+    /// Opens the segments of a run, whose colour tiles are of this format, as its renderer.
     ///
     /// # Errors
     /// A segment is missing, of another build, or does not fit the world.
-    pub fn open(run: &RunId, world: World, frames: [u64; 2]) -> Result<Self, SourceError> {
+    pub fn open(run: &RunId, world: World, texels: TexelFormat, frames: [u64; 2]) -> Result<Self, SourceError> {
         let control = Control::open(run)?;
         control.register(Stage::Renderer)?;
         let ring = Consumer::open(run, SegmentKind::Ring)?;
         let elevation = ElevationReader::open(run)?;
         let colors = PoolReader::open(run, SegmentKind::ColorPool)?;
         let events = Producer::open(run, SegmentKind::EventsRenderer)?;
-        Self::new(Arc::new(control), ring, elevation, colors, Some(events), world, frames)
+        Self::new(Arc::new(control), ring, elevation, (colors, texels), Some(events), world, frames)
     }
 
-    /// Over ends that are open already (of this process's memory, in tests).
+    /// Over ends that are open already (of this process's memory, in tests); colour tiles with their format.
     ///
     /// # Errors
     /// They do not fit the world.
@@ -48,7 +50,7 @@ impl LiveSource {
         control: Arc<Control>,
         ring: Consumer<Slot>,
         elevation: ElevationReader,
-        colors: PoolReader,
+        (colors, texels): (PoolReader, TexelFormat),
         events: Option<Producer<Event>>,
         world: World,
         frames: [u64; 2],
@@ -57,11 +59,11 @@ impl LiveSource {
         if u64::from(elevation.array_f32()) < posts {
             return Err(SourceError::ElevationArraySize { found: elevation.array_f32().into(), expected: posts });
         }
-        let tile_bytes = (0..COLOR_MIPS).map(|mip| u64::from(world.color_stored() >> mip).pow(2) * 4).sum();
+        let tile_bytes = texels.tile_bytes(world.color_stored());
         if colors.slot_bytes() < tile_bytes {
             return Err(SourceError::ColorSlotSize { found: colors.slot_bytes(), expected: tile_bytes });
         }
-        Ok(Self { control, ring, elevation, colors, events, world, frames, has_gaps: false, tile_bytes })
+        Ok(Self { control, ring, elevation, colors, events, world, frames, has_gaps: false, texels, tile_bytes })
     }
 
     /// Frames may be left out, as in realtime mode.
@@ -101,6 +103,7 @@ impl FrameSource for LiveSource {
             done: self.done(),
             is_resumed: self.control.generation_of(Stage::Renderer) > 1,
             color_slots: self.colors.capacity(),
+            texels: self.texels,
             frames: self.frames,
             has_gaps: self.has_gaps,
         }

@@ -13,6 +13,7 @@ use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
+use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
 
 /// What a source delivers, fixed for its life.
@@ -28,6 +29,8 @@ pub struct SourceShape {
     pub is_resumed: bool,
     /// Slots of the colour pool.
     pub color_slots: u32,
+    /// How it holds its tiles.
+    pub texels: TexelFormat,
     /// First frame, and one past the last.
     pub frames: [u64; 2],
     /// Whether frames may be left out (realtime); the last one never is.

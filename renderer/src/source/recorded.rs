@@ -4,11 +4,11 @@ use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
-use terravision_common::database::color_tile_bytes;
 use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
 
 /// One frame's slots. Positions of elevations count arrays of the recording from 0.
@@ -26,6 +26,7 @@ pub struct RecordedFrame {
 #[derive(Debug)]
 pub struct Recording {
     world: World,
+    texels: TexelFormat,
     frames: Vec<RecordedFrame>,
     elevations: HostMemory,
     arrays: u64,
@@ -59,6 +60,7 @@ impl Recording {
 #[derive(Debug)]
 pub struct RecordingBuilder {
     world: World,
+    texels: TexelFormat,
     frames: Vec<RecordedFrame>,
     elevations: Vec<f32>,
     colors: Vec<u8>,
@@ -72,12 +74,19 @@ impl RecordingBuilder {
     pub fn new(world: World) -> Self {
         Self {
             world,
+            texels: TexelFormat::Rgba8,
             frames: Vec::new(),
             elevations: Vec::new(),
             colors: Vec::new(),
             color_offsets: HashMap::new(),
             color_slots: 1,
         }
+    }
+
+    /// Colour tiles are of this format.
+    #[must_use]
+    pub fn with_texels(self, texels: TexelFormat) -> Self {
+        Self { texels, ..self }
     }
 
     /// Adds an elevation array (its posts, row 0 south) and returns its position.
@@ -105,7 +114,7 @@ impl RecordingBuilder {
         self.color_offsets.contains_key(&(slot, generation))
     }
 
-    /// Adds a colour tile: its mips back to back, RGBA8, row 0 north.
+    /// Adds a colour tile: its mips back to back, row 0 north, in the recording's format.
     pub fn add_color(&mut self, slot: u32, generation: u32, texels: &[u8]) {
         self.color_offsets.insert((slot, generation), self.colors.len() as u64);
         self.colors.extend_from_slice(texels);
@@ -123,6 +132,7 @@ impl RecordingBuilder {
         Recording {
             arrays: self.arrays(),
             world: self.world,
+            texels: self.texels,
             frames: self.frames,
             elevations: HostMemory::copy_of(bytemuck::cast_slice(&self.elevations)),
             colors: HostMemory::copy_of(&self.colors),
@@ -180,6 +190,7 @@ impl FrameSource for RecordedSource {
             done: Done::default(),
             is_resumed: false,
             color_slots: self.recording.color_slots,
+            texels: self.recording.texels,
             frames: [first, first + self.laps * self.recording.frames.len() as u64],
             has_gaps: false,
         }
@@ -253,7 +264,8 @@ impl FrameSource for RecordedSource {
 
     fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
         let offset = *self.recording.color_offsets.get(&(slot, generation))? as usize;
-        let bytes = color_tile_bytes(&self.recording.world);
+        let Recording { world, texels, .. } = &*self.recording;
+        let bytes = texels.tile_bytes(world.color_stored()) as usize;
         self.recording.colors.constant_bytes()?.get(offset..offset + bytes)
     }
 

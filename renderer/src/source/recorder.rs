@@ -6,7 +6,6 @@ use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot};
-use terravision_common::world::COLOR_MIPS;
 
 /// A source that keeps a copy of all that it delivers.
 #[derive(Debug)]
@@ -24,16 +23,15 @@ pub struct Recorder<S> {
 impl<S: FrameSource> Recorder<S> {
     /// Records what `inner` delivers from now on.
     pub fn new(inner: S) -> Self {
-        let world = inner.shape().world;
-        let texels = (0..COLOR_MIPS).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum();
+        let SourceShape { world, texels, .. } = inner.shape();
         Self {
             inner,
-            builder: RecordingBuilder::new(world),
+            builder: RecordingBuilder::new(world).with_texels(texels),
             marker: None,
             tiles: Vec::new(),
             frame_start: None,
             array: vec![0.0; (world.elevation_posts() as usize).pow(2)],
-            texels: vec![0; texels],
+            texels: vec![0; texels.tile_bytes(world.color_stored()) as usize],
         }
     }
 

@@ -7,6 +7,7 @@ use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
+use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
 use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
@@ -53,13 +54,20 @@ pub struct Scene<'a> {
     pub height: &'a dyn Fn(f64, f64) -> f64,
     /// Colour of the texel centre at a point of the world.
     pub color: &'a dyn Fn(f64, f64) -> [u8; 3],
+    texels: TexelFormat,
     frame: u64,
     next_slot: u32,
 }
 
 impl<'a> Scene<'a> {
     pub fn new(world: World, height: &'a dyn Fn(f64, f64) -> f64, color: &'a dyn Fn(f64, f64) -> [u8; 3]) -> Self {
-        Self { world, builder: RecordingBuilder::new(world), height, color, frame: 0, next_slot: 0 }
+        let texels = TexelFormat::Rgba8;
+        Self { world, builder: RecordingBuilder::new(world), height, color, texels, frame: 0, next_slot: 0 }
+    }
+
+    /// Colour tiles are kept in this format.
+    pub fn with_texels(self, texels: TexelFormat) -> Self {
+        Self { builder: self.builder.with_texels(texels), texels, ..self }
     }
 
     /// A tile with its own elevation array and colour tile: a leaf at `node`.
@@ -117,6 +125,12 @@ impl<'a> Scene<'a> {
         }
         let slot = self.next_slot;
         self.next_slot += 1;
+        if self.texels.is_compressed() {
+            let side = self.world.color_stored();
+            let rgba = std::mem::take(&mut texels);
+            texels.resize(self.texels.tile_bytes(side) as usize, 0);
+            compress_tile(&rgba, side, &mut texels);
+        }
         self.builder.add_color(slot, 1, &texels);
         slot
     }

@@ -11,6 +11,7 @@ use crate::shm::segments::{RunSegments, open_before, open_segment, reap_dead_run
 use crate::shm::{CameraRecord, Control, ElevationReader, ElevationWriter, PoolReader, PoolWriter, ShmError};
 use crate::shm::{TreeReader, TreeWriter};
 use crate::slot::Slot;
+use crate::texels::TexelFormat;
 use crate::world::{World, WorldFields};
 use bytemuck::Zeroable;
 use std::os::unix::fs::PermissionsExt;
@@ -190,7 +191,7 @@ fn the_layout_of_a_run_keeps_to_its_memory() {
     };
     let world = World::new(fields).unwrap();
     let gibibyte = 1 << 30;
-    let layout = Layout::for_run(&world, gibibyte, 1280, 720).unwrap();
+    let layout = Layout::for_run(&world, gibibyte, TexelFormat::Rgba8).unwrap();
     assert_eq!(layout.elevation_array_f32, 33 * 33);
     assert_eq!(layout.color_slot_bytes, u64::from((264u32.pow(2) + 132 * 132 + 66 * 66) * 4).next_multiple_of(4096));
     assert_eq!(layout.elevation_arrays, 4096);
@@ -199,18 +200,24 @@ fn the_layout_of_a_run_keeps_to_its_memory() {
     assert!(pools <= gibibyte && pools > gibibyte * 99 / 100);
     assert!(layout.total_bytes() < gibibyte / 2 + (100 << 20));
     // Image arrays end somewhere.
-    assert_eq!(Layout::for_run(&world, 64 * gibibyte, 1280, 720).unwrap().color_slots, 2048);
-    match Layout::for_run(&world, 1 << 20, 1280, 720).unwrap_err() {
+    assert_eq!(Layout::for_run(&world, 64 * gibibyte, TexelFormat::Rgba8).unwrap().color_slots, 2048);
+    // Compressed tiles take an eighth, and there are as many elevation tiles for each as before.
+    let (plain, compressed) =
+        [TexelFormat::Rgba8, TexelFormat::Bc1].map(|texels| Layout::for_run(&world, 1 << 27, texels).unwrap()).into();
+    assert_eq!(compressed.color_slot_bytes, 34_848 + 8_712 + 2_312 + 3_280);
+    assert_eq!(compressed.elevation_slots / compressed.color_slots, plain.elevation_slots / plain.color_slots);
+    assert!(compressed.color_slots > 5 * plain.color_slots, "{} {}", compressed.color_slots, plain.color_slots);
+    match Layout::for_run(&world, 1 << 20, TexelFormat::Rgba8).unwrap_err() {
         ShmError::MemoryTooSmall { needed, available } => {
             assert_eq!(available, 1 << 20);
-            assert_eq!(Layout::for_run(&world, needed, 1280, 720).unwrap().color_slots, 64);
-            assert!(Layout::for_run(&world, needed - 1, 1280, 720).is_err());
+            assert_eq!(Layout::for_run(&world, needed, TexelFormat::Rgba8).unwrap().color_slots, 64);
+            assert!(Layout::for_run(&world, needed - 1, TexelFormat::Rgba8).is_err());
         }
         other => panic!("{other}"),
     }
     // Large elevation tiles do not make the ring large.
     let world = World::new(WorldFields { elevation_tile: 256, levels: 5, finest_color_level: 0, ..fields }).unwrap();
-    let layout = Layout::for_run(&world, gibibyte, 1280, 720).unwrap();
+    let layout = Layout::for_run(&world, gibibyte, TexelFormat::Rgba8).unwrap();
     assert_eq!(layout.elevation_arrays, 256);
     for kind in SegmentKind::ALL {
         let geometry = layout.geometry(kind);
