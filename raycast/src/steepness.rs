@@ -175,6 +175,38 @@ impl Steepness {
         }
     }
 
+    /// The square of a slope that no ground exceeds.
+    #[inline(always)]
+    pub(crate) fn steepest_squared(&self) -> f32 {
+        self.steepest * self.steepest
+    }
+
+    /// Up to which distance no ground between the directions `a` and `b` (the smaller angle of the two) is steeper than
+    /// the square root of `limit`, metres.
+    pub(crate) fn gentle_until(&self, a: Vec2, b: Vec2, limit: f32) -> f32 {
+        if self.steepest_squared() <= limit {
+            return f32::INFINITY;
+        }
+        let (from, to) = (sector(a), sector(b));
+        let apart = (to + SECTORS - from) % SECTORS;
+        let (first, count) = if apart <= SECTORS / 2 { (from, apart + 1) } else { (to, SECTORS - apart + 1) };
+        if count > SECTORS / 4 {
+            return 0.0;
+        }
+        let mut end = RINGS;
+        for sector in (first..first + count).map(|sector| sector % SECTORS) {
+            if self.steepest_of[sector] * self.steepest_of[sector] > limit {
+                let rings = &self.slopes[sector * RINGS..][..end];
+                end = rings.iter().position(|slope| slope * slope > limit).unwrap_or(end);
+            }
+        }
+        match end {
+            0 => 0.0,
+            RINGS => f32::INFINITY,
+            end => self.nearest_m * RING_ENDS[end - 1],
+        }
+    }
+
     /// Of rays below, nearest first, the one that leaves the fewest doubts: the first that leaves
     /// none, if there is one. `of`: a candidate's ray, and the parameter up to which it is known.
     #[inline(always)]
