@@ -105,6 +105,7 @@ impl Footprint {
 
 impl Frame<'_> {
     /// Colours the pixels of a strip and puts them into the picture.
+    #[inline(never)]
     pub(crate) fn paint(&self, strip: &mut Strip) {
         let Strip { pixels, nearness, run_of, runs, paint } = strip;
         let count = pixels.len();

@@ -212,6 +212,7 @@ impl Frame<'_> {
 
     /// Follows the ground from where pixel `k` meets it, as far as it is gentle, and puts what the next pixels see into the
     /// strip. `entered` is the tile of the hit, and then that of the last pixel. `None` when no pixel was found.
+    #[inline(never)]
     pub(crate) fn trace<'f>(
         &'f self,
         options: &LineOptions<'_>,
