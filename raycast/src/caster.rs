@@ -137,7 +137,7 @@ impl Caster {
         if coherence == Coherence::Proven {
             let unit = ground.shape().lattice_unit_m;
             let eye = [view.eye_in_world().x / unit, view.eye_in_world().y / unit];
-            self.steepness.set(ground, eye, method != Method::Mipmap);
+            self.steepness.set(ground, eye, from_datum, method != Method::Mipmap);
         }
         let line_options = LineOptions { coherence, steepness: &self.steepness };
         let (lines, strips) = (&self.lines, &self.strips);

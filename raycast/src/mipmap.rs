@@ -110,17 +110,22 @@ impl Frame<'_> {
             known[next] = Some(Known { ray, entry, reach });
             next = (next + 1) % MOST_KNOWN;
             k += 1;
-            let Some(hit) = hit.filter(|_| is_followed) else { continue };
-            if !column.is_some_and(|column| column.holds(k)) {
+            if !is_followed {
+                continue;
+            }
+            if !column.is_some_and(|column| column.holds(k - 1)) {
                 column = Column::new(self, strip, k - 1, FEWEST_FOLLOWED);
             }
             let Some(column) = &mut column else { continue };
-            let samples = &mut counts.samples;
-            if let Some(traced) = self.trace(options, column, &mut current, &hit, k - 1, strip, samples) {
-                counts.hits += (traced.next - k) as u64;
+            let last = match hit {
+                Some(hit) => self.trace(options, column, &mut current, &hit, k - 1, strip, &mut counts.samples),
+                None => self.trace_sky(options, column, k, reach, strip),
+            };
+            if let Some(traced) = last {
+                counts.hits += if hit.is_some() { (traced.next - k) as u64 } else { 0 };
                 k = traced.next;
                 facet = None;
-                known[next] = Some(Known { ray: self.view.ray(strip.pixel(k - 1)), entry, reach: traced.s });
+                known[next] = Some(Known { ray: self.view.ray(strip.pixel(k - 1)), entry, reach: traced.reach });
                 next = (next + 1) % MOST_KNOWN;
             }
         }

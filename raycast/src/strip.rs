@@ -49,8 +49,7 @@ impl Strip {
 
     /// Begins line `n`.
     pub(crate) fn begin(&mut self, lines: &Lines, n: usize) {
-        self.pixels.clear();
-        self.pixels.extend(lines.pixels(n).map(|pixel| pixel.map(|at| at as u16)));
+        lines.fill(n, &mut self.pixels);
         self.runs.clear();
     }
 

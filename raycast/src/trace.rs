@@ -64,8 +64,8 @@ struct Chunk {
 pub(crate) struct Traced {
     /// The first pixel that is not known yet.
     pub(crate) next: usize,
-    /// The parameter at which the one before it meets the ground.
-    pub(crate) s: f32,
+    /// The parameter up to which the one before it is in the air.
+    pub(crate) reach: f32,
 }
 
 /// A post, and its place as a column sees it: distance from the plane, pixel number times depth, depth, 1.
@@ -178,13 +178,38 @@ impl Column {
         }
         let (a, b) = (low.direction.truncate(), high.direction.truncate());
         let limit = by.z * by.z / by.truncate().length_squared();
-        let gentle_m = options.steepness.gentle_until(a, b, limit);
+        let gentle_m = options.steepness.gentle_until(low.direction, high.direction, limit);
         // Rounding.
         Chunk { gentle_until_s: 0.999 * gentle_m / a.length().max(b.length()), ..unknown }
     }
 }
 
 impl Frame<'_> {
+    /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
+    /// ground: all of a chunk that pass above the highest ground from there on.
+    pub(crate) fn trace_sky(
+        &self,
+        options: &LineOptions<'_>,
+        column: &mut Column,
+        k: usize,
+        reach: f32,
+        strip: &mut Strip,
+    ) -> Option<Traced> {
+        if k > column.last {
+            return None;
+        }
+        column.enter_chunk(self, options, k);
+        let lowest = self.view.ray(strip.pixel(k)).direction.z;
+        if reach < column.chunk.gentle_until_s && lowest >= 0.0 && lowest * reach > self.highest {
+            let next = ((k / CHUNK + 1) * CHUNK).min(column.last + 1);
+            (k..next).for_each(|k| strip.put_sky(k));
+            let ray = self.view.ray(strip.pixel(next - 1));
+            Some(Traced { next, reach: self.departure(&ray) })
+        } else {
+            None
+        }
+    }
+
     /// The posts of a tile as a column sees them.
     #[inline(always)]
     fn posts(&self, column: &Column, entered: &Entered<'_>) -> Posts<'_> {
@@ -291,7 +316,7 @@ impl Frame<'_> {
             return None;
         }
         let last = row - 1;
-        Some(Traced { next: row, s: column.s_per_depth(last as f32) / strip.nearness[last] })
+        Some(Traced { next: row, reach: column.s_per_depth(last as f32) / strip.nearness[last] })
     }
 
     /// Enters the tile beside, of the same level, that has the facet beyond an edge; by how much cells are counted otherwise
