@@ -40,8 +40,8 @@ fn main() {
     let is_exact_alone = arguments.next().is_some();
     let database = Database::open(Path::new(&folder)).expect("the database opens");
     let world = *database.world();
-    println!("| view | rays | ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |");
-    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|---|");
+    println!("| view | rays | ms | least ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |");
+    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|");
     for (name, share, above_m, heading, pitch) in VIEWS {
         let mut tiles = WorldTiles::new(&world, &database, database.ranges());
         let [width, height] = world.extent_m();
@@ -93,9 +93,10 @@ fn main() {
             let per_ray = |n: u64| n as f64 / counts.rays as f64;
             let hash = picture.rgba().fold(0u64, |hash, v| (hash ^ u64::from(v)).wrapping_mul(0x100_0000_01b3));
             println!(
-                "| {name} | {method:?}{} | {:.0} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
+                "| {name} | {method:?}{} | {:.0} | {:.1} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
                 if method == Method::Mipmap || accurate_m > 0.0 { "" } else { " approximate" },
                 millis[millis.len() / 2],
+                millis[0],
                 1e3 * models.as_secs_f64(),
                 ground.tile_count(),
                 per_ray(counts.unproven),

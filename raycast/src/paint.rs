@@ -11,9 +11,9 @@ use crate::view::View;
 use glam::Vec2;
 
 /// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
-const LOG_MOST_TAPS: u32 = 3;
+const LOG_MOST_TAPS: u32 = 2;
 /// A footprint gets another tap for every so many texels of length.
-const TEXELS_PER_TAP: f32 = 1.5;
+const TEXELS_PER_TAP: f32 = 2.0;
 /// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance.
 const LONGEST_SHARE: f32 = 0.01;
 /// Facets that are seen face their rays at least this much.
@@ -54,7 +54,9 @@ struct Footprint {
     start: u32,
     /// Texels along a side of the mip.
     side: u32,
-    taps: u32,
+    /// The last place between four texels, less than a texel from the mip's border.
+    end: f32,
+    log_taps: u32,
     /// Texels per metre.
     scale: f32,
     /// The first tap of the place below the eye, texels east and south.
@@ -69,23 +71,28 @@ fn lanes(texel: u64) -> u64 {
     texel & 0x00ff_00ff | (texel & 0xff00_ff00) << 24
 }
 
+/// A place from 0 to `end`, or the nearer one of the two: its whole part, and what is left in 256ths.
+#[inline(always)]
+fn fixed_point(at: f32, end: f32) -> (u32, u32) {
+    // Added to this, numbers up to it are whole, and stand in the lower bits.
+    const WHOLE: f32 = 8_388_608.0;
+    let at = (at.max(0.0).min(end) * 256.0 + WHOLE).to_bits() & 0x007f_ffff;
+    (at >> 8, at & 0xff)
+}
+
 impl Footprint {
     /// Mean colour around a place, metres from the eye.
     #[inline(always)]
     fn color(&self, layer: &[u8], east: f32, north: f32) -> u32 {
         let Some(texels) = layer.get(self.start as usize..) else { return 0 };
-        let last = (self.side - 1) as f32;
-        let most = self.side.saturating_sub(2) as i32;
         let stride = 4 * self.side as usize;
         // Weights of all taps' texels are 256 together, so that lanes never overflow.
-        let weight = 256 / self.taps;
+        let weight = 256 >> self.log_taps;
         let mut at = Vec2::new(east * self.scale, -north * self.scale) + self.origin;
         let mut sum = 0x0080_0080_0080_0080u64;
-        for _ in 0..self.taps {
-            let (x, y) = (at.x.clamp(0.0, last), at.y.clamp(0.0, last));
-            // The last cell of texels is entered up to its end.
-            let (i, j) = ((x as i32).min(most), (y as i32).min(most));
-            let (u, v) = (((x - i as f32) * 256.0) as u32, ((y - j as f32) * weight as f32) as u32);
+        for _ in 0..1 << self.log_taps {
+            let [(i, u), (j, v)] = [at.x, at.y].map(|at| fixed_point(at, self.end));
+            let v = (v * weight) >> 8;
             let south = weight - v;
             let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
             let (nw, sw) = (south - ne, v - se);
@@ -145,21 +152,32 @@ impl Frame<'_> {
     /// Footprints as pixels use them.
     fn collect(&self, runs: &[Run], scratch: &mut Scratch) {
         let layout = self.ground.shape().color;
+        // A mip of one texel has no four to be between.
+        let coarsest = layout.mips.min(layout.side.max(2).ilog2()) as i32 - 1;
         let [east, north] = &scratch.reach;
         scratch.footprints.clear();
         for (n, run) in runs.iter().enumerate() {
             let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
-            let level = scratch.levels[n].clamp(0, layout.mips as i32 - 1) as u32;
+            let level = scratch.levels[n].clamp(0, coarsest) as u32;
             let (start, side) = layout.mip(level);
             let finer = 1.0 / (1u32 << level) as f32;
             let scale = placed.texels_per_m * finer;
             let log_taps = scratch.log_taps[n].clamp(0, LOG_MOST_TAPS as i32) as u32;
             let reach = Vec2::new(east[n], -north[n]) * finer;
             let corner = placed.color_corner * scale;
-            let taps = 1 << log_taps;
-            let step = reach * (2.0 / taps as f32);
+            let step = reach * (2.0 / (1 << log_taps) as f32);
             let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
-            scratch.footprints.push(Footprint { layer: tile.color.layer, start: start as u32, side, taps, scale, origin, step });
+            scratch.footprints.push(Footprint {
+                layer: tile.color.layer,
+                start: start as u32,
+                side,
+                // Fixed point ends at 32768.
+                end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
+                log_taps,
+                scale,
+                origin,
+                step,
+            });
         }
     }
 }
