@@ -92,7 +92,7 @@ impl Caster {
     /// short, is drawn black.
     ///
     /// # Panics
-    /// When camera and picture differ in size.
+    /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
     pub fn draw(
         &mut self,
         ground: &Ground,
@@ -102,6 +102,7 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
+        assert!(picture.size().iter().all(|side| *side <= Strip::LONGEST), "no side is longer than {}", Strip::LONGEST);
         let view = View::new(camera);
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);

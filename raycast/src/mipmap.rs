@@ -50,12 +50,17 @@ impl Frame<'_> {
         let mut facet: Option<(u32, Facet)> = None;
         let is_cut = self.ground.is_cut();
         let is_followed = options.coherence == Coherence::Proven && !self.is_eye_beside();
+        // In one column the rays below prove the same, the nearest one for the longest way.
+        let tried = match options.coherence {
+            Coherence::Proven if strip.is_straight() => 1,
+            Coherence::Proven => MOST_KNOWN,
+            _ => 0,
+        };
         let mut column: Option<Column> = None;
         let mut k = 0;
         while k < strip.pixels.len() {
             let ray = self.view.ray(strip.pixel(k));
             let entry = self.entry(&ray);
-            let tried = if options.coherence == Coherence::Proven { MOST_KNOWN } else { 0 };
             let below = (1..=tried).filter_map(|back| known[(next + MOST_KNOWN - back) % MOST_KNOWN]);
             // Cells may reach beyond the border; without such cells it ends by itself.
             let border = if is_cut { self.departure(&ray) } else { f32::INFINITY };

@@ -11,11 +11,13 @@ use crate::view::View;
 use glam::Vec2;
 
 /// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
-const LOG_MOST_TAPS: u32 = 2;
+const LOG_MOST_TAPS: u32 = 1;
 /// A footprint gets another tap for every so many texels of length.
 const TEXELS_PER_TAP: f32 = 2.0;
 /// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance.
 const LONGEST_SHARE: f32 = 0.01;
+/// Mips that are used of a layer; coarser ones are a texel wide.
+const MOST_MIPS: usize = 16;
 /// Facets that are seen face their rays at least this much.
 const LEAST_FACING: f32 = 1e-6;
 
@@ -153,23 +155,28 @@ impl Frame<'_> {
     fn collect(&self, runs: &[Run], scratch: &mut Scratch) {
         let layout = self.ground.shape().color;
         // A mip of one texel has no four to be between.
-        let coarsest = layout.mips.min(layout.side.max(2).ilog2()) as i32 - 1;
+        let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
+        let mut mips = [(0, layout.side); MOST_MIPS];
+        for level in 1..=coarsest as usize {
+            let (start, side) = mips[level - 1];
+            mips[level] = (start + 4 * side * side, side >> 1);
+        }
         let [east, north] = &scratch.reach;
         scratch.footprints.clear();
         for (n, run) in runs.iter().enumerate() {
             let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
-            let level = scratch.levels[n].clamp(0, coarsest) as u32;
-            let (start, side) = layout.mip(level);
-            let finer = 1.0 / (1u32 << level) as f32;
+            let level = scratch.levels[n].clamp(0, coarsest as i32);
+            let (start, side) = mips[level as usize % MOST_MIPS];
+            let finer = power_of_2(-level);
             let scale = placed.texels_per_m * finer;
             let log_taps = scratch.log_taps[n].clamp(0, LOG_MOST_TAPS as i32) as u32;
             let reach = Vec2::new(east[n], -north[n]) * finer;
             let corner = placed.color_corner * scale;
-            let step = reach * (2.0 / (1 << log_taps) as f32);
+            let step = reach * power_of_2(1 - log_taps as i32);
             let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
             scratch.footprints.push(Footprint {
                 layer: tile.color.layer,
-                start: start as u32,
+                start,
                 side,
                 // Fixed point ends at 32768.
                 end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
@@ -231,7 +238,7 @@ fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
         let long = (mean + spread).sqrt();
         let short = (mean - spread).max(1.0).sqrt().max(long * (1.0 / (1 << LOG_MOST_TAPS) as f32));
         let level = rounded_log2(short);
-        let width = f32::from_bits(((level + 127) << 23) as u32);
+        let width = power_of_2(level);
         let taps = long / (width * TEXELS_PER_TAP);
         // The next power of two.
         log_taps[n] = ((taps.max(1.0).to_bits() as i32 - 1) >> 23) - 126;
@@ -242,6 +249,12 @@ fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
         out_east[n] = x * reach;
         out_north[n] = y * reach;
     }
+}
+
+/// 2 to a power that a normal number has.
+#[inline(always)]
+fn power_of_2(exponent: i32) -> f32 {
+    f32::from_bits(((exponent + 127) << 23) as u32)
 }
 
 /// log2 of a number of 1 or more, rounded.

@@ -36,6 +36,14 @@ impl Picture {
         self.pixels.iter().map(|pixel| f32::from_bits((pixel.load(Ordering::Relaxed) >> 32) as u32))
     }
 
+    /// Both.
+    pub fn pixels(&self) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
+        self.pixels.iter().map(|pixel| {
+            let bits = pixel.load(Ordering::Relaxed);
+            (bits as u32, f32::from_bits((bits >> 32) as u32))
+        })
+    }
+
     #[inline(always)]
     pub(crate) fn put(&self, [x, y]: [u32; 2], rgba: u32, depth: f32) {
         let at = y as usize * self.size[0] as usize + x as usize;

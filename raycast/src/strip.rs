@@ -35,6 +35,9 @@ impl Strip {
     /// The run of pixels that see no ground.
     pub(crate) const SKY: u16 = u16::MAX;
 
+    /// Most pixels: their numbers, and those of runs, are below that of the sky.
+    pub(crate) const LONGEST: u32 = Self::SKY as u32;
+
     /// Takes memory for the lines of pictures of a size, if it is not there.
     pub(crate) fn reserve(&mut self, size: [u32; 2]) {
         let longest = size[0].max(size[1]) as usize;
@@ -56,6 +59,14 @@ impl Strip {
     #[inline(always)]
     pub(crate) fn pixel(&self, k: usize) -> [u32; 2] {
         self.pixels[k].map(u32::from)
+    }
+
+    /// Whether all pixels are in one column or row.
+    pub(crate) fn is_straight(&self) -> bool {
+        match (self.pixels.first(), self.pixels.last()) {
+            (Some(a), Some(b)) => a[0] == b[0] || a[1] == b[1],
+            _ => true,
+        }
     }
 
     /// Pixel `k` sees sky.
@@ -85,9 +96,11 @@ impl Strip {
             let end = last.min(next + LONGEST_RUN - 1);
             let run = self.runs.len() as u16;
             self.runs.push(Run { first: next as u16, tile, slope });
-            for k in next..=end {
-                self.nearness[k] = nearness + (k as f32 - at) * per_pixel;
-                self.run_of[k] = run;
+            let mut by = next as f32 - at;
+            for (value, run_of) in self.nearness[next..end + 1].iter_mut().zip(&mut self.run_of[next..end + 1]) {
+                *value = nearness + by * per_pixel;
+                *run_of = run;
+                by += 1.0;
             }
             next = end + 1;
         }

@@ -24,7 +24,7 @@ use crate::strip::Strip;
 use glam::{Vec2, Vec3, Vec4};
 
 /// Pixels for which the ground's steepness is looked up at once.
-const CHUNK: usize = 32;
+const CHUNK: usize = 16;
 /// Hidden facets that are followed before it is cheaper to look for the next visible one through the pyramid.
 const MOST_HIDDEN: u32 = 24;
 /// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
