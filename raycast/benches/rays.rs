@@ -58,7 +58,9 @@ fn main() {
             1e-9 * ground.bytes() as f64 / seconds
         );
     }
-    println!("| rays | view | Mrays/s | ns a ray | samples of a ray | ns a sample | least bytes of a ray | of the memory rate |");
+    println!(
+        "| rays | view | Mrays/s | ns a ray | samples of a ray | ns a sample | least bytes of a ray | of the memory rate |"
+    );
     println!("|---|---|--:|--:|--:|--:|--:|--:|");
     for (name, filter, method) in [
         ("sampler: voxels from the beginning", Some(Filter::OrientedBox), Method::Plain),

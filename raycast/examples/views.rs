@@ -40,7 +40,9 @@ fn main() {
     let is_exact_alone = arguments.next().is_some();
     let database = Database::open(Path::new(&folder)).expect("the database opens");
     let world = *database.world();
-    println!("| view | rays | ms | least ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |");
+    println!(
+        "| view | rays | ms | least ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |"
+    );
     println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|");
     for (name, share, above_m, heading, pitch) in VIEWS {
         let mut tiles = WorldTiles::new(&world, &database, database.ranges());

@@ -49,7 +49,7 @@ impl Frame<'_> {
         // The facet that the ray below hit, and its tile.
         let mut facet: Option<(u32, Facet)> = None;
         let is_cut = self.ground.is_cut();
-        let is_followed = options.coherence == Coherence::Proven && !self.is_eye_beside();
+        let is_followed = options.coherence == Coherence::Proven;
         // In one column the rays below prove the same, the nearest one for the longest way.
         let tried = match options.coherence {
             Coherence::Proven if strip.is_straight() => 1,
@@ -130,7 +130,8 @@ impl Frame<'_> {
                 counts.hits += if hit.is_some() { (traced.next - k) as u64 } else { 0 };
                 k = traced.next;
                 facet = None;
-                known[next] = Some(Known { ray: self.view.ray(strip.pixel(k - 1)), entry, reach: traced.reach });
+                let ray = self.view.ray(strip.pixel(k - 1));
+                known[next] = Some(Known { ray, entry: self.entry(&ray), reach: traced.reach });
                 next = (next + 1) % MOST_KNOWN;
             }
         }

@@ -90,7 +90,14 @@ impl Strip {
     /// Pixels from `first` to `last` see a facet, `nearness` of a pixel being linear: its value at pixel `at`, and from pixel
     /// to pixel.
     #[inline(always)]
-    pub(crate) fn put_run(&mut self, [first, last]: [usize; 2], at: f32, [nearness, per_pixel]: [f32; 2], tile: u32, slope: Vec2) {
+    pub(crate) fn put_run(
+        &mut self,
+        [first, last]: [usize; 2],
+        at: f32,
+        [nearness, per_pixel]: [f32; 2],
+        tile: u32,
+        slope: Vec2,
+    ) {
         let mut next = first;
         while next <= last {
             let end = last.min(next + LONGEST_RUN - 1);

@@ -21,6 +21,7 @@ use crate::facets::{Entered, Hit};
 use crate::frame::Frame;
 use crate::ground::Found;
 use crate::strip::Strip;
+use crate::view::Ray;
 use glam::{Vec2, Vec3, Vec4};
 
 /// Pixels for which the ground's steepness is looked up at once.
@@ -178,6 +179,9 @@ impl Column {
         }
         let (a, b) = (low.direction.truncate(), high.direction.truncate());
         let limit = by.z * by.z / by.truncate().length_squared();
+        if !frame.is_entered_above([&low, &high]) {
+            return unknown;
+        }
         let gentle_m = options.steepness.gentle_until(low.direction, high.direction, limit);
         // Rounding.
         Chunk { gentle_until_s: 0.999 * gentle_m / a.length().max(b.length()), ..unknown }
@@ -185,6 +189,46 @@ impl Column {
 }
 
 impl Frame<'_> {
+    /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
+    /// not: there those that have not prove nothing.
+    fn is_entered_above(&self, rays: [&Ray; 2]) -> bool {
+        if !self.is_eye_beside() {
+            return true;
+        }
+        let (mut first, mut last) = (0.0f32, 0.0f32);
+        for axis in 0..2 {
+            let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
+            let border = if min > 0.0 {
+                min
+            } else if max < 0.0 {
+                max
+            } else {
+                continue;
+            };
+            let entries = rays.map(|ray| border / ray.direction[axis]);
+            // Some never come over it.
+            if !entries.iter().all(|entry| *entry > 0.0 && entry.is_finite()) {
+                return false;
+            }
+            first = first.max(entries[0].min(entries[1]));
+            last = last.max(entries[0].max(entries[1]));
+        }
+        let corners = rays.map(|ray| [ray.direction * first, ray.direction * last]);
+        let corners = [corners[0][0], corners[0][1], corners[1][0], corners[1][1]];
+        let low = corners.into_iter().fold(Vec3::INFINITY, Vec3::min);
+        let high = corners.into_iter().fold(Vec3::NEG_INFINITY, Vec3::max);
+        // A little more on all sides: rounding.
+        let margin = 1e-5 * high.abs().max(low.abs()).max_element() + 0.01;
+        if low.z - margin > self.highest {
+            return true;
+        }
+        let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
+        let lattice = |at: Vec3, by: f32| [0, 1].map(|axis| (f64::from(at[axis] + by) + eye[axis]) / unit);
+        let top = |tile: u32| self.ground.tiles()[tile as usize].top_m;
+        let highest = self.ground.tree().highest_in(lattice(low, -margin), lattice(high, margin), &top);
+        f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest)
+    }
+
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
     /// ground: all of a chunk that pass above the highest ground from there on.
     pub(crate) fn trace_sky(
@@ -304,7 +348,9 @@ impl Frame<'_> {
                 let move_by = |cell: &mut [i32; 2]| (cell[0], cell[1]) = (cell[0] + shift[0], cell[1] + shift[1]);
                 edge.iter_mut().for_each(|post| move_by(&mut post.cell));
                 move_by(&mut next);
-                let is_same = |post: &Post| posts.holds(post.cell) && posts.get(post.cell).is_some_and(|own| own.height == post.height);
+                let is_same = |post: &Post| {
+                    posts.holds(post.cell) && posts.get(post.cell).is_some_and(|own| own.height == post.height)
+                };
                 if !posts.holds(next) || !edge.iter().all(is_same) {
                     break;
                 }

@@ -56,9 +56,12 @@ impl View {
         let guide = DVec3::new(side * sin * tip.cos(), side * cos * tip.cos(), tip.sin());
         let (per_column, per_row) = (at(1.0, 0.0) - first, at(0.0, 1.0) - first);
         // Rows of the inverse of the matrix of these three, by Cramer's rule.
-        let [column, row, depth] =
-            [(per_row.cross(first), per_column), (first.cross(per_column), per_row), (per_column.cross(per_row), first)]
-                .map(|(normal, own)| (normal / normal.dot(own)).as_vec3());
+        let [column, row, depth] = [
+            (per_row.cross(first), per_column),
+            (first.cross(per_column), per_row),
+            (per_column.cross(per_row), first),
+        ]
+        .map(|(normal, own)| (normal / normal.dot(own)).as_vec3());
         Self {
             eye_in_world: camera.eye(),
             first: first.as_vec3(),
