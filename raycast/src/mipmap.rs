@@ -56,7 +56,7 @@ impl Frame<'_> {
             Coherence::Proven => MOST_KNOWN,
             _ => 0,
         };
-        let mut column: Option<Column> = None;
+        let mut column: Option<Column<'_>> = None;
         let mut k = 0;
         while k < strip.pixels.len() {
             let ray = self.view.ray(strip.pixel(k));
@@ -119,12 +119,12 @@ impl Frame<'_> {
                 continue;
             }
             if !column.is_some_and(|column| column.holds(k - 1)) {
-                column = Column::new(self, strip, k - 1, FEWEST_FOLLOWED);
+                column = Column::new(self, options.steepness, strip, k - 1, FEWEST_FOLLOWED);
             }
             let Some(column) = &mut column else { continue };
             let last = match hit {
-                Some(hit) => self.trace(options, column, &mut current, &hit, k - 1, strip, &mut counts.samples),
-                None => self.trace_sky(options, column, k, reach, strip),
+                Some(hit) => self.trace(column, &mut current, &hit, k - 1, strip, &mut counts.samples),
+                None => self.trace_sky(column, k, reach, strip),
             };
             if let Some(traced) = last {
                 counts.hits += if hit.is_some() { (traced.next - k) as u64 } else { 0 };

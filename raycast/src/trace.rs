@@ -16,10 +16,10 @@
 //! next costs one post and one division, and pixels within a facet one multiplication each: one over depth is linear in the
 //! picture.
 
-use crate::cast::LineOptions;
 use crate::facets::{Entered, Hit};
 use crate::frame::Frame;
 use crate::ground::Found;
+use crate::steepness::Steepness;
 use crate::strip::Strip;
 use crate::view::Ray;
 use glam::{Vec2, Vec3, Vec4};
@@ -33,7 +33,8 @@ const MOST_FACETS: u32 = 1 << 16;
 
 /// Pixels of a strip with rays in one plane, and what makes a post's place in it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Column {
+pub(crate) struct Column<'a> {
+    steepness: &'a Steepness,
     /// The pixels.
     begin: usize,
     last: usize,
@@ -103,9 +104,15 @@ impl Posts<'_> {
     }
 }
 
-impl Column {
+impl<'a> Column<'a> {
     /// The pixels from `k` on that are in one column or row; `None` when there are fewer than `fewest`.
-    pub(crate) fn new(frame: &Frame<'_>, strip: &Strip, k: usize, fewest: usize) -> Option<Self> {
+    pub(crate) fn new(
+        frame: &Frame<'_>,
+        steepness: &'a Steepness,
+        strip: &Strip,
+        k: usize,
+        fewest: usize,
+    ) -> Option<Self> {
         let pixels = &strip.pixels;
         let ([x, y], [next_x, next_y]) = (*pixels.get(k)?, *pixels.get(k + fewest - 1)?);
         let minor = match (x == next_x, y == next_y) {
@@ -131,6 +138,7 @@ impl Column {
         let [per_column, per_row] = frame.view.steps();
         let per_pixel = (per_column * step.x + per_row * step.y).dot(guide);
         Some(Self {
+            steepness,
             begin: k,
             last,
             across: of_minor - depth * f32::from(fixed),
@@ -157,14 +165,14 @@ impl Column {
 
     /// Sees to it that the chunk of pixel `k` is known.
     #[inline(always)]
-    fn enter_chunk(&mut self, frame: &Frame<'_>, options: &LineOptions<'_>, k: usize) {
+    fn enter_chunk(&mut self, frame: &Frame<'_>, k: usize) {
         if self.chunk.index != Some(k / CHUNK) {
-            self.chunk = self.chunk_of(frame, options, k / CHUNK);
+            self.chunk = self.chunk_of(frame, k / CHUNK);
         }
     }
 
     #[inline(never)]
-    fn chunk_of(&self, frame: &Frame<'_>, options: &LineOptions<'_>, index: usize) -> Chunk {
+    fn chunk_of(&self, frame: &Frame<'_>, index: usize) -> Chunk {
         let lowest = (index * CHUNK).saturating_sub(CHUNK) as f32;
         let highest = ((index + 1) * CHUNK).min(self.last + 1) as f32;
         let unknown = Chunk { index: Some(index), lowest, gentle_until_s: 0.0 };
@@ -182,7 +190,7 @@ impl Column {
         if !frame.is_entered_above([&low, &high]) {
             return unknown;
         }
-        let gentle_m = options.steepness.gentle_until(low.direction, high.direction, limit);
+        let gentle_m = self.steepness.gentle_until(low.direction, high.direction, limit);
         // Rounding.
         Chunk { gentle_until_s: 0.999 * gentle_m / a.length().max(b.length()), ..unknown }
     }
@@ -231,18 +239,11 @@ impl Frame<'_> {
 
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
     /// ground: all of a chunk that pass above the highest ground from there on.
-    pub(crate) fn trace_sky(
-        &self,
-        options: &LineOptions<'_>,
-        column: &mut Column,
-        k: usize,
-        reach: f32,
-        strip: &mut Strip,
-    ) -> Option<Traced> {
+    pub(crate) fn trace_sky(&self, column: &mut Column<'_>, k: usize, reach: f32, strip: &mut Strip) -> Option<Traced> {
         if k > column.last {
             return None;
         }
-        column.enter_chunk(self, options, k);
+        column.enter_chunk(self, k);
         let lowest = self.view.ray(strip.pixel(k)).direction.z;
         if reach < column.chunk.gentle_until_s && lowest >= 0.0 && lowest * reach > self.highest {
             let next = ((k / CHUNK + 1) * CHUNK).min(column.last + 1);
@@ -256,7 +257,7 @@ impl Frame<'_> {
 
     /// The posts of a tile as a column sees them.
     #[inline(always)]
-    fn posts(&self, column: &Column, entered: &Entered<'_>) -> Posts<'_> {
+    fn posts(&self, column: &Column<'_>, entered: &Entered<'_>) -> Posts<'_> {
         let tile = &self.ground.tiles()[entered.index as usize];
         let spacing = tile.spacing_m;
         let corner = self.placed[entered.index as usize].corner.truncate().extend(-entered.eye_height);
@@ -284,8 +285,7 @@ impl Frame<'_> {
     #[inline(never)]
     pub(crate) fn trace<'f>(
         &'f self,
-        options: &LineOptions<'_>,
-        column: &mut Column,
+        column: &mut Column<'_>,
         entered: &mut Entered<'f>,
         hit: &Hit,
         k: usize,
@@ -293,7 +293,7 @@ impl Frame<'_> {
         samples: &mut u64,
     ) -> Option<Traced> {
         let mut row = k + 1;
-        column.enter_chunk(self, options, row);
+        column.enter_chunk(self, row);
         if hit.s >= column.chunk.gentle_until_s {
             return None;
         }
@@ -307,7 +307,7 @@ impl Frame<'_> {
             let [p, n] = &edge;
             let way = p.at * n.at.x - n.at * p.at.x;
             // The crossing lies behind the eye.
-            if !(way.z < 0.0) {
+            if way.z >= 0.0 || way.z.is_nan() {
                 break;
             }
             let reciprocal = 1.0 / way.z;
@@ -320,7 +320,7 @@ impl Frame<'_> {
                 let s_per_depth = column.s_per_depth(to[0]);
                 let mut is_gentle = true;
                 while row <= last && is_gentle {
-                    column.enter_chunk(self, options, row);
+                    column.enter_chunk(self, row);
                     is_gentle = s_per_depth < column.chunk.gentle_until_s * to[1];
                     if is_gentle {
                         let end = last.min(row / CHUNK * CHUNK + CHUNK - 1);
@@ -334,7 +334,7 @@ impl Frame<'_> {
                 }
             } else {
                 hidden += 1;
-                if hidden > MOST_HIDDEN || !(to[0] >= column.chunk.lowest) {
+                if hidden > MOST_HIDDEN || to[0] < column.chunk.lowest || to[0].is_nan() {
                     break;
                 }
             }
