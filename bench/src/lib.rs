@@ -17,4 +17,5 @@ pub mod recording;
 pub mod report;
 pub mod session;
 pub mod stages;
+pub mod techniques;
 pub mod world;

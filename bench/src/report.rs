@@ -6,10 +6,11 @@ use crate::machine::Machine;
 use crate::measurement::{Measurement, table};
 use crate::plot::{self, Curve};
 use crate::session::Settings;
-use crate::{link, long_run, queues, rays, realtime, stages, world};
+use crate::{link, long_run, queues, rays, realtime, stages, techniques, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
+use terravision_common::run::TechniqueChoice;
 
 /// What a verb found.
 #[derive(Debug, Default)]
@@ -59,16 +60,10 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
             _ => rays::ROUNDS,
         };
         rays::run(rounds, &mut found).context("rays")?;
+        techniques::run(&settings(options)?, options, &mut found).context("mesh and rays")?;
     }
     if wants("stages") || wants("replay") {
-        let settings = Settings {
-            world: world::database(options)?,
-            size: options.size,
-            memory_bytes: options.memory_mib << 20,
-            r_px: [options.facet_px, options.texel_px],
-            samples: options.samples,
-            measure: options.measure,
-        };
+        let settings = settings(options)?;
         let flight = Flight::open(&settings.world, options.frames, options.size)?;
         let recorded = stages::record(&settings, &flight)?;
         let alone = stages::fly_recorded(&settings, &flight, &recorded.frames)?;
@@ -89,6 +84,19 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         world::ingest(options, &mut found).context("ingest")?;
     }
     print(&machine, &found, options)
+}
+
+/// How the benches fly.
+fn settings(options: &Options) -> anyhow::Result<Settings> {
+    Ok(Settings {
+        world: world::database(options)?,
+        size: options.size,
+        memory_bytes: options.memory_mib << 20,
+        r_px: [options.facet_px, options.texel_px],
+        samples: options.samples,
+        measure: options.measure,
+        technique: TechniqueChoice::Mesh,
+    })
 }
 
 fn print(machine: &Machine, found: &Found, options: &Options) -> anyhow::Result<()> {

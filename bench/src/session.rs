@@ -30,6 +30,8 @@ pub struct Settings {
     pub samples: u32,
     /// How screen resolution is measured.
     pub measure: Measure,
+    /// What the renderer draws by.
+    pub technique: TechniqueChoice,
 }
 
 /// No bench waits longer for anything.
@@ -85,7 +87,7 @@ impl Session {
             decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
-                technique: TechniqueChoice::Mesh,
+                technique: settings.technique,
                 rays: RaysChoice::Mipmap,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,

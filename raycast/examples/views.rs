@@ -1,4 +1,5 @@
-//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example views -- WORLD.tv [CELL_PX [ROUNDS]]`.
+//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`,
+//! the last for exact rays alone.
 //!
 //! The views are those of docs/quality.md. Medians of processor time of one worker, which other load disturbs least.
 
@@ -31,15 +32,18 @@ fn processor_millis() -> f64 {
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let Some(folder) = arguments.next() else {
-        println!("usage: views WORLD.tv [CELL_PX [ROUNDS]]");
+        println!("usage: views WORLD.tv [CELL_PX [ROUNDS [exact]]]");
         return;
     };
     let mut number = |default: f64| arguments.next().and_then(|text| text.parse().ok()).unwrap_or(default);
     let (cell_px, rounds) = (number(1.0), number(3.0) as usize);
+    let is_exact_alone = arguments.next().is_some();
     let database = Database::open(Path::new(&folder)).expect("the database opens");
     let world = *database.world();
-    println!("| view | rays | ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |");
-    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|---|");
+    println!(
+        "| view | rays | ms | least ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |"
+    );
+    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|");
     for (name, share, above_m, heading, pitch) in VIEWS {
         let mut tiles = WorldTiles::new(&world, &database, database.ranges());
         let [width, height] = world.extent_m();
@@ -67,6 +71,9 @@ fn main() {
         for (method, accurate_m) in
             [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0)]
         {
+            if is_exact_alone && method != Method::Mipmap {
+                continue;
+            }
             let mut fill = || tiles.fill(&mut ground, &camera, &level(&camera), accurate_m).expect("tiles are there");
             fill();
             let start = Instant::now();
@@ -88,9 +95,10 @@ fn main() {
             let per_ray = |n: u64| n as f64 / counts.rays as f64;
             let hash = picture.rgba().fold(0u64, |hash, v| (hash ^ u64::from(v)).wrapping_mul(0x100_0000_01b3));
             println!(
-                "| {name} | {method:?}{} | {:.0} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
+                "| {name} | {method:?}{} | {:.0} | {:.1} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
                 if method == Method::Mipmap || accurate_m > 0.0 { "" } else { " approximate" },
                 millis[millis.len() / 2],
+                millis[0],
                 1e3 * models.as_secs_f64(),
                 ground.tile_count(),
                 per_ray(counts.unproven),

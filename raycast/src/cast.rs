@@ -193,7 +193,7 @@ impl Frame<'_> {
         counts
     }
 
-    fn is_eye_beside(&self) -> bool {
+    pub(crate) fn is_eye_beside(&self) -> bool {
         let (min, max) = (self.bounds.min, self.bounds.max);
         min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
     }

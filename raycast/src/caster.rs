@@ -6,8 +6,10 @@ use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
 use crate::steepness::Steepness;
+use crate::strip::Strip;
 use crate::view::{Planes, Sampling, View};
 use crate::workers::{Workers, WorkersError};
+use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
 
 /// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
@@ -63,6 +65,8 @@ pub struct Caster {
     planes: Planes,
     lines: Lines,
     steepness: Steepness,
+    /// Of each worker.
+    strips: Vec<Mutex<Strip>>,
 }
 
 impl Caster {
@@ -73,6 +77,7 @@ impl Caster {
     pub fn new(workers: usize) -> Result<Self, WorkersError> {
         let workers = Workers::new(workers)?;
         Ok(Self {
+            strips: (0..workers.count()).map(|_| Mutex::default()).collect(),
             workers,
             placed: Vec::new(),
             planes: Planes::default(),
@@ -87,7 +92,7 @@ impl Caster {
     /// short, is drawn black.
     ///
     /// # Panics
-    /// When camera and picture differ in size.
+    /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
     pub fn draw(
         &mut self,
         ground: &Ground,
@@ -97,6 +102,7 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
+        assert!(picture.size().iter().all(|side| *side <= Strip::LONGEST), "no side is longer than {}", Strip::LONGEST);
         let view = View::new(camera);
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);
@@ -132,21 +138,29 @@ impl Caster {
         if coherence == Coherence::Proven {
             let unit = ground.shape().lattice_unit_m;
             let eye = [view.eye_in_world().x / unit, view.eye_in_world().y / unit];
-            self.steepness.set(ground, eye, method != Method::Mipmap);
+            self.steepness.set(ground, eye, from_datum, method != Method::Mipmap);
         }
         let line_options = LineOptions { coherence, steepness: &self.steepness };
-        let lines = &self.lines;
+        let (lines, strips) = (&self.lines, &self.strips);
         let count = self.workers.count();
         self.workers.run(|worker| {
             let mut counts = Counts::default();
+            // A worker's own. What a panic has left in it is not looked at.
+            let mut strip = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
+            if matches!(method, Method::Mipmap | Method::PlainMipmap) {
+                strip.reserve(lines.size());
+            }
             for first in (worker * LINES_AT_A_TIME..lines.count()).step_by(count * LINES_AT_A_TIME) {
                 for line in first..lines.count().min(first + LINES_AT_A_TIME) {
-                    let pixels = lines.pixels(line);
+                    let pixels = || lines.pixels(line);
                     counts = counts
                         + match (method, options.is_approximate) {
-                            (Method::Mipmap | Method::PlainMipmap, _) => frame.cast_exact(&line_options, pixels),
-                            (_, true) => frame.cast_line::<true>(&line_options, pixels),
-                            (_, false) => frame.cast_line::<false>(&line_options, pixels),
+                            (Method::Mipmap | Method::PlainMipmap, _) => {
+                                strip.begin(lines, line);
+                                frame.cast_exact(&line_options, &mut strip)
+                            }
+                            (_, true) => frame.cast_line::<true>(&line_options, pixels()),
+                            (_, false) => frame.cast_line::<false>(&line_options, pixels()),
                         };
                 }
             }

@@ -14,8 +14,8 @@ pub(crate) struct Placed {
     /// Voxels per metre.
     pub(crate) per_m: f32,
     /// North west corner of its colours, metres from the eye.
-    color_corner: Vec2,
-    texels_per_m: f32,
+    pub(crate) color_corner: Vec2,
+    pub(crate) texels_per_m: f32,
 }
 
 /// A rectangle in the plane, metres from the eye.
@@ -156,11 +156,6 @@ impl Frame<'_> {
     pub(crate) fn texel(&self, placed: &Placed, point: Vec2) -> Vec2 {
         let from_corner = (point - placed.color_corner) * placed.texels_per_m;
         Vec2::new(from_corner.x, -from_corner.y)
-    }
-
-    #[inline]
-    pub(crate) fn texels_per_m(&self, placed: &Placed) -> f32 {
-        placed.texels_per_m
     }
 }
 

@@ -7,7 +7,7 @@
 //!                │
 //!                ▼  lines, interleaved over workers                        (caster, workers)
 //!          cast: from the bottom up, each ray from where the last one hit  (cast)
-//!          mipmap: one exact ray per pixel                                 (mipmap)
+//!          mipmap: one exact ray per pixel                                 (mipmap, trace, strip, paint)
 //!                ▼
 //!          Picture: colour and depth
 //! ```
@@ -25,8 +25,11 @@ mod frame;
 pub mod ground;
 pub mod lines;
 mod mipmap;
+mod paint;
 pub mod picture;
 mod steepness;
+mod strip;
+mod trace;
 pub mod view;
 mod voxels;
 pub mod workers;

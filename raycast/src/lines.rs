@@ -102,6 +102,18 @@ impl Lines {
         })
     }
 
+    /// The same into a list, in place of what is there.
+    pub(crate) fn fill(&self, n: usize, pixels: &mut Vec<[u16; 2]>) {
+        pixels.clear();
+        let narrow = |pixel: [u32; 2]| pixel.map(|at| at as u16);
+        if self.shift_steps.is_empty() {
+            pixels.extend((0..self.shifts.len() as u32 + 1).map(|k| narrow(self.pixel(k, n as u32))));
+        } else {
+            pixels.extend(self.pixels(n).map(narrow));
+        }
+    }
+
+    #[inline(always)]
     fn pixel(&self, step: u32, shifted: u32) -> [u32; 2] {
         let turn = |at: u32, axis: usize, is_down: bool| if is_down { self.size[axis] - 1 - at } else { at };
         if self.is_x_major {
@@ -144,6 +156,9 @@ mod tests {
             let mut times = vec![0u32; (width * height) as usize];
             for n in 0..lines.count() {
                 let mut last: Option<[u32; 2]> = None;
+                let mut listed = vec![[7; 2]];
+                lines.fill(n, &mut listed);
+                prop_assert!(listed.iter().map(|pixel| pixel.map(u32::from)).eq(lines.pixels(n)));
                 for [x, y] in lines.pixels(n) {
                     prop_assert!(x < width && y < height);
                     times[(y * width + x) as usize] += 1;

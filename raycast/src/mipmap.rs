@@ -1,23 +1,25 @@
 //! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for fast, accurate,
-//! and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the same that the mesh draws, then
-//! colour averaged over the pixel's footprint on the ground. No voxels.
+//! and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the same that the mesh draws. No
+//! voxels. Colours follow line by line ([`crate::paint`]).
 //!
-//! It takes no line of pixels for granted. Where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
-//! every parameter, not for samples alone) it starts behind that stretch; and where it starts over the facet that the ray below
-//! hit, and meets that facet, nothing else has to be looked at.
+//! It takes no line of pixels for granted. Where the ground is gentle enough, pixels above one that hit are found by following
+//! the ground ([`crate::trace`]). Elsewhere, where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
+//! every parameter, not for samples alone) a ray starts behind that stretch; and where it starts over the facet that the ray
+//! below hit, and meets that facet, nothing else has to be looked at.
 
 use crate::cast::{Coherence, Counts, LineOptions};
-use crate::color::Mip;
 use crate::facets::{Crossing, Entered, Facet, Hit};
 use crate::frame::{Frame, Place, exit};
 use crate::ground::Link;
+use crate::strip::Strip;
+use crate::trace::Column;
 use crate::view::Ray;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
-/// Most taps along a footprint; longer ones are averaged from coarser mips.
-const MOST_TAPS: f32 = 8.0;
 /// Rays below that may prove a start.
 const MOST_KNOWN: usize = 4;
+/// Pixels above each other, from which on the ground is followed.
+const FEWEST_FOLLOWED: usize = 3;
 
 /// A ray that was cast: in the air from `entry` to `reach`.
 #[derive(Debug, Clone, Copy)]
@@ -29,19 +31,36 @@ struct Known {
 
 impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
-    pub(crate) fn cast_exact(&self, options: &LineOptions<'_>, pixels: impl Iterator<Item = [u32; 2]>) -> Counts {
-        let mut counts = Counts::default();
+    pub(crate) fn cast_exact(&self, options: &LineOptions<'_>, strip: &mut Strip) -> Counts {
+        let counts = self.find_exact(options, strip);
+        self.paint(strip);
+        counts
+    }
+
+    /// What the pixels of a line see.
+    fn find_exact(&self, options: &LineOptions<'_>, strip: &mut Strip) -> Counts {
+        let mut counts = Counts { rays: strip.pixels.len() as u64, ..Counts::default() };
         let mut known: [Option<Known>; MOST_KNOWN] = [None; MOST_KNOWN];
         let mut next = 0;
-        let Some(mut current) = self.enter_exact(0) else { return self.cast_nothing(pixels) };
+        let Some(mut current) = self.enter_exact(0) else {
+            (0..strip.pixels.len()).for_each(|k| strip.put_sky(k));
+            return counts;
+        };
         // The facet that the ray below hit, and its tile.
         let mut facet: Option<(u32, Facet)> = None;
         let is_cut = self.ground.is_cut();
-        for pixel in pixels {
-            counts.rays += 1;
-            let ray = self.view.ray(pixel);
+        let is_followed = options.coherence == Coherence::Proven;
+        // In one column the rays below prove the same, the nearest one for the longest way.
+        let tried = match options.coherence {
+            Coherence::Proven if strip.is_straight() => 1,
+            Coherence::Proven => MOST_KNOWN,
+            _ => 0,
+        };
+        let mut column: Option<Column<'_>> = None;
+        let mut k = 0;
+        while k < strip.pixels.len() {
+            let ray = self.view.ray(strip.pixel(k));
             let entry = self.entry(&ray);
-            let tried = if options.coherence == Coherence::Proven { MOST_KNOWN } else { 0 };
             let below = (1..=tried).filter_map(|back| known[(next + MOST_KNOWN - back) % MOST_KNOWN]);
             // Cells may reach beyond the border; without such cells it ends by itself.
             let border = if is_cut { self.departure(&ray) } else { f32::INFINITY };
@@ -83,11 +102,11 @@ impl Frame<'_> {
             let reach = match hit {
                 Some(hit) => {
                     counts.hits += 1;
-                    self.picture.put(pixel, self.shade_footprint(&current, &ray, &hit), hit.s * ray.depth);
+                    strip.put(k, hit.s * ray.depth, current.index, &hit.facet);
                     hit.s
                 }
                 None => {
-                    self.picture.put(pixel, self.sky, f32::NAN);
+                    strip.put_sky(k);
                     // Beyond the ground's border it says nothing.
                     self.departure(&ray)
                 }
@@ -95,6 +114,26 @@ impl Frame<'_> {
             facet = hit.map(|hit| (current.index, hit.facet));
             known[next] = Some(Known { ray, entry, reach });
             next = (next + 1) % MOST_KNOWN;
+            k += 1;
+            if !is_followed {
+                continue;
+            }
+            if !column.is_some_and(|column| column.holds(k - 1)) {
+                column = Column::new(self, options.steepness, strip, k - 1, FEWEST_FOLLOWED);
+            }
+            let Some(column) = &mut column else { continue };
+            let last = match hit {
+                Some(hit) => self.trace(column, &mut current, &hit, k - 1, strip, &mut counts.samples),
+                None => self.trace_sky(column, k, reach, strip),
+            };
+            if let Some(traced) = last {
+                counts.hits += if hit.is_some() { (traced.next - k) as u64 } else { 0 };
+                k = traced.next;
+                facet = None;
+                let ray = self.view.ray(strip.pixel(k - 1));
+                known[next] = Some(Known { ray, entry: self.entry(&ray), reach: traced.reach });
+                next = (next + 1) % MOST_KNOWN;
+            }
         }
         counts
     }
@@ -174,7 +213,7 @@ impl Frame<'_> {
     }
 
     #[inline]
-    fn enter_exact(&self, index: u32) -> Option<Entered<'_>> {
+    pub(crate) fn enter_exact(&self, index: u32) -> Option<Entered<'_>> {
         let tile = self.ground.tiles().get(index as usize)?;
         let placed = self.placed.get(index as usize)?;
         Some(Entered {
@@ -187,95 +226,10 @@ impl Frame<'_> {
             eye_height: (self.view.eye_in_world().z - self.ground.datum_m()) as f32,
         })
     }
-
-    /// Colour averaged over the part of the facet's plane that a pixel covers.
-    fn shade_footprint(&self, entered: &Entered<'_>, ray: &Ray, hit: &Hit) -> u32 {
-        let (placed, tile, s) = (&self.placed[entered.index as usize], entered.tile, hit.s);
-        let slope = hit.facet.slope * placed.per_m;
-        let normal = Vec3::new(-slope.x, -slope.y, 1.0);
-        let depth = s * ray.depth;
-        let direction = ray.direction / ray.depth;
-        let facing = normal.dot(direction);
-        let limit = 0.01 * depth;
-        let axis = |step: Vec3| {
-            // Surfaces that are seen edge on have no end in this direction: cut to a hundredth of the distance.
-            let across = (step - direction * (normal.dot(step) / facing)) * depth;
-            let across = across.truncate();
-            let length = across.length();
-            let across = if length > limit { across * (limit / length) } else { across };
-            if across.is_finite() { across } else { direction.truncate().normalize_or_zero() * limit }
-        };
-        let [column, row] = self.view.steps();
-        let scale = self.texels_per_m(placed);
-        let (across, along) = (axis(column) * scale, axis(row) * scale);
-        let center = self.texel(placed, ray.direction.truncate() * s);
-        let [r, g, b] = self.average(self.layer(tile), center, across, along);
-        u32::from_le_bytes([r, g, b, 255])
-    }
-
-    /// Mean colour of a parallelogram, texels: taps along the long axis of its ellipse, at the mips whose texels are as wide
-    /// as the short one.
-    fn average(&self, layer: &[u8], center: Vec2, a: Vec2, b: Vec2) -> [u8; 3] {
-        let layout = self.ground.shape().color;
-        let (xx, yy, xy) = (a.x * a.x + b.x * b.x, a.y * a.y + b.y * b.y, a.x * a.y + b.x * b.y);
-        let mean = 0.5 * (xx + yy);
-        let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        let long = (mean + spread).sqrt();
-        let short = (mean - spread).max(0.0).sqrt().max(1.0).max(long / MOST_TAPS);
-        // The eigenvector of the larger eigenvalue, from whichever row of the matrix is longer.
-        let axis = if xx >= yy { Vec2::new(mean + spread - yy, xy) } else { Vec2::new(xy, mean + spread - xx) };
-        let axis = axis.normalize_or(Vec2::X);
-        let ratio = (long / short).clamp(1.0, MOST_TAPS);
-        // Rounded up.
-        let count = ratio as u32 + u32::from(ratio > (ratio as u32) as f32);
-        let taps = count as f32;
-        let lod = log2(short).clamp(0.0, (layout.mips - 1) as f32);
-        let level = lod as u32;
-        let share = lod - level as f32;
-        let mips = [level, (level + 1).min(layout.mips - 1)].map(|level| Mip::new(layer, layout, level));
-        let [Some(fine), Some(coarse)] = mips else { return [0; 3] };
-        let scales = [level, (level + 1).min(layout.mips - 1)].map(|level| 1.0 / (1u32 << level) as f32);
-        let mut sum = Vec3::ZERO;
-        for tap in 0..count {
-            // The axis is that of texels from the north: `texel` turned y over, and so did nobody for footprints yet.
-            let offset = ((tap as f32 + 0.5) / taps - 0.5) * (long - short).max(0.0);
-            let at = center + Vec2::new(axis.x, -axis.y) * offset;
-            let color = fine.bilinear_rgb(at * scales[0]);
-            let color = Vec3::from_array(color);
-            sum += if share < 0.02 {
-                color
-            } else {
-                color + (Vec3::from_array(coarse.bilinear_rgb(at * scales[1])) - color) * share
-            };
-        }
-        let mean = sum / taps + 0.5;
-        [mean.x as u8, mean.y as u8, mean.z as u8]
-    }
-}
-
-/// log2 of a number from 1 on, within a hundredth and without a jump: a parabola between powers of two.
-#[inline(always)]
-fn log2(x: f32) -> f32 {
-    let exponent = (x.to_bits() >> 23) as f32 - 127.0;
-    let mantissa = f32::from_bits(x.to_bits() & 0x007f_ffff | 0x3f80_0000);
-    exponent + (2.0 - mantissa * (1.0 / 3.0)) * mantissa - 5.0 / 3.0
 }
 
 /// A little further: a point on a border belongs to what lies behind it.
 #[inline(always)]
 fn past(s: f32) -> f32 {
     s + s.abs() * 2e-6 + 1e-6
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn logarithms_are_right_to_a_hundredth() {
-        for n in 0..4000 {
-            let x = 1.0 + 0.017 * n as f32;
-            assert!((log2(x) - x.log2()).abs() < 0.011, "{x}");
-        }
-    }
 }

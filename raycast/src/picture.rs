@@ -1,23 +1,23 @@
 //! What rays are drawn into: colour and depth, row by row from the top.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A picture that any number of threads draw disjoint pixels of. Plain stores: on every processor that Rust knows a
 /// relaxed store is one, and whoever joins the threads sees what they wrote.
 #[derive(Debug, Default)]
 pub struct Picture {
     size: [u32; 2],
-    rgba: Vec<AtomicU32>,
-    depth_bits: Vec<AtomicU32>,
+    /// Colour in the lower half, the bits of depth in the upper one: one store a pixel, since lines cross rows, and each store is
+    /// in another page than the last.
+    pixels: Vec<AtomicU64>,
 }
 
 impl Picture {
     /// A black picture.
     #[must_use]
     pub fn new(size: [u32; 2]) -> Self {
-        let pixels = size[0] as usize * size[1] as usize;
-        let blank = || (0..pixels).map(|_| AtomicU32::new(0)).collect();
-        Self { size, rgba: blank(), depth_bits: blank() }
+        let count = size[0] as usize * size[1] as usize;
+        Self { size, pixels: (0..count).map(|_| AtomicU64::new(0)).collect() }
     }
 
     /// Width and height, pixels.
@@ -28,19 +28,26 @@ impl Picture {
 
     /// Colours, red in the lowest byte, rows from the top.
     pub fn rgba(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
-        self.rgba.iter().map(|pixel| pixel.load(Ordering::Relaxed))
+        self.pixels.iter().map(|pixel| pixel.load(Ordering::Relaxed) as u32)
     }
 
     /// Metres along the view axis, rows from the top; NaN for sky.
     pub fn depth(&self) -> impl ExactSizeIterator<Item = f32> + '_ {
-        self.depth_bits.iter().map(|pixel| f32::from_bits(pixel.load(Ordering::Relaxed)))
+        self.pixels.iter().map(|pixel| f32::from_bits((pixel.load(Ordering::Relaxed) >> 32) as u32))
+    }
+
+    /// Both.
+    pub fn pixels(&self) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
+        self.pixels.iter().map(|pixel| {
+            let bits = pixel.load(Ordering::Relaxed);
+            (bits as u32, f32::from_bits((bits >> 32) as u32))
+        })
     }
 
     #[inline(always)]
     pub(crate) fn put(&self, [x, y]: [u32; 2], rgba: u32, depth: f32) {
         let at = y as usize * self.size[0] as usize + x as usize;
         // Relaxed: every pixel has one writer a frame, and readers have joined the writers.
-        self.rgba[at].store(rgba, Ordering::Relaxed);
-        self.depth_bits[at].store(depth.to_bits(), Ordering::Relaxed);
+        self.pixels[at].store(u64::from(depth.to_bits()) << 32 | u64::from(rgba), Ordering::Relaxed);
     }
 }

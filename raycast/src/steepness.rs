@@ -7,12 +7,14 @@
 //!                 sectors
 //! ```
 //!
+//! A field also has the highest elevation angle under which its steep ground is seen: rays above that pass over it.
+//!
 //! Two neighbouring rays of a line lie, at the same parameter, in the same sector or in two beside each other, and so does the
 //! straight way between them. Where a field is steeper than the rays allow, and there alone, the way has to be looked at.
 
 use crate::ground::Ground;
 use crate::view::Ray;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// Intervals of directions, all around.
 const SECTORS: usize = 512;
@@ -28,11 +30,38 @@ const SAGITTA: f32 = 0.999;
 /// Slopes are compared with a hundredth more, for the rounding of directions.
 const MARGIN: f32 = 1.01;
 
+/// What is known of the ground of a sector in a ring.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Field {
+    /// No ground is steeper.
+    slope: f32,
+    /// All ground that is not gentle is seen from the eye under this tangent of elevation or a lower one.
+    tangent: f32,
+}
+
+/// Two rays, as far as it matters to what steep ground is between them.
+#[derive(Debug, Clone, Copy)]
+struct Between {
+    /// Slopes up to its square root are proven.
+    limit: f32,
+    /// The lower one's tangent of elevation.
+    tangent: f32,
+    is_gentle_proven: bool,
+}
+
+impl Between {
+    #[inline(always)]
+    fn is_doubtful(&self, field: &Field) -> bool {
+        field.slope * field.slope > self.limit && (field.tangent >= self.tangent || !self.is_gentle_proven)
+    }
+}
+
 /// The table.
 #[derive(Debug, Default)]
 pub(crate) struct Steepness {
     /// By sector, then by ring.
-    slopes: Vec<f32>,
+    fields: Vec<Field>,
+    gentle: f32,
     /// Of each sector.
     steepest_of: Vec<f32>,
     steepest: f32,
@@ -110,11 +139,12 @@ fn sector(direction: Vec2) -> usize {
 
 impl Steepness {
     /// Sets it for a ground seen from an eye; `is_voxels`: of the surface of voxels, else of the heights themselves. `eye`: in
-    /// lattice units.
-    pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], is_voxels: bool) {
+    /// lattice units; `eye_m`: metres above the datum.
+    pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], eye_m: f32, is_voxels: bool) {
         let gentle = ground.gentle();
-        self.slopes.clear();
-        self.slopes.resize(SECTORS * RINGS, gentle);
+        self.gentle = gentle;
+        self.fields.clear();
+        self.fields.resize(SECTORS * RINGS, Field { slope: gentle, tangent: f32::NEG_INFINITY });
         self.steepest_of.clear();
         self.steepest_of.resize(SECTORS, gentle);
         self.steepest = gentle;
@@ -128,7 +158,7 @@ impl Steepness {
             // A little more on all sides: rounding, here and in the rays.
             let low = [0, 1].map(|axis| (f64::from(block.low[axis]) - 0.25 - eye[axis]) as f32 * unit);
             let high = [0, 1].map(|axis| (f64::from(block.high[axis]) + 0.25 - eye[axis]) as f32 * unit);
-            self.enter(Vec2::from_array(low), Vec2::from_array(high), slope);
+            self.enter(Vec2::from_array(low), Vec2::from_array(high), slope, block.top_m - eye_m);
         }
     }
 
@@ -138,13 +168,15 @@ impl Steepness {
         RING_ENDS.partition_point(|end| *end < distance).min(RINGS - 1)
     }
 
-    /// Enters a rectangle of ground, metres from the eye.
-    fn enter(&mut self, low: Vec2, high: Vec2, slope: f32) {
+    /// Enters a rectangle of ground, metres from the eye, no steep part of which is higher than `top` above the eye.
+    fn enter(&mut self, low: Vec2, high: Vec2, slope: f32, top: f32) {
         self.steepest = self.steepest.max(slope);
         let inside = Vec2::ZERO.clamp(low, high);
         let nearest = inside.length();
         let furthest = low.abs().max(high.abs()).length();
-        // Rounding.
+        let tangent = top / if top > 0.0 { nearest } else { furthest };
+        // Rounding, here and below.
+        let tangent = if tangent.is_nan() { f32::INFINITY } else { tangent + 1e-3 * tangent.abs() + 1e-4 };
         let rings = self.ring(0.999 * nearest)..=self.ring(1.001 * furthest);
         let (first, count) = if nearest == 0.0 {
             (0, SECTORS)
@@ -169,9 +201,48 @@ impl Steepness {
         };
         for sector in (first..first + count).map(|sector| sector % SECTORS) {
             self.steepest_of[sector] = self.steepest_of[sector].max(slope);
-            for field in &mut self.slopes[sector * RINGS..][rings.clone()] {
-                *field = field.max(slope);
+            for field in &mut self.fields[sector * RINGS..][rings.clone()] {
+                *field = Field { slope: field.slope.max(slope), tangent: field.tangent.max(tangent) };
             }
+        }
+    }
+
+    /// The square of a slope that no ground exceeds.
+    #[inline(always)]
+    pub(crate) fn steepest_squared(&self) -> f32 {
+        self.steepest * self.steepest
+    }
+
+    #[inline(always)]
+    fn between(&self, a: Vec3, b: Vec3, limit: f32) -> Between {
+        let tangent = |direction: Vec3| direction.z / direction.truncate().length();
+        Between { limit, tangent: tangent(a).min(tangent(b)), is_gentle_proven: self.gentle * self.gentle <= limit }
+    }
+
+    /// Up to which distance no ground between the directions `a` and `b` (the smaller angle of the two), and not below all
+    /// rays between them, is steeper than the square root of `limit`, metres.
+    pub(crate) fn gentle_until(&self, a: Vec3, b: Vec3, limit: f32) -> f32 {
+        if self.steepest_squared() <= limit {
+            return f32::INFINITY;
+        }
+        let (from, to) = (sector(a.truncate()), sector(b.truncate()));
+        let apart = (to + SECTORS - from) % SECTORS;
+        let (first, count) = if apart <= SECTORS / 2 { (from, apart + 1) } else { (to, SECTORS - apart + 1) };
+        if count > SECTORS / 4 {
+            return 0.0;
+        }
+        let between = self.between(a, b, limit);
+        let mut end = RINGS;
+        for sector in (first..first + count).map(|sector| sector % SECTORS) {
+            if self.steepest_of[sector] * self.steepest_of[sector] > limit {
+                let rings = &self.fields[sector * RINGS..][..end];
+                end = rings.iter().position(|field| between.is_doubtful(field)).unwrap_or(end);
+            }
+        }
+        match end {
+            0 => 0.0,
+            RINGS => f32::INFINITY,
+            end => self.nearest_m * RING_ENDS[end - 1],
         }
     }
 
@@ -231,11 +302,11 @@ impl Steepness {
             (SAGITTA * a.min(b), a.max(b))
         };
         let last = self.ring(reach * far);
-        let limit = by.z * by.z / squared;
+        let between = self.between(ray.direction, other.direction, by.z * by.z / squared);
         let mut rings = 0u64;
         for sector in sectors() {
-            for (ring, slope) in self.slopes[sector * RINGS..][..=last].iter().enumerate() {
-                rings |= u64::from(slope * slope > limit) << ring;
+            for (ring, field) in self.fields[sector * RINGS..][..=last].iter().enumerate() {
+                rings |= u64::from(between.is_doubtful(field)) << ring;
             }
         }
         Some(Doubts { rings, first: self.nearest_m / far * 0.999, last: self.nearest_m / near * 1.001 })
@@ -245,7 +316,6 @@ impl Steepness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
     use proptest::prelude::*;
 
     #[test]
@@ -257,12 +327,13 @@ mod tests {
 
     fn table(low: Vec2, high: Vec2, slope: f32) -> Steepness {
         let mut table = Steepness {
-            slopes: vec![0.5; SECTORS * RINGS],
+            fields: vec![Field { slope: 0.5, tangent: f32::NEG_INFINITY }; SECTORS * RINGS],
+            gentle: 0.5,
             steepest_of: vec![0.5; SECTORS],
             steepest: 0.5,
             nearest_m: 4.0,
         };
-        table.enter(low, high, slope);
+        table.enter(low, high, slope, f32::INFINITY);
         table
     }
 

@@ -22,6 +22,8 @@ pub struct View {
     per_column: Vec3,
     per_row: Vec3,
     guide: Vec3,
+    /// Of a point relative to the eye: column times depth, row times depth, and depth.
+    inverse: [Vec3; 3],
     /// Depth of a sample at s = 1 on the view axis.
     forward_along_guide: f32,
     focal_px: f32,
@@ -52,12 +54,21 @@ impl View {
         let side = if camera.pitch_rad.cos() < 0.0 { -1.0 } else { 1.0 };
         let (sin, cos) = camera.heading_rad.sin_cos();
         let guide = DVec3::new(side * sin * tip.cos(), side * cos * tip.cos(), tip.sin());
+        let (per_column, per_row) = (at(1.0, 0.0) - first, at(0.0, 1.0) - first);
+        // Rows of the inverse of the matrix of these three, by Cramer's rule.
+        let [column, row, depth] = [
+            (per_row.cross(first), per_column),
+            (first.cross(per_column), per_row),
+            (per_column.cross(per_row), first),
+        ]
+        .map(|(normal, own)| (normal / normal.dot(own)).as_vec3());
         Self {
             eye_in_world: camera.eye(),
             first: first.as_vec3(),
-            per_column: (at(1.0, 0.0) - first).as_vec3(),
-            per_row: (at(0.0, 1.0) - first).as_vec3(),
+            per_column: per_column.as_vec3(),
+            per_row: per_row.as_vec3(),
             guide: guide.as_vec3(),
+            inverse: [column, row, depth],
             forward_along_guide: forward.dot(guide) as f32,
             focal_px: camera.focal_px() as f32,
         }
@@ -87,7 +98,29 @@ impl View {
     #[inline(always)]
     #[must_use]
     pub fn direction(&self, [x, y]: [u32; 2]) -> Vec3 {
-        self.first + self.per_column * x as f32 + self.per_row * y as f32
+        self.direction_at(x as f32, y as f32)
+    }
+
+    /// Direction of depth 1 through any point of the picture, in pixels from the centre of the upper left one.
+    #[inline(always)]
+    #[must_use]
+    pub fn direction_at(&self, x: f32, y: f32) -> Vec3 {
+        self.first + self.per_column * x + self.per_row * y
+    }
+
+    /// What a point relative to the eye is multiplied with to get its column times its depth, its row times its depth, and its
+    /// depth. Columns and rows count from the centre of the upper left pixel.
+    #[must_use]
+    #[inline]
+    pub fn inverse(&self) -> [Vec3; 3] {
+        self.inverse
+    }
+
+    /// The direction along which all rays advance by the same length per unit of s.
+    #[must_use]
+    #[inline]
+    pub fn guide(&self) -> Vec3 {
+        self.guide
     }
 
     /// Directions of depth 1 change by this from column to column and from row to row.
@@ -102,11 +135,25 @@ impl View {
     #[must_use]
     pub fn ray(&self, pixel: [u32; 2]) -> Ray {
         let direction = self.direction(pixel);
+        let depth = 1.0 / self.along(direction).unwrap_or_else(|least| least);
+        Ray { direction: direction * depth, depth }
+    }
+
+    /// The ray through any point of the picture; `None` where rays advance by another length along the guide than others.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) fn ray_along(&self, x: f32, y: f32) -> Option<Ray> {
+        let direction = self.direction_at(x, y);
+        let depth = 1.0 / self.along(direction).ok()?;
+        Some(Ray { direction: direction * depth, depth })
+    }
+
+    /// How far a direction goes along the guide, or as an error the least that is taken in its place.
+    #[inline(always)]
+    fn along(&self, direction: Vec3) -> Result<f32, f32> {
         let along = direction.dot(self.guide);
         let least = LEAST_ALONG_GUIDE * LEAST_ALONG_GUIDE * direction.length_squared();
-        let along = if along > 0.0 && along * along > least { along } else { least.sqrt() };
-        let depth = 1.0 / along;
-        Ray { direction: direction * depth, depth }
+        if along > 0.0 && along * along > least { Ok(along) } else { Err(least.sqrt()) }
     }
 }
 
@@ -198,6 +245,11 @@ mod tests {
             prop_assert!((found - wanted).length() < 1e-5, "{found} {wanted}");
             prop_assert!(ray.direction.length() <= 1.001 / LEAST_ALONG_GUIDE && ray.depth > 0.0);
             prop_assert!(view.s_per_depth() > 0.49);
+            let point = (wanted * 700.0).as_vec3();
+            let [column, row, depth] = view.inverse().map(|of| of.dot(point));
+            prop_assert!((depth - 700.0).abs() < 0.01, "{depth}");
+            let off = [column / depth - x as f32, row / depth - y as f32];
+            prop_assert!(off.iter().all(|off| off.abs() < 0.01), "{off:?}");
         }
     }
 

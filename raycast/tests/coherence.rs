@@ -97,6 +97,27 @@ fn a_cliff_costs_the_rays_over_it_alone() {
     }
 }
 
+#[test]
+fn following_the_ground_gives_the_picture_of_rays_that_each_begin_at_the_eye() {
+    let field = Field::hills(CELLS, 60.0, 3);
+    for roll in [0.0, 4.0, 90.0] {
+        let camera = camera(eye_over(&field, 0.5, 0.1, 60.0), [0.0, -25.0, roll], 45.0, SIZE);
+        let ground = field.ground(16, None);
+        let draw = |method| {
+            let picture = Picture::new(SIZE);
+            let options = CastOptions { method, ..CastOptions::default() };
+            let counts = Caster::new(1).unwrap().draw(&ground, &[&field.colors()[..]], &camera, &options, &picture);
+            (picture.rgba().map(u32::to_le_bytes).collect::<Vec<_>>(), counts)
+        };
+        let (plain, many) = draw(Method::PlainMipmap);
+        let (followed, few) = draw(Method::Mipmap);
+        assert_eq!(few.hits, many.hits, "roll {roll}");
+        let other = plain.iter().zip(&followed).filter(|(a, b)| (0..4).any(|c| a[c].abs_diff(b[c]) > 6)).count();
+        assert!(other * 200 < plain.len(), "roll {roll}: {other} pixels have another colour");
+        assert!(few.samples * 2 < many.samples, "roll {roll}: {few:?} {many:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 

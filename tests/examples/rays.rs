@@ -1,7 +1,7 @@
 //! Table of picture quality of ray casting: the source of docs/techniques.md.
 //!
-//! `cargo run --release -p terravision-tests --example rays -- FOLDER OUT` where FOLDER holds `dem.tif`, `ortho.tif` and `world.tv`;
-//! pictures go to OUT.
+//! `cargo run --release -p terravision-tests --example rays -- FOLDER OUT [ROWS]` where FOLDER holds `dem.tif`, `ortho.tif` and
+//! `world.tv`; pictures go to OUT. ROWS: those of the table whose names begin so.
 
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 
@@ -16,9 +16,10 @@ use terravision_tests::worlds::TestWorld;
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let (Some(folder), Some(out)) = (arguments.next(), arguments.next()) else {
-        println!("usage: rays FOLDER OUT");
+        println!("usage: rays FOLDER OUT [ROWS]");
         return;
     };
+    let start = arguments.next().unwrap_or_default();
     let out = PathBuf::from(out);
     std::fs::create_dir_all(&out).expect("the output folder can be made");
     let world = TestWorld::at(Path::new(&folder));
@@ -31,6 +32,8 @@ fn main() {
         ("approximate", RaySettings::approximate()),
         ("mipmap", RaySettings::mipmap()),
         ("mipmap-2px", RaySettings { cell_px: 2.0, ..RaySettings::mipmap() }),
+        // What the mesh draws by default: facets of 10 pixels.
+        ("mipmap-mesh", RaySettings { cell_px: 14.14, texel_px: 0.7, ..RaySettings::mipmap() }),
         ("mipmap-half", RaySettings { cell_px: 0.5, texel_px: 0.35, ..RaySettings::mipmap() }),
     ];
     println!("| view | rays | PSNR dB | SSIM | depth m | ms | models ms | tiles | MiB | samples of a ray |");
@@ -39,7 +42,7 @@ fn main() {
         let shot = Shot::new(&world, pose);
         let reference = shot.reference(3);
         write_png(&out.join(format!("{view}-reference.png")), reference.width, &reference.rgb);
-        for (name, settings) in &table {
+        for (name, settings) in table.iter().filter(|(name, _)| name.starts_with(&start)) {
             let cast = cast(&world, &shot.camera(), shot.sky_rgb, settings);
             let found = compare(reference.width, &cast.rgb, &reference.rgb, &reference.is_land);
             let pairs = cast.depth.iter().zip(&reference.depth).map(|(a, b)| (f64::from(*a), f64::from(*b)));

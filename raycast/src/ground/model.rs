@@ -35,6 +35,16 @@ pub(crate) struct SteepBlock {
     pub(crate) slope: f32,
     /// That of the surface of voxels, infinite where a cliff makes a wall.
     pub(crate) voxel_slope: f32,
+    /// No ground of its steep cells is higher, metres above the datum.
+    pub(crate) top_m: f32,
+}
+
+/// How steep a cell is, and how high.
+#[derive(Debug, Clone, Copy)]
+struct Steep {
+    slope: f32,
+    voxel_slope: f32,
+    top_m: f32,
 }
 
 /// One tile's intermediate values, in memory that is used again.
@@ -183,7 +193,13 @@ impl Ground {
                     Filter::Gaussian => f32::INFINITY,
                 };
                 if slope.max(voxel_slope) > GENTLE {
-                    self.note_steep(tile, first, [i, j], slope, voxel_slope);
+                    // What lies above a boundary cell is air, and so is what lies above the highest post.
+                    let top = f64::from(tile.lowest_layer) + f64::from(highest) + 1.0;
+                    let top_m = (top * f64::from(tile.spacing_m) - self.datum_m) as f32;
+                    let post_m = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+                    let post_m = ((f64::from(tile.lowest_layer) + f64::from(post_m)) * f64::from(tile.spacing_m)
+                        - self.datum_m) as f32;
+                    self.note_steep(tile, first, [i, j], Steep { slope, voxel_slope, top_m: top_m.max(post_m) });
                 }
             }
         }
@@ -201,14 +217,17 @@ impl Ground {
                 let corners = [at, at + 1, at + columns, at + columns + 1].map(|at| self.heights[at]);
                 let slope = facets_slope(corners) * per_m;
                 if slope > GENTLE {
-                    self.note_steep(&tile, first, [i, j], slope, f32::INFINITY);
+                    let top_m = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+                    let steep = Steep { slope, voxel_slope: f32::INFINITY, top_m };
+                    self.note_steep(&tile, first, [i, j], steep);
                 }
             }
         }
     }
 
     /// A cell is steep: into its block, which is new or among those of its tile, from `first` on. Cells come row by row.
-    fn note_steep(&mut self, tile: &Tile, first: usize, cell: [usize; 2], slope: f32, voxel_slope: f32) {
+    fn note_steep(&mut self, tile: &Tile, first: usize, cell: [usize; 2], steep: Steep) {
+        let Steep { slope, voxel_slope, top_m } = steep;
         let corner = |axis: usize, past: u32| {
             let block = (cell[axis] as u32 >> LOG_STEEP) + past;
             tile.origin[axis] + ((block << LOG_STEEP).min(tile.cells[axis]) << tile.log_spacing)
@@ -219,10 +238,11 @@ impl Ground {
             Some(block) => {
                 block.slope = block.slope.max(slope);
                 block.voxel_slope = block.voxel_slope.max(voxel_slope);
+                block.top_m = block.top_m.max(top_m);
             }
             None => {
                 let high = [corner(0, 1), corner(1, 1)];
-                self.steep.push(SteepBlock { low, high, slope, voxel_slope });
+                self.steep.push(SteepBlock { low, high, slope, voxel_slope, top_m });
             }
         }
     }

@@ -115,6 +115,41 @@ impl Tree {
         }
     }
 
+    /// A height that no ground of a rectangle exceeds, lattice units; `top` is that of a tile.
+    pub(crate) fn highest_in(&self, low: [f64; 2], high: [f64; 2], top: &impl Fn(u32) -> f32) -> f32 {
+        let log = self.log_side + self.root_level;
+        let mut highest = f32::NEG_INFINITY;
+        self.raise(self.root(), [0.0; 2], log, &[low, high], top, &mut highest);
+        highest
+    }
+
+    fn raise(
+        &self,
+        link: Link,
+        corner: [f64; 2],
+        log: u32,
+        rectangle: &[[f64; 2]; 2],
+        top: &impl Fn(u32) -> f32,
+        highest: &mut f32,
+    ) {
+        let side = (1u64 << log) as f64;
+        let [low, high] = rectangle;
+        if (0..2).any(|axis| high[axis] < corner[axis] || low[axis] > corner[axis] + side) {
+            return;
+        }
+        match link {
+            Link::Empty => {}
+            Link::Tile(tile) => *highest = highest.max(top(tile)),
+            Link::Node(node) if self.node(node).highest_m <= *highest => {}
+            Link::Node(node) => {
+                for (n, child) in self.node(node).children.into_iter().enumerate() {
+                    let by = |bit: usize| if n & bit == 0 { 0.0 } else { 0.5 * side };
+                    self.raise(child, [corner[0] + by(1), corner[1] + by(2)], log - 1, rectangle, top, highest);
+                }
+            }
+        }
+    }
+
     /// The tile at a point, lattice units.
     #[inline]
     pub(crate) fn find(&self, point: [f64; 2]) -> Found {
@@ -163,6 +198,10 @@ mod tests {
         assert_eq!((tree.find([64.0, 0.0]), tree.find([0.0, -0.1])), (Found::Outside, Found::Outside));
         let Link::Node(root) = tree.root() else { panic!("the root has children") };
         assert_eq!(tree.node(root).highest_m, 9.0);
+        let highest = |low, high| tree.highest_in(low, high, &|tile| if tile == 7 { 5.0 } else { 9.0 });
+        assert_eq!(highest([1.0, 1.0], [50.0, 31.0]), 5.0);
+        assert_eq!(highest([1.0, 1.0], [50.0, 33.0]), 9.0);
+        assert_eq!(highest([49.0, 1.0], [50.0, 3.0]), f32::NEG_INFINITY);
         tree.clear(9, 0);
         tree.insert([0, 0], 0, 0, 1.0).unwrap();
         assert_eq!(tree.find([511.0, 3.0]), Found::Tile(0));

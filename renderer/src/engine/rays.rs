@@ -207,13 +207,20 @@ impl RaysEngine {
             Pixels::Memory(raster) if raster.size == self.options.size => raster,
             Pixels::Memory(_) | Pixels::Device(_) => Raster::new(self.options.size, self.options.has_depth),
         };
-        for (out, texel) in raster.rgba.iter_mut().zip(self.picture.rgba()) {
-            *out = texel.to_le();
-        }
-        if let Some(depths) = &mut raster.reversed_depth {
-            for (out, depth) in depths.iter_mut().zip(self.picture.depth()) {
-                // NaN for the sky, which is infinitely far.
-                *out = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
+        match &mut raster.reversed_depth {
+            None => {
+                for (out, texel) in raster.rgba.iter_mut().zip(self.picture.rgba()) {
+                    *out = texel.to_le();
+                }
+            }
+            Some(depths) => {
+                for ((out, out_depth), (texel, depth)) in
+                    raster.rgba.iter_mut().zip(depths.iter_mut()).zip(self.picture.pixels())
+                {
+                    *out = texel.to_le();
+                    // NaN for the sky, which is infinitely far.
+                    *out_depth = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
+                }
             }
         }
         Pixels::Memory(raster)

@@ -1,0 +1,264 @@
+//! Colour of a line's pixels: averaged over what each covers on its facet.
+//!
+//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose texels are about as
+//! wide as the shorter one. That is worked out once for a run of pixels that see one facet; depth, place and footprints are plain
+//! loops over arrays, which compilers turn into vector instructions.
+
+use crate::frame::Frame;
+use crate::ground::Tile;
+use crate::strip::{Run, Strip};
+use crate::view::View;
+use glam::Vec2;
+
+/// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
+const LOG_MOST_TAPS: u32 = 1;
+/// A footprint gets another tap for every so many texels of length.
+const TEXELS_PER_TAP: f32 = 2.0;
+/// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance.
+const LONGEST_SHARE: f32 = 0.01;
+/// Mips that are used of a layer; coarser ones are a texel wide.
+const MOST_MIPS: usize = 16;
+/// Facets that are seen face their rays at least this much.
+const LEAST_FACING: f32 = 1e-6;
+
+/// Memory of a line's colours.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    depth: Vec<f32>,
+    /// Metres east and north of the eye.
+    place: [Vec<f32>; 2],
+    /// Of runs: column and row of the first pixel, its depth, slope east and north (metres up per metre), texels per metre.
+    given: [Vec<f32>; 6],
+    /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
+    /// the middle, finest texels east and north.
+    levels: Vec<i32>,
+    log_taps: Vec<i32>,
+    reach: [Vec<f32>; 2],
+    footprints: Vec<Footprint>,
+}
+
+impl Scratch {
+    pub(crate) fn reserve(&mut self, longest: usize) {
+        let floats = self.place.iter_mut().chain(&mut self.given).chain(&mut self.reach);
+        floats.chain([&mut self.depth]).for_each(|values| values.resize(longest, 0.0));
+        self.levels.resize(longest, 0);
+        self.log_taps.resize(longest, 0);
+        self.footprints.clear();
+        self.footprints.reserve(longest);
+    }
+}
+
+/// Where a run's pixels have their colours from.
+#[derive(Debug, Clone, Copy)]
+struct Footprint {
+    layer: u32,
+    /// First byte of the mip.
+    start: u32,
+    /// Texels along a side of the mip.
+    side: u32,
+    /// The last place between four texels, less than a texel from the mip's border.
+    end: f32,
+    log_taps: u32,
+    /// Texels per metre.
+    scale: f32,
+    /// The first tap of the place below the eye, texels east and south.
+    origin: Vec2,
+    /// From tap to tap.
+    step: Vec2,
+}
+
+/// Four 8-bit channels in 16-bit lanes.
+#[inline(always)]
+fn lanes(texel: u64) -> u64 {
+    texel & 0x00ff_00ff | (texel & 0xff00_ff00) << 24
+}
+
+/// A place from 0 to `end`, or the nearer one of the two: its whole part, and what is left in 256ths.
+#[inline(always)]
+fn fixed_point(at: f32, end: f32) -> (u32, u32) {
+    // Added to this, numbers up to it are whole, and stand in the lower bits.
+    const WHOLE: f32 = 8_388_608.0;
+    let at = (at.max(0.0).min(end) * 256.0 + WHOLE).to_bits() & 0x007f_ffff;
+    (at >> 8, at & 0xff)
+}
+
+impl Footprint {
+    /// Mean colour around a place, metres from the eye.
+    #[inline(always)]
+    fn color(&self, layer: &[u8], east: f32, north: f32) -> u32 {
+        let Some(texels) = layer.get(self.start as usize..) else { return 0 };
+        let stride = 4 * self.side as usize;
+        // Weights of all taps' texels are 256 together, so that lanes never overflow.
+        let weight = 256 >> self.log_taps;
+        let mut at = Vec2::new(east * self.scale, -north * self.scale) + self.origin;
+        let mut sum = 0x0080_0080_0080_0080u64;
+        for _ in 0..1 << self.log_taps {
+            let [(i, u), (j, v)] = [at.x, at.y].map(|at| fixed_point(at, self.end));
+            let v = (v * weight) >> 8;
+            let south = weight - v;
+            let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
+            let (nw, sw) = (south - ne, v - se);
+            let first = (j as usize) * stride + 4 * i as usize;
+            let pair = |at: usize| match texels.get(at..at + 8) {
+                Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+                _ => 0,
+            };
+            let (upper, lower) = (pair(first), pair(first + stride));
+            sum += lanes(upper & 0xffff_ffff) * u64::from(nw) + lanes(upper >> 32) * u64::from(ne);
+            sum += lanes(lower & 0xffff_ffff) * u64::from(sw) + lanes(lower >> 32) * u64::from(se);
+            at += self.step;
+        }
+        (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
+    }
+}
+
+impl Frame<'_> {
+    /// Colours the pixels of a strip and puts them into the picture.
+    #[inline(never)]
+    pub(crate) fn paint(&self, strip: &mut Strip) {
+        let Strip { pixels, nearness, run_of, runs, paint } = strip;
+        let count = pixels.len();
+        places(&self.view, pixels, &nearness[..count], paint);
+        self.gather(pixels, runs, paint);
+        footprints(&self.view, runs.len(), paint);
+        self.collect(runs, paint);
+        let Scratch { depth, place: [east, north], footprints, .. } = paint;
+        let (depth, east, north) = (&depth[..count], &east[..count], &north[..count]);
+        for (k, (pixel, run)) in pixels.iter().zip(&run_of[..count]).enumerate() {
+            let (color, depth) = match footprints.get(usize::from(*run)) {
+                Some(footprint) => {
+                    let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
+                    (footprint.color(layer, east[k], north[k]) | OPAQUE_BLACK, depth[k])
+                }
+                None => (self.sky, f32::NAN),
+            };
+            self.picture.put(pixel.map(u32::from), color, depth);
+        }
+    }
+
+    /// What runs' footprints are made of.
+    fn gather(&self, pixels: &[[u16; 2]], runs: &[Run], scratch: &mut Scratch) {
+        let [columns, rows, depths, east, north, texels] = &mut scratch.given;
+        for (n, run) in runs.iter().enumerate() {
+            let placed = &self.placed[run.tile as usize];
+            let [x, y] = pixels[usize::from(run.first)];
+            columns[n] = f32::from(x);
+            rows[n] = f32::from(y);
+            depths[n] = scratch.depth[usize::from(run.first)];
+            east[n] = run.slope.x * placed.per_m;
+            north[n] = run.slope.y * placed.per_m;
+            texels[n] = placed.texels_per_m;
+        }
+    }
+
+    /// Footprints as pixels use them.
+    fn collect(&self, runs: &[Run], scratch: &mut Scratch) {
+        let layout = self.ground.shape().color;
+        // A mip of one texel has no four to be between.
+        let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
+        let mut mips = [(0, layout.side); MOST_MIPS];
+        for level in 1..=coarsest as usize {
+            let (start, side) = mips[level - 1];
+            mips[level] = (start + 4 * side * side, side >> 1);
+        }
+        let [east, north] = &scratch.reach;
+        scratch.footprints.clear();
+        for (n, run) in runs.iter().enumerate() {
+            let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
+            let level = scratch.levels[n].clamp(0, coarsest as i32);
+            let (start, side) = mips[level as usize % MOST_MIPS];
+            let finer = power_of_2(-level);
+            let scale = placed.texels_per_m * finer;
+            let log_taps = scratch.log_taps[n].clamp(0, LOG_MOST_TAPS as i32) as u32;
+            let reach = Vec2::new(east[n], -north[n]) * finer;
+            let corner = placed.color_corner * scale;
+            let step = reach * power_of_2(1 - log_taps as i32);
+            let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
+            scratch.footprints.push(Footprint {
+                layer: tile.color.layer,
+                start,
+                side,
+                // Fixed point ends at 32768.
+                end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
+                log_taps,
+                scale,
+                origin,
+                step,
+            });
+        }
+    }
+}
+
+const OPAQUE_BLACK: u32 = 0xff00_0000;
+
+/// Depth and place of pixels.
+fn places(view: &View, pixels: &[[u16; 2]], nearness: &[f32], scratch: &mut Scratch) {
+    let count = pixels.len();
+    let Scratch { depth, place: [east, north], .. } = scratch;
+    let (nearness, depth) = (&nearness[..count], &mut depth[..count]);
+    let (east, north) = (&mut east[..count], &mut north[..count]);
+    for k in 0..count {
+        let direction = view.direction_at(f32::from(pixels[k][0]), f32::from(pixels[k][1]));
+        depth[k] = 1.0 / nearness[k];
+        east[k] = direction.x * depth[k];
+        north[k] = direction.y * depth[k];
+    }
+}
+
+/// The footprints of runs.
+fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
+    let Scratch { given, levels, log_taps, reach: [out_east, out_north], .. } = scratch;
+    let [columns, rows, depths, slopes_east, slopes_north, texels] = given;
+    let (columns, rows, depths) = (&columns[..count], &rows[..count], &depths[..count]);
+    let (slopes_east, slopes_north, texels) = (&slopes_east[..count], &slopes_north[..count], &texels[..count]);
+    let (levels, log_taps) = (&mut levels[..count], &mut log_taps[..count]);
+    let (out_east, out_north) = (&mut out_east[..count], &mut out_north[..count]);
+    let [column, row] = view.steps();
+    for n in 0..count {
+        let (east, north) = (slopes_east[n], slopes_north[n]);
+        let d = view.direction_at(columns[n], rows[n]);
+        // The facet's normal is (-east, -north, 1). It faces the ray, which comes from above.
+        let facing = (d.z - east * d.x - north * d.y).min(-LEAST_FACING);
+        let scale = depths[n] * texels[n];
+        let limit = LONGEST_SHARE * scale;
+        let across = |x: f32, y: f32, z: f32| {
+            let by = (z - east * x - north * y) / facing;
+            let (x, y) = ((x - d.x * by) * scale, (y - d.y * by) * scale);
+            let squared = x * x + y * y;
+            let shorter = if squared > limit * limit { limit / squared.sqrt() } else { 1.0 };
+            (x * shorter, y * shorter)
+        };
+        let (ax, ay) = across(column.x, column.y, column.z);
+        let (bx, by) = across(row.x, row.y, row.z);
+        // Axes of the ellipse: of the matrix of second moments.
+        let (xx, yy, xy) = (ax * ax + bx * bx, ay * ay + by * by, ax * ay + bx * by);
+        let mean = 0.5 * (xx + yy);
+        let half = 0.5 * (xx - yy);
+        let spread = (half * half + xy * xy).sqrt();
+        let long = (mean + spread).sqrt();
+        let short = (mean - spread).max(1.0).sqrt().max(long * (1.0 / (1 << LOG_MOST_TAPS) as f32));
+        let level = rounded_log2(short);
+        let width = power_of_2(level);
+        let taps = long / (width * TEXELS_PER_TAP);
+        // The next power of two.
+        log_taps[n] = ((taps.max(1.0).to_bits() as i32 - 1) >> 23) - 126;
+        levels[n] = level;
+        // The eigenvector of the larger eigenvalue, from whichever row of the matrix is longer.
+        let (x, y) = if half >= 0.0 { (half + spread, xy) } else { (xy, spread - half) };
+        let reach = 0.5 * (long - short).max(0.0) / (x * x + y * y).max(f32::MIN_POSITIVE).sqrt();
+        out_east[n] = x * reach;
+        out_north[n] = y * reach;
+    }
+}
+
+/// 2 to a power that a normal number has.
+#[inline(always)]
+fn power_of_2(exponent: i32) -> f32 {
+    f32::from_bits(((exponent + 127) << 23) as u32)
+}
+
+/// log2 of a number of 1 or more, rounded.
+#[inline(always)]
+fn rounded_log2(x: f32) -> i32 {
+    ((x * std::f32::consts::SQRT_2).to_bits() >> 23) as i32 - 127
+}
