@@ -66,19 +66,26 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         let settings = settings(options)?;
         let flight = Flight::open(&settings.world, options.frames, options.size)?;
         let recorded = stages::record(&settings, &flight)?;
-        let alone = stages::fly_recorded(&settings, &flight, &recorded.frames)?;
+        let (mut alone, mut whole, mut floors) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..stages::TURNS {
+            alone.push(stages::fly_recorded(&settings, &flight, &recorded.frames)?);
+            if wants("stages") {
+                floors.push(stages::floors(&settings).context("the floor of the device")?);
+            }
+            if wants("replay") {
+                whole.push(stages::fly_whole(&settings, &flight)?);
+            }
+        }
         if wants("stages") {
             stages::generator_and_preparer(&recorded, &mut found);
             stages::renderer(&settings, &alone, &mut found);
-            let floors = stages::floors(&settings).context("the floor of the device")?;
             stages::floor(&settings, &floors, &alone, &mut found);
         }
         if wants("replay") {
-            let whole = stages::fly_whole(&settings, &flight)?;
             stages::replay(&recorded, &whole, &alone, &mut found);
         }
         found.facts.push(("database", settings.world.display().to_string()));
-        found.facts.push(("device", alone.log.device_name()));
+        found.facts.push(("device", alone.iter().map(|flown| flown.log.device_name()).next().unwrap_or_default()));
     }
     if wants("ingest") {
         world::ingest(options, &mut found).context("ingest")?;

@@ -75,6 +75,9 @@ fn copies_per_second(arrays: &[f32], array_len: usize) -> f64 {
     copied as f64 / start.elapsed().as_secs_f64()
 }
 
+/// Turns that things get which are compared: a shared machine is faster now and slower then.
+pub const TURNS: usize = 3;
+
 /// What a flight of two rounds gave; only the second is measured, when all tiles are there.
 #[derive(Debug)]
 pub struct Flown {
@@ -91,6 +94,11 @@ pub struct Flown {
     /// What the stages told.
     pub log: EventLog,
 }
+
+/// How often what stages tell is taken. They tell when things were; whoever watches should cost them nothing.
+const DRAINED_EVERY: Duration = Duration::from_millis(5);
+/// How often it is looked whether stages live, and what processor time they have used.
+const LOOKED_AFTER_EVERY: Duration = Duration::from_millis(50);
 
 /// Runs some of the stages over two rounds; `drive` does the work of the others, on a thread of its own.
 fn fly(
@@ -116,10 +124,16 @@ fn fly(
     std::thread::scope(|scope| {
         let driving = scope.spawn(|| drive(&run, &control));
         let mut watch = || {
+            let mut next_look = Instant::now();
             while log.done_nanos.len() < total {
                 for ring in &mut rings {
                     log.drain(ring)?;
                 }
+                std::thread::sleep(DRAINED_EVERY);
+                if Instant::now() < next_look {
+                    continue;
+                }
+                next_look += LOOKED_AFTER_EVERY;
                 session.check()?;
                 let ended = usize::from(log.done_nanos.len() >= round);
                 for cpu in &mut cpu[ended..] {
@@ -127,7 +141,6 @@ fn fly(
                         *cpu = cpu.max(session.cpu_of(stage).0);
                     }
                 }
-                std::thread::sleep(Duration::from_millis(1));
             }
             anyhow::Ok(())
         };
@@ -203,56 +216,86 @@ pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
 /// Frames of each grid of the floor.
 const FLOOR_FRAMES: u32 = 60;
 
-/// Figures of the floor, and of the renderer against it.
-pub fn floor(settings: &Settings, floors: &Floors, alone: &Flown, found: &mut Found) {
-    let [Some(pass), Some(full)] = [floors.passes.first(), floors.passes.last()] else { return };
+/// Figures of the floor, and of the renderer against it, of turns in which one followed the other.
+pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], found: &mut Found) {
+    let passes = |pass: fn(&[FloorPass]) -> Option<&FloorPass>| -> Vec<&FloorPass> {
+        floors.iter().filter_map(|floors| pass(&floors.passes)).collect()
+    };
+    let (first, last) = (passes(<[_]>::first), passes(<[_]>::last));
+    let Some(full) = last.first() else { return };
+    let of = |passes: &[&FloorPass], value: fn(&FloorPass) -> f64| {
+        median(&passes.iter().map(|pass| value(pass)).collect::<Vec<_>>())
+    };
+    let against = |renderer: fn(&Flown) -> f64, floor: fn(&FloorPass) -> f64| {
+        median(&alone.iter().zip(&last).map(|(flown, pass)| renderer(flown) / floor(pass)).collect::<Vec<_>>())
+    };
     let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
         let measurement = Measurement::new("stages", name, value, unit, FLOOR_FRAMES.into());
         found.measurements.push(Measurement { target, ..measurement });
     };
-    add("full-screen textured pass", pixels / pass.wall_ms_per_frame / 1e3, "Mpix/s", None);
-    let (cpu, wall) = (full.cpu_ms_per_frame, full.wall_ms_per_frame);
+    add("full-screen textured pass", pixels / of(&first, |pass| pass.wall_ms_per_frame) / 1e3, "Mpix/s", None);
+    let (cpu, wall) = (of(&last, |pass| pass.cpu_ms_per_frame), of(&last, |pass| pass.wall_ms_per_frame));
     add("floor: triangles of a frame", full.triangles as f64, "triangles", None);
     add("floor: triangles", full.triangles as f64 / wall * 1e3, "triangles/s", None);
     add("floor: time of a frame", wall, "ms", None);
     add("floor: processor time of a frame", cpu, "ms", None);
-    let ratio = 1e3 / alone.frames_per_second / wall;
+    let ratio = against(|flown| 1e3 / flown.frames_per_second, |pass| pass.wall_ms_per_frame);
     add("renderer: time of a frame against the floor", ratio, "ratio", Some(Target::AtMost(1.5)));
-    let ratio = alone.cpu_ms[2] / cpu;
+    let ratio = against(|flown| flown.cpu_ms[2], |pass| pass.cpu_ms_per_frame);
     add("renderer: processor time of a frame against the floor", ratio, "ratio", Some(Target::AtMost(1.5)));
 }
 
-/// Figures of the renderer alone.
-pub fn renderer(settings: &Settings, flown: &Flown, found: &mut Found) {
+/// Median over turns.
+pub fn median_of(turns: &[Flown], value: &dyn Fn(&Flown) -> f64) -> f64 {
+    median(&turns.iter().map(value).collect::<Vec<_>>())
+}
+
+impl Flown {
+    fn triangles_median(&self) -> f64 {
+        median(&self.triangles.iter().map(|t| *t as f64).collect::<Vec<_>>())
+    }
+
+    fn triangles_per_second(&self) -> f64 {
+        self.frames_per_second * self.triangles.iter().sum::<u64>() as f64 / self.triangles.len() as f64
+    }
+}
+
+/// Figures of the renderer alone: medians of the turns.
+pub fn renderer(settings: &Settings, alone: &[Flown], found: &mut Found) {
     let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
-    let triangles: Vec<f64> = flown.triangles.iter().map(|t| *t as f64).collect();
-    let count = flown.frame_ms.len() as u64;
-    let rate = flown.frames_per_second;
+    let count = alone.iter().map(|flown| flown.frame_ms.len() as u64).sum();
+    let rate = median_of(alone, &|flown| flown.frames_per_second);
     let mut add = |name: &str, value: f64, unit: &'static str| {
         found.measurements.push(Measurement::new("stages", name, value, unit, count));
     };
     add("renderer: frames", rate, "frames/s");
     add("renderer: pixels", rate * pixels / 1e6, "Mpix/s");
-    add("renderer: triangles", rate * triangles.iter().sum::<f64>() / triangles.len() as f64, "triangles/s");
-    add("renderer: triangles of a frame, median", median(&triangles), "triangles");
-    add("renderer: time of a frame, median", median(&flown.frame_ms), "ms");
-    add("renderer: processor time of a frame", flown.cpu_ms[2], "ms");
+    add("renderer: triangles", median_of(alone, &Flown::triangles_per_second), "triangles/s");
+    add("renderer: triangles of a frame, median", median_of(alone, &Flown::triangles_median), "triangles");
+    add("renderer: time of a frame, median", median_of(alone, &|flown| median(&flown.frame_ms)), "ms");
+    add("renderer: processor time of a frame", median_of(alone, &|flown| flown.cpu_ms[2]), "ms");
 }
 
-/// Figures of the whole against the renderer alone.
-pub fn replay(recorded: &Recorded, whole: &Flown, alone: &Flown, found: &mut Found) {
-    let count = whole.frame_ms.len() as u64;
+/// Figures of the whole against the renderer alone, of turns in which one followed the other: medians of the turns.
+pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], found: &mut Found) {
+    let count = whole.iter().map(|flown| flown.frame_ms.len() as u64).sum();
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
         let measurement = Measurement::new("replay", name, value, unit, count);
         found.measurements.push(Measurement { target, ..measurement });
     };
-    add("whole pipeline", whole.frames_per_second, "frames/s", None);
-    add("renderer alone, recorded frames", alone.frames_per_second, "frames/s", None);
-    let ratio = whole.frames_per_second / alone.frames_per_second;
+    add("whole pipeline", median_of(whole, &|flown| flown.frames_per_second), "frames/s", None);
+    add("renderer alone, recorded frames", median_of(alone, &|flown| flown.frames_per_second), "frames/s", None);
+    let ratios = whole.iter().zip(alone).map(|(whole, alone)| whole.frames_per_second / alone.frames_per_second);
+    let ratio = median(&ratios.collect::<Vec<_>>());
     add("whole pipeline against renderer alone", ratio, "ratio", Some(Target::AtLeast(0.9)));
-    add("whole pipeline, first round (tiles are loaded)", whole.first_round, "frames/s", None);
-    let renderer = median(&alone.frame_ms);
+    add(
+        "whole pipeline, first round (tiles are loaded)",
+        median_of(whole, &|flown| flown.first_round),
+        "frames/s",
+        None,
+    );
+    let renderer = median_of(alone, &|flown| median(&flown.frame_ms));
     let (generator, preparer) = (median(&recorded.trees.span_ms), median(&recorded.frames.span_ms));
     add(
         "generator's time of a frame against the renderer's",
@@ -261,21 +304,22 @@ pub fn replay(recorded: &Recorded, whole: &Flown, alone: &Flown, found: &mut Fou
         Some(Target::AtMost(0.05)),
     );
     add("preparer's time of a frame against the renderer's", preparer / renderer, "ratio", Some(Target::AtMost(0.15)));
-    let triangles: Vec<f64> = whole.triangles.iter().map(|t| *t as f64).collect();
-    add("triangles of a frame, median", median(&triangles), "triangles", None);
-    for (stage, cpu) in Stage::ALL.into_iter().zip(whole.cpu_ms) {
-        add(&format!("{stage}: processor time of a frame"), cpu, "ms", None);
+    add("triangles of a frame, median", median_of(whole, &Flown::triangles_median), "triangles", None);
+    for (at, stage) in Stage::ALL.into_iter().enumerate() {
+        add(&format!("{stage}: processor time of a frame"), median_of(whole, &|flown| flown.cpu_ms[at]), "ms", None);
     }
-    add("all stages: processor time of a frame", whole.cpu_ms.iter().sum(), "ms", None);
+    add("all stages: processor time of a frame", median_of(whole, &|flown| flown.cpu_ms.iter().sum()), "ms", None);
     for (name, flown) in [("whole pipeline", whole), ("renderer alone", alone)] {
-        let middle = median(&flown.frame_ms);
-        add(&format!("{name}: time of a frame, median"), middle, "ms", None);
-        add(&format!("{name}: time of a frame, p99"), quantile(&flown.frame_ms, 0.99), "ms", None);
-        let worst = quantile(&flown.frame_ms, 1.0) / middle;
+        let quantiles = |share: f64| median_of(flown, &|flown| quantile(&flown.frame_ms, share));
+        add(&format!("{name}: time of a frame, median"), quantiles(0.5), "ms", None);
+        add(&format!("{name}: time of a frame, p99"), quantiles(0.99), "ms", None);
+        // A view that takes long does so in every turn.
+        let worst = median_of(flown, &|flown| quantile(&flown.frame_ms, 1.0) / median(&flown.frame_ms));
         add(&format!("{name}: worst frame against the median"), worst, "ratio", Some(Target::AtMost(3.0)));
     }
     for (name, flown) in [("whole pipeline", whole), ("renderer alone", alone)] {
-        found.curves.push(Curve { name: name.to_owned(), values: flown.frame_ms.clone() });
+        let values = flown.last().map(|flown| flown.frame_ms.clone()).unwrap_or_default();
+        found.curves.push(Curve { name: name.to_owned(), values });
     }
     found.curves.push(Curve { name: "generator".to_owned(), values: recorded.trees.span_ms.clone() });
     found.curves.push(Curve { name: "preparer".to_owned(), values: recorded.frames.span_ms.clone() });

@@ -8,15 +8,13 @@ use crate::flight::Flight;
 use crate::measurement::{Measurement, Target, median};
 use crate::report::Found;
 use crate::session::Settings;
-use crate::stages::{Flown, fly_recorded, record};
+use crate::stages::{Flown, TURNS, fly_recorded, median_of, record};
 use anyhow::Context;
 use terravision_common::run::TechniqueChoice;
 
 const BENCH: &str = "techniques";
 /// Most frames of a round: a second or two.
 const MOST_FRAMES: u64 = 48;
-/// Turns that each technique gets.
-const TURNS: usize = 3;
 
 /// Measures both.
 ///
@@ -39,10 +37,9 @@ pub fn run(settings: &Settings, options: &Options, found: &mut Found) -> anyhow:
         let measurement = Measurement::new(BENCH, name, value, unit, frames);
         found.measurements.push(Measurement { target, ..measurement });
     };
-    let of = |flown: &[Flown], value: &dyn Fn(&Flown) -> f64| median(&flown.iter().map(value).collect::<Vec<_>>());
     // The renderer is the third stage.
-    let cpu = flown.each_ref().map(|flown| of(flown, &|flown| flown.cpu_ms[2]));
-    let elapsed = flown.each_ref().map(|flown| of(flown, &|flown| median(&flown.frame_ms)));
+    let cpu = flown.each_ref().map(|flown| median_of(flown, &|flown| flown.cpu_ms[2]));
+    let elapsed = flown.each_ref().map(|flown| median_of(flown, &|flown| median(&flown.frame_ms)));
     for ((technique, cpu), elapsed) in techniques.into_iter().zip(cpu).zip(elapsed) {
         let name = technique.name();
         put(format!("{name}: processor time of a frame"), cpu, "ms", None);

@@ -70,7 +70,7 @@ fn trees_slots_arrays_and_frames_pass_through_the_stages() {
     assert_eq!(whole.log.span_ms(SpanName::Prepare, FRAMES).len() as u64, FRAMES);
     let mut found = Found::default();
     stages::generator_and_preparer(&recorded, &mut found);
-    stages::renderer(&settings, &alone, &mut found);
-    stages::replay(&recorded, &whole, &alone, &mut found);
+    stages::renderer(&settings, std::slice::from_ref(&alone), &mut found);
+    stages::replay(&recorded, &[whole], &[alone], &mut found);
     print!("{}", table(&found.measurements));
 }
