@@ -5,13 +5,25 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use std::error::Error;
 use std::path::PathBuf;
 
+/// Each shader module, and the files that it is made of.
+const SHADERS: &[(&str, &[&str])] = &[
+    ("mesh", &["mesh"]),
+    ("floor", &["floor"]),
+    ("rays-cast", &["rays/shared", "rays/cast"]),
+    ("rays-color", &["rays/shared", "rays/color"]),
+];
+
 fn main() -> Result<(), Box<dyn Error>> {
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
-    for name in ["mesh", "floor"] {
-        let path = format!("shaders/{name}.wgsl");
-        println!("cargo::rerun-if-changed={path}");
-        let source = std::fs::read_to_string(&path)?;
-        let words = compile(&source).map_err(|message| format!("{path}: {message}"))?;
+    for (name, parts) in SHADERS {
+        let mut source = String::new();
+        for part in *parts {
+            let path = format!("shaders/{part}.wgsl");
+            println!("cargo::rerun-if-changed={path}");
+            source.push_str(&std::fs::read_to_string(&path).map_err(|error| format!("{path}: {error}"))?);
+        }
+        let words =
+            compile(&source).map_err(|message| format!("the shader {name} ({}): {message}", parts.join(", ")))?;
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         std::fs::write(out.join(format!("{name}.spv")), bytes)?;
     }

@@ -200,7 +200,7 @@ pub enum TechniqueChoice {
     Auto,
     /// As triangles, by a Vulkan device.
     Mesh,
-    /// By rays, on the processor alone.
+    /// By rays; see [`RaysChoice`] for what casts them.
     Rays,
 }
 
@@ -225,7 +225,9 @@ pub enum RaysChoice {
     Mipmap,
     /// Samples of voxels along lines of pixels.
     Coherent,
-    /// Whichever of the two is faster during the first frames.
+    /// One exact ray per pixel, by a Vulkan device.
+    Compute,
+    /// By a GPU, if there is one; else whichever of the first two is faster during the first frames.
     Auto,
 }
 

@@ -7,7 +7,7 @@ use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
 use terravision_common::texels::TexelFormat;
-use terravision_renderer::engine::{EngineOptions, MeshEngine};
+use terravision_renderer::engine::{DeviceEngine, EngineOptions};
 use terravision_renderer::source::RecordedSource;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -84,7 +84,7 @@ fn shared_memory_is_read_in_place_where_the_device_can() {
     let tiles = level(&mut scene, 0, &camera);
     scene.frame(&camera, tiles);
     let source = RecordedSource::new(scene.finish(), 1);
-    let [best, staged] = paths(&options(SIZE)).map(|options| MeshEngine::new(options, &source).unwrap());
+    let [best, staged] = paths(&options(SIZE)).map(|options| DeviceEngine::new(options, &source).unwrap());
     let can_import = best.device().capabilities().host_import_alignment.is_some();
     assert_eq!(best.imports(), [can_import; 2]);
     assert_eq!(staged.imports(), [false; 2]);

@@ -1,4 +1,4 @@
-//! Pictures of hand-made frames by rays: those of the mesh, without a device.
+//! Pictures of hand-made frames by rays, with and without a device: those of the mesh.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -19,6 +19,10 @@ const SIZE: [u32; 2] = [160, 120];
 
 fn rays(rays: RaysChoice) -> EngineOptions {
     EngineOptions { technique: TechniqueChoice::Rays, rays, has_validation: false, has_depth: true, ..options(SIZE) }
+}
+
+fn compute() -> EngineOptions {
+    EngineOptions { has_validation: true, ..rays(RaysChoice::Compute) }
 }
 
 fn mesh() -> EngineOptions {
@@ -78,6 +82,55 @@ fn exact_rays_see_the_surface_of_the_mesh() {
 }
 
 #[test]
+fn a_device_casts_the_rays_that_the_processor_casts() {
+    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    // Nearly level; straight down; rolled; and up into the sky. (Beside the world rays see its side as a wall.)
+    let views = [
+        camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
+        camera([600.0, 640.0, 900.0], 80.0, -90.0, SIZE),
+        rolled,
+        camera([640.0, 200.0, 300.0], 0.0, 80.0, SIZE),
+    ];
+    // Borders that cut cells along both axes, at a level above 0.
+    for (extent, q) in [([128, 128], 0), ([101, 83], 1), ([101, 83], 2)] {
+        let recording = recording(extent, q, &views);
+        let [processor, device, mesh] =
+            [rays(RaysChoice::Mipmap), compute(), mesh()].map(|options| draw(&options, &recording).unwrap());
+        for (index, (a, b)) in processor.iter().zip(&device).enumerate() {
+            keep(b, &format!("compute-{}-{q}-{index}", extent[0]));
+            keep(&mesh[index], &format!("compute-{}-{q}-{index}-mesh", extent[0]));
+            // A pixel at the border may be the mesh's or the processor's, at an edge it may see what is behind.
+            let [a_m, b_m, mesh_m] = [a, b, &mesh[index]].map(metres);
+            let is_close = |a: f32, b: f32| a == b || (a - b).abs() < 1e-4 * a;
+            let far = (0..b_m.len()).filter(|k| !is_close(b_m[*k], a_m[*k]) && !is_close(b_m[*k], mesh_m[*k])).count();
+            assert!(far <= 40, "{extent:?}, view {index}: {far} of {} depths differ", b_m.len());
+            let mesh = &mesh[index];
+            let skies = [mesh, b].map(sky_pixels);
+            assert!(skies[0].abs_diff(skies[1]) <= 20, "{extent:?}, view {index}: {skies:?}");
+            // Colours are sampled as the mesh samples them.
+            let channels = |frame: &Finished| frame.pixels.rgba().to_vec();
+            let differ = channels(b).into_iter().zip(channels(mesh)).filter(|(a, b)| a.abs_diff(*b) > 8).count();
+            assert!(differ < 1500, "{extent:?}, view {index}: {differ} channels differ from the mesh's");
+        }
+        assert!(sky_pixels(&device[0]) > 1000 && sky_pixels(&device[1]) < 10_000, "the views are what they are called");
+        assert_eq!(sky_pixels(&device[3]), (SIZE[0] * SIZE[1]) as usize);
+    }
+}
+
+#[test]
+fn a_device_outlines_the_leaves_of_rays() {
+    let recording = recording([64, 64], 1, &[camera([320.0, 320.0, 700.0], 0.0, -90.0, SIZE)]);
+    let counts = [compute(), mesh()].map(|options| {
+        let overlay = EngineOptions { has_tree_overlay: true, ..options };
+        let frame = &draw(&overlay, &recording).unwrap()[0];
+        keep(frame, "overlay");
+        // The outlines of level 1, which no texture has.
+        frame.pixels.rgba().chunks_exact(4).filter(|c| c[0] > 200 && c[2] < 60).count()
+    });
+    assert!(counts[1] > 300 && counts[0].abs_diff(counts[1]) < counts[1] / 4, "rays, mesh: {counts:?}");
+}
+
+#[test]
 fn voxels_lie_within_a_voxel_of_the_mesh() {
     let recording = recording([128, 128], 0, &[camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE)]);
     let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());
@@ -113,6 +166,10 @@ fn rays_refuse_what_only_the_mesh_does() {
         let error = Engine::new(options, &source).unwrap_err();
         assert!(matches!(error, EngineError::MeshOnly { .. } | EngineError::PictureSize { .. }), "{error}");
     }
+    let error = Engine::new(EngineOptions { samples: 4, ..compute() }, &source).unwrap_err();
+    assert!(matches!(error, EngineError::MeshOnly { .. }), "{error}");
+    let described = Engine::new(compute(), &source).unwrap().describe();
+    assert!(described.technique == "rays" && described.driver.contains("compute"), "{described:?}");
     let described = Engine::new(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
     assert_eq!((described.technique, described.device.as_str()), ("rays", "CPU, 2 workers"));
 }
@@ -130,7 +187,7 @@ fn a_height_that_is_no_number_is_refused() {
 #[test]
 fn more_frames_of_rays_take_no_more_allocations() {
     let recording = recording([16, 16], 0, &[camera([80.0, 10.0, 150.0], 5.0, -35.0, SIZE)]);
-    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent] {
+    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent, RaysChoice::Compute] {
         let allocations = |laps: u64| {
             let mut source = RecordedSource::new(Arc::clone(&recording), laps);
             let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();

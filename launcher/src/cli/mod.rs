@@ -117,13 +117,13 @@ pub struct PictureArgs {
     /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
     ///
     /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel on the processor's cores and needs no
-    /// device. Both draw the same surface (docs/techniques.md).
+    /// device, or with '--rays compute' on one. All draw the same surface (docs/techniques.md).
     #[arg(long, value_enum, value_name = "WHICH")]
     pub technique: Option<TechniqueArg>,
     /// How rays are cast [default: mipmap; in real time: auto]
     ///
-    /// 'auto' takes the faster way, after a trial of both on the first frames; in exact mode, whose pictures must not depend
-    /// on a machine's speed, that is always 'mipmap'.
+    /// 'auto' takes 'compute' where there is a GPU, else the faster of 'mipmap' and 'coherent', after a trial of both on the
+    /// first frames; in exact mode, whose pictures must not depend on a machine's speed, it is always 'mipmap'.
     #[arg(long, value_enum, value_name = "HOW")]
     pub rays: Option<RaysArg>,
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]

@@ -9,7 +9,7 @@ use terravision_common::run::{RaysChoice, TechniqueChoice};
 pub enum TechniqueArg {
     /// Triangles, by a Vulkan device
     Mesh,
-    /// Rays, on the processor alone
+    /// Rays, on the processor alone unless --rays says otherwise
     Rays,
 }
 
@@ -29,7 +29,9 @@ pub enum RaysArg {
     Coherent,
     /// One exact ray per pixel through maxima of the heights
     Mipmap,
-    /// The faster of the two, in exact mode 'mipmap'
+    /// One exact ray per pixel as with 'mipmap', by a Vulkan device
+    Compute,
+    /// In real time 'compute' on a GPU, else the faster of the first two; in exact mode 'mipmap'
     Auto,
 }
 
@@ -38,6 +40,7 @@ impl From<RaysArg> for RaysChoice {
         match rays {
             RaysArg::Coherent => Self::Coherent,
             RaysArg::Mipmap => Self::Mipmap,
+            RaysArg::Compute => Self::Compute,
             RaysArg::Auto => Self::Auto,
         }
     }

@@ -1,6 +1,7 @@
 //! Checks of single arguments and of the path against the world.
 
 use crate::cli::supervision::SupervisionArgs;
+use crate::cli::technique::RaysArg;
 use crate::cli::values::FrameRange;
 use crate::cli::{CourseArgs, Mode, Overlay, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
@@ -141,9 +142,14 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
 /// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
 pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
     let technique = picture.technique.map_or(TechniqueChoice::Auto, TechniqueChoice::from);
-    if technique == TechniqueChoice::Rays && picture.overlay == Some(Overlay::Tree) {
+    let is_compute = picture.rays == Some(RaysArg::Compute);
+    if is_compute && technique != TechniqueChoice::Rays {
+        return Err(Failure::bad_input(anyhow!("--rays compute is for --technique rays, which was not asked for")));
+    }
+    if technique == TechniqueChoice::Rays && picture.overlay == Some(Overlay::Tree) && !is_compute {
         return Err(Failure::bad_input(anyhow!(
-            "--technique rays: the leaves of the quad tree (--overlay tree) can be drawn over a mesh only"
+            "--technique rays: the leaves of the quad tree (--overlay tree) can be drawn by a device only: over a mesh, or with \
+             --rays compute"
         )));
     }
     if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {

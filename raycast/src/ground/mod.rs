@@ -11,10 +11,10 @@ mod tree;
 
 pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
 pub(crate) use model::{LOG_BLOCK, Span, SteepBlock};
-pub(crate) use tree::{Found, Link};
+pub(crate) use tree::Found;
+pub use tree::{Link, Node, Occupied, Tree};
 
 use crate::color::{ColorLayout, ColorPlace};
-use tree::Tree;
 
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]

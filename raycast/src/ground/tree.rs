@@ -2,7 +2,7 @@
 
 /// What a link of the tree leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Link {
+pub enum Link {
     /// Nothing.
     Empty,
     /// The tile of this index.
@@ -11,11 +11,13 @@ pub(crate) enum Link {
     Node(u32),
 }
 
+/// An inner node.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Node {
-    pub(crate) children: [Link; 4],
+pub struct Node {
+    /// South west, south east, north west, north east.
+    pub children: [Link; 4],
     /// Highest ground below it, metres above the datum.
-    pub(crate) highest_m: f32,
+    pub highest_m: f32,
 }
 
 /// Where a descent ended.
@@ -31,7 +33,7 @@ pub(crate) enum Found {
 
 /// The tree. Level 0 nodes have sides of `2^log_side` lattice units.
 #[derive(Debug, Default)]
-pub(crate) struct Tree {
+pub struct Tree {
     nodes: Vec<Node>,
     root: Option<Link>,
     log_side: u32,
@@ -40,18 +42,21 @@ pub(crate) struct Tree {
 
 /// A tile is there already, or below or above the place of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Occupied;
+pub struct Occupied;
 
 impl Tree {
-    pub(crate) fn clear(&mut self, log_side: u32, root_level: u32) {
+    /// Takes all tiles away. The root is a node of `root_level`.
+    pub fn clear(&mut self, log_side: u32, root_level: u32) {
         self.nodes.clear();
         self.root = None;
         self.log_side = log_side;
         self.root_level = root_level;
     }
 
+    /// All there is.
     #[inline]
-    pub(crate) fn root(&self) -> Link {
+    #[must_use]
+    pub fn root(&self) -> Link {
         self.root.unwrap_or(Link::Empty)
     }
 
@@ -76,8 +81,17 @@ impl Tree {
         self.node(node).children[child(point, log)]
     }
 
-    /// Puts a tile of `level` at its origin, lattice units.
-    pub(crate) fn insert(&mut self, origin: [u32; 2], level: u32, tile: u32, highest_m: f32) -> Result<(), Occupied> {
+    /// All nodes; [`Link::Node`] has their indices.
+    #[must_use]
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// Puts a tile of `level` at its origin, lattice units; `highest_m`: its highest ground.
+    ///
+    /// # Errors
+    /// It covers another one.
+    pub fn insert(&mut self, origin: [u32; 2], level: u32, tile: u32, highest_m: f32) -> Result<(), Occupied> {
         let mut place: Option<(usize, usize)> = None;
         let mut at = self.root_level;
         loop {

@@ -1,14 +1,16 @@
 //! Engines: they turn checked frames into pictures in memory, and know neither where frames come from nor where they go.
-//! One per technique: [`MeshEngine`] draws with Vulkan, [`RaysEngine`] with the processor alone.
+//! [`DeviceEngine`] draws with Vulkan, [`RaysEngine`] with the processor alone.
 
-mod mesh;
+mod device;
 mod rays;
 
-pub use mesh::MeshEngine;
+pub use device::DeviceEngine;
 pub use rays::RaysEngine;
 
 use crate::frame::{Frame, FrameError};
-use crate::gpu::{DeviceChoice, ElevationPath, GpuError, Missing};
+use crate::gpu::{
+    AdapterDescription, DeviceChoice, DeviceKind, ElevationPath, GpuError, Missing, Needs, describe_adapters,
+};
 use crate::pixels::Pixels;
 use crate::source::{Done, FrameSource, SourceError};
 use std::time::Duration;
@@ -48,6 +50,25 @@ pub struct EngineOptions {
     pub can_import_colors: bool,
     /// For tests: the device is lost when it is handed its so many-th frame, and so is every one that comes after it.
     pub lose_device_at: Option<u64>,
+}
+
+impl EngineOptions {
+    /// Whether a device casts rays.
+    fn is_compute(&self) -> bool {
+        self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Compute
+    }
+
+    /// Rays of which it is left open what casts them are a GPU's, if there is one.
+    fn with_gpu_rays(self) -> Self {
+        if self.technique != TechniqueChoice::Rays || self.rays != RaysChoice::Auto {
+            return self;
+        }
+        // Without Vulkan there is none.
+        let devices = describe_adapters(&self.device, &Needs { size: self.size, ..Needs::LEAST }).unwrap_or_default();
+        let is_gpu = |device: &AdapterDescription| device.kind > DeviceKind::Cpu && device.missing.is_empty();
+        let has_gpu = devices.iter().any(|device| device.is_chosen && is_gpu(device));
+        Self { rays: if has_gpu { RaysChoice::Compute } else { RaysChoice::Auto }, ..self }
+    }
 }
 
 impl Default for EngineOptions {
@@ -254,7 +275,7 @@ pub struct Described {
 #[allow(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum Engine {
     /// With Vulkan.
-    Mesh(MeshEngine),
+    Device(DeviceEngine),
     /// With the processor alone.
     Rays(RaysEngine),
 }
@@ -265,11 +286,12 @@ impl Engine {
     /// # Errors
     /// No device, or it lacks something; or rays are asked for what they cannot do.
     pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
-        if options.technique == TechniqueChoice::Rays {
+        let options = options.with_gpu_rays();
+        if options.technique == TechniqueChoice::Rays && !options.is_compute() {
             return Ok(Self::Rays(RaysEngine::new(options, source)?));
         }
-        match MeshEngine::new(options.clone(), source) {
-            Ok(engine) => Ok(Self::Mesh(engine)),
+        match DeviceEngine::new(options.clone(), source) {
+            Ok(engine) => Ok(Self::Device(engine)),
             Err(error) if options.technique == TechniqueChoice::Auto && error.is_without_device() => {
                 Ok(Self::Rays(RaysEngine::new(EngineOptions { samples: 1, ..options }, source)?))
             }
@@ -281,7 +303,7 @@ impl Engine {
     #[must_use]
     pub fn describe(&self) -> Described {
         match self {
-            Self::Mesh(engine) => engine.describe(),
+            Self::Device(engine) => engine.describe(),
             Self::Rays(engine) => engine.describe(),
         }
     }
@@ -290,7 +312,7 @@ impl Engine {
     #[must_use]
     pub fn frames_in_flight(&self) -> usize {
         match self {
-            Self::Mesh(engine) => engine.frames_in_flight(),
+            Self::Device(engine) => engine.frames_in_flight(),
             Self::Rays(_) => 1,
         }
     }
@@ -301,7 +323,7 @@ impl Engine {
     /// Out of memory.
     pub fn new_pixels(&self) -> Result<Pixels, EngineError> {
         match self {
-            Self::Mesh(engine) => Ok(Pixels::Device(engine.new_readback()?)),
+            Self::Device(engine) => Ok(Pixels::Device(engine.new_readback()?)),
             Self::Rays(engine) => Ok(engine.new_pixels()),
         }
     }
@@ -310,7 +332,7 @@ impl Engine {
     #[must_use]
     pub fn has_room(&self) -> bool {
         match self {
-            Self::Mesh(engine) => engine.has_room(),
+            Self::Device(engine) => engine.has_room(),
             Self::Rays(engine) => !engine.is_busy(),
         }
     }
@@ -319,7 +341,7 @@ impl Engine {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         match self {
-            Self::Mesh(engine) => engine.is_busy(),
+            Self::Device(engine) => engine.is_busy(),
             Self::Rays(engine) => engine.is_busy(),
         }
     }
@@ -335,8 +357,8 @@ impl Engine {
         pixels: Pixels,
     ) -> Result<Submitted, EngineError> {
         match (self, pixels) {
-            (Self::Mesh(engine), Pixels::Device(readback)) => engine.submit(frame, source, readback),
-            (Self::Mesh(engine), Pixels::Memory(_)) => {
+            (Self::Device(engine), Pixels::Device(readback)) => engine.submit(frame, source, readback),
+            (Self::Device(engine), Pixels::Memory(_)) => {
                 let readback = engine.new_readback()?;
                 engine.submit(frame, source, readback)
             }
@@ -350,7 +372,7 @@ impl Engine {
     /// The device was lost, or the validation layer said something.
     pub fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError> {
         match self {
-            Self::Mesh(engine) => engine.poll(timeout),
+            Self::Device(engine) => engine.poll(timeout),
             Self::Rays(engine) => Ok(engine.take_finished()),
         }
     }
@@ -361,7 +383,7 @@ impl Engine {
     /// It has not.
     pub fn check_validation(&self) -> Result<(), EngineError> {
         match self {
-            Self::Mesh(engine) => Ok(engine.device().instance().check_validation()?),
+            Self::Device(engine) => Ok(engine.device().instance().check_validation()?),
             Self::Rays(_) => Ok(()),
         }
     }

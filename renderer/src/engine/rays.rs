@@ -53,7 +53,8 @@ const METHODS: [Method; 2] = [Method::Mipmap, Method::Coherent];
 impl Choice {
     fn of(rays: RaysChoice) -> Self {
         match rays {
-            RaysChoice::Mipmap => Self::Fixed(Method::Mipmap),
+            // Without a device the processor casts the same rays.
+            RaysChoice::Mipmap | RaysChoice::Compute => Self::Fixed(Method::Mipmap),
             RaysChoice::Coherent => Self::Fixed(Method::Coherent),
             RaysChoice::Auto => Self::Trying { tried: 0, nanos: [0; 2] },
         }

@@ -15,6 +15,10 @@ pub(super) enum Access {
     DepthTarget,
     /// Sampled by the fragment shader.
     Sampled,
+    /// Storage buffers of compute shaders, read and written.
+    Computed,
+    /// Storage buffers that fragment shaders read.
+    ReadByFragments,
     /// Source of a copy.
     CopySource,
     /// Target of a copy.
@@ -39,6 +43,12 @@ impl Access {
                 L::DEPTH_ATTACHMENT_OPTIMAL,
             ),
             Self::Sampled => (S::FRAGMENT_SHADER, A::SHADER_SAMPLED_READ, L::SHADER_READ_ONLY_OPTIMAL),
+            Self::Computed => (
+                S::COMPUTE_SHADER,
+                A::from_raw(A::SHADER_STORAGE_READ.as_raw() | A::SHADER_STORAGE_WRITE.as_raw()),
+                L::UNDEFINED,
+            ),
+            Self::ReadByFragments => (S::FRAGMENT_SHADER, A::SHADER_STORAGE_READ, L::UNDEFINED),
             Self::CopySource => (S::COPY, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
             Self::CopyTarget => (S::COPY, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Self::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),

@@ -1,4 +1,4 @@
-//! Buffers: mapped ones that the processor writes or reads, and imported ones.
+//! Buffers: mapped ones that the processor writes or reads, the device's own, and imported ones.
 
 use super::device::Device;
 use super::error::{During, GpuError};
@@ -13,6 +13,8 @@ use std::sync::Arc;
 pub(super) enum BufferUse {
     /// The processor writes, shaders read.
     Storage,
+    /// Shaders write and read.
+    Scratch,
     /// The processor writes once, index fetch reads.
     Index,
     /// The processor writes, copies read.
@@ -24,7 +26,7 @@ pub(super) enum BufferUse {
 impl BufferUse {
     fn usage(self) -> vk::BufferUsageFlags {
         match self {
-            Self::Storage => vk::BufferUsageFlags::STORAGE_BUFFER,
+            Self::Storage | Self::Scratch => vk::BufferUsageFlags::STORAGE_BUFFER,
             Self::Index => vk::BufferUsageFlags::INDEX_BUFFER,
             Self::Upload => vk::BufferUsageFlags::TRANSFER_SRC,
             Self::Readback => vk::BufferUsageFlags::TRANSFER_DST,
@@ -37,8 +39,10 @@ impl BufferUse {
         const MAPPED: M = M::from_raw(M::HOST_VISIBLE.as_raw() | M::HOST_COHERENT.as_raw());
         const MAPPED_ON_DEVICE: M = M::from_raw(MAPPED.as_raw() | M::DEVICE_LOCAL.as_raw());
         const MAPPED_AND_CACHED: M = M::from_raw(MAPPED.as_raw() | M::HOST_CACHED.as_raw());
+        const ANY: M = M::from_raw(0);
         match self {
             Self::Storage | Self::Index => &[MAPPED_ON_DEVICE, MAPPED],
+            Self::Scratch => &[M::DEVICE_LOCAL, ANY],
             Self::Upload => &[MAPPED],
             Self::Readback => &[MAPPED_AND_CACHED, MAPPED],
         }
@@ -80,10 +84,15 @@ impl Buffer {
         let memory = Owned::new(device, memory, destroyer!(free_memory));
         // SAFETY: fresh buffer, fresh memory of the size and type that it needs.
         unsafe { device.raw().bind_buffer_memory(raw, memory.get(), 0) }.during("binding a buffer's memory")?;
-        // SAFETY: the type is host visible, the memory is not yet mapped; it stays mapped until it is freed.
-        let start = unsafe { device.raw().map_memory(memory.get(), 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) }
-            .during("mapping a buffer")?;
-        Ok(Self { handle, _memory: memory, mapped: NonNull::new(start.cast()), len, _pages: None })
+        let mut mapped = None;
+        if usage != BufferUse::Scratch {
+            // SAFETY: the type is host visible, the memory is not yet mapped; it stays mapped until it is freed.
+            let start =
+                unsafe { device.raw().map_memory(memory.get(), 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) }
+                    .during("mapping a buffer")?;
+            mapped = NonNull::new(start.cast());
+        }
+        Ok(Self { handle, _memory: memory, mapped, len, _pages: None })
     }
 
     /// A mapped index buffer with this content.

@@ -37,6 +37,7 @@ pub use frame::{FrameSlot, Recording};
 pub use host_memory::HostMemory;
 pub use instance::Instance;
 pub use passes::floor::FloorPass;
+pub use passes::rays::{RayNode, RayTile, RayView, RaysPass};
 pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};

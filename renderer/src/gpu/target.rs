@@ -66,6 +66,12 @@ impl Target {
         Ok(Self { color, depth, color_samples, depth_of_centres, size, samples })
     }
 
+    /// Size of the picture, pixels.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
     /// Samples per pixel of the picture.
     #[must_use]
     pub fn samples(&self) -> u32 {

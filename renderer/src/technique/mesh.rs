@@ -1,8 +1,9 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
 use super::view::{from_cell, view_parameters};
-use super::{ArrayPlaces, Technique};
-use crate::frame::{Frame, leaf_level};
+use super::{ArrayPlaces, Technique, outline_of};
+use crate::engine::EngineError;
+use crate::frame::Frame;
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
     ViewParameters,
@@ -19,18 +20,6 @@ pub const LOD_BIAS: f32 = 0.0;
 /// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so texels at glancing
 /// angles are too coarse along the line of sight and too fine across it by up to about this ratio.
 pub const MAX_ANISOTROPY: f32 = 8.0;
-
-/// Outline colours by level, finest first: neighbours in level differ in hue and in brightness.
-const OUTLINES: [[u8; 3]; 8] = [
-    [255, 64, 64],
-    [255, 200, 0],
-    [64, 220, 64],
-    [0, 220, 255],
-    [64, 96, 255],
-    [220, 64, 255],
-    [255, 255, 255],
-    [255, 140, 80],
-];
 
 /// Draws tiles as triangle meshes.
 #[derive(Debug)]
@@ -79,7 +68,7 @@ impl Technique for MeshTechnique {
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), EngineError> {
         let (view, cell) = view_parameters(&frame.marker.camera, &self.world);
         self.view = view;
         self.sides = visible_sides(&frame.marker.camera, &self.world);
@@ -97,7 +86,7 @@ impl Technique for MeshTechnique {
             self.blocks.push(Block { start, size, snap });
             self.triangles += 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
         }
-        self.pass.prepare(recording, elevation, &self.tiles)
+        Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
     }
 
     fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
@@ -123,7 +112,6 @@ fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: 
     let texels_per_unit = f64::from(world.color_tile()) / world.node_side(tile.color_level) as f64;
     let [west, east, south, north] = tile.edge_snap.map(u32::from);
     let pair = |v: [u16; 2]| u32::from(v[0]) | u32::from(v[1]) << 16;
-    let [r, g, b] = OUTLINES[usize::from(leaf_level(tile)) % OUTLINES.len()];
     TileParameters {
         origin_from_cell: relative(tile.elevation_origin),
         color_origin_from_cell: relative(tile.color_origin),
@@ -133,7 +121,7 @@ fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: 
         color_layer: tile.color_slot,
         block_start: pair(tile.start),
         block_end: pair(tile.end),
-        outline: u32::from_le_bytes([r, g, b, 255]),
+        outline: outline_of(tile),
         reserved: 0,
     }
 }

@@ -1,16 +1,20 @@
-//! How terrain is drawn. The mesh is drawn by a device, behind one drawing trait; rays are cast without any, so that their part
-//! here is what a slot means to them.
+//! How terrain is drawn. A device draws the mesh, or casts rays, behind one drawing trait; the processor casts rays without any, so that
+//! its part here is what a slot means to rays.
 
+mod compute;
 mod mesh;
 mod rays;
 mod view;
 
+pub use compute::ComputeRays;
 pub use mesh::{LOD_BIAS, MAX_ANISOTROPY, MeshTechnique};
 pub use rays::BlockReader;
 pub use view::{NEAR_M, view_parameters};
 
-use crate::frame::Frame;
-use crate::gpu::{ColorPool, Elevation, GpuError, Recording};
+use crate::engine::EngineError;
+use crate::frame::{Frame, leaf_level};
+use crate::gpu::{ColorPool, Elevation, Recording};
+use terravision_common::slot::TileSlot;
 
 /// Where the elevation arrays of a frame lie in the buffer that the device reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,18 +34,36 @@ pub trait Technique: Send {
     /// Takes a checked frame in.
     ///
     /// # Errors
-    /// The device is out of memory.
+    /// The device is out of memory, or the frame's tiles are no ground.
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), GpuError>;
+    ) -> Result<(), EngineError>;
 
     /// Draws the frame that was prepared last. `is_depth_only`: no picture, depth at pixel centres.
     fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 
     /// Triangles of the frame that was prepared last.
     fn triangles(&self) -> u64;
+}
+
+/// Outline colours by level, finest first: neighbours in level differ in hue and in brightness.
+const OUTLINES: [[u8; 3]; 8] = [
+    [255, 64, 64],
+    [255, 200, 0],
+    [64, 220, 64],
+    [0, 220, 255],
+    [64, 96, 255],
+    [220, 64, 255],
+    [255, 255, 255],
+    [255, 140, 80],
+];
+
+/// Colour of a tile's outline, RGBA8.
+fn outline_of(tile: &TileSlot) -> u32 {
+    let [r, g, b] = OUTLINES[usize::from(leaf_level(tile)) % OUTLINES.len()];
+    u32::from_le_bytes([r, g, b, 255])
 }

@@ -40,7 +40,9 @@ impl BlockReader {
         eye_z_m: f64,
         layer: u32,
     ) -> Result<Result<TileSpec<'_>, TileFault>, SourceError> {
-        let Some((node, start, cells)) = self.block(tile) else { return Ok(Err(TileFault::Block)) };
+        let Some(SlotBlock { node, start, cells, stretch }) = block_of(&self.world, tile) else {
+            return Ok(Err(TileFault::Block));
+        };
         if self.position != Some(tile.elevation_position) {
             self.position = None;
             if !source.read_elevation(tile.elevation_position, &mut self.array)? {
@@ -56,14 +58,13 @@ impl BlockReader {
             self.heights.extend(row.iter().step_by(step).take(columns));
         }
         let origin = self.world.node_origin(node);
-        let log_spacing = tile.elevation_level + tile.grid_snap;
-        for (axis, origin) in origin.into_iter().enumerate() {
-            self.reach_over_border(axis, [columns, rows], origin, log_spacing);
+        for (axis, factor) in stretch.into_iter().enumerate() {
+            self.reach_over_border(axis, [columns, rows], factor);
         }
         Ok(Ok(TileSpec {
             origin: origin.map(|v| v as u32),
             level: node.q(),
-            log_spacing,
+            log_spacing: tile.elevation_level + tile.grid_snap,
             cells,
             heights: &self.heights,
             stride: columns,
@@ -73,44 +74,14 @@ impl BlockReader {
         }))
     }
 
-    /// The colour leaf of a slot, its first post in the array, and its cells inside of the world.
-    fn block(&self, tile: &TileSlot) -> Option<(NodeId, [u32; 2], [u32; 2])> {
-        let world = &self.world;
-        let node = NodeId::unpack(tile.node).filter(|node| node.q() <= tile.elevation_level)?;
-        let posts = world.elevation_tile() >> (tile.elevation_level - node.q());
-        let step = 1u32 << tile.grid_snap;
-        if posts < step {
-            return None;
-        }
-        let origin = world.node_origin(node);
-        let (mut start, mut cells) = ([0; 2], [0; 2]);
-        for axis in 0..2 {
-            let from_array = origin[axis].checked_sub(u64::from(tile.elevation_origin[axis]))?;
-            start[axis] = u32::try_from(from_array >> tile.elevation_level).ok()?;
-            let left = u64::from(world.extent()[axis]).checked_sub(origin[axis]).filter(|left| *left > 0)?;
-            let inside = left.div_ceil(u64::from(step) << tile.elevation_level);
-            cells[axis] = inside.min(u64::from(posts / step)) as u32;
-            let is_in_array = start[axis].is_multiple_of(step) && start[axis] + posts <= world.elevation_tile();
-            // The block that is to be drawn is part of it.
-            let [first, last] = [tile.start[axis], tile.end[axis]].map(u32::from);
-            if !is_in_array || first < start[axis] || last > start[axis] + posts {
-                return None;
-            }
-        }
-        Some((node, start, cells))
-    }
-
     /// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
     /// far posts continue the slope that leads to the border.
-    fn reach_over_border(&mut self, axis: usize, [columns, rows]: [usize; 2], origin: u64, log_spacing: u8) {
-        let count = [columns, rows][axis];
-        let before = origin + ((count as u64 - 2) << log_spacing);
-        let inside = u64::from(self.world.extent()[axis]).saturating_sub(before);
-        if inside == 0 || inside >= 1 << log_spacing {
+    fn reach_over_border(&mut self, axis: usize, [columns, rows]: [usize; 2], factor: f32) {
+        if factor == 1.0 {
             return;
         }
-        let factor = (1u64 << log_spacing) as f32 / inside as f32;
-        let [along, across, others] = if axis == 0 { [1, columns, rows] } else { [columns, 1, columns] };
+        let [along, across, others, count] =
+            if axis == 0 { [1, columns, rows, columns] } else { [columns, 1, columns, rows] };
         for other in 0..others {
             let last = other * across + (count - 1) * along;
             let before = self.heights[last - along];
@@ -122,4 +93,50 @@ impl BlockReader {
     pub fn forget(&mut self) {
         self.position = None;
     }
+}
+
+/// What rays see of a tile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SlotBlock {
+    /// The colour leaf.
+    pub(super) node: NodeId,
+    /// Its first post in the elevation array.
+    pub(super) start: [u32; 2],
+    /// Its cells inside of the world, at the step that it is drawn with.
+    pub(super) cells: [u32; 2],
+    /// By how much the last cells east and north reach over the world's border, where vertices past it lie; 1 for not at all.
+    pub(super) stretch: [f32; 2],
+}
+
+/// The block of a slot: all of its colour leaf, also what was trimmed.
+pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
+    let node = NodeId::unpack(tile.node).filter(|node| node.q() <= tile.elevation_level)?;
+    let posts = world.elevation_tile() >> (tile.elevation_level - node.q());
+    let step = 1u32 << tile.grid_snap;
+    if posts < step {
+        return None;
+    }
+    let origin = world.node_origin(node);
+    let (mut start, mut cells) = ([0; 2], [0; 2]);
+    for axis in 0..2 {
+        let from_array = origin[axis].checked_sub(u64::from(tile.elevation_origin[axis]))?;
+        start[axis] = u32::try_from(from_array >> tile.elevation_level).ok()?;
+        let left = u64::from(world.extent()[axis]).checked_sub(origin[axis]).filter(|left| *left > 0)?;
+        let inside = left.div_ceil(u64::from(step) << tile.elevation_level);
+        cells[axis] = inside.min(u64::from(posts / step)) as u32;
+        let is_in_array = start[axis].is_multiple_of(step) && start[axis] + posts <= world.elevation_tile();
+        // The block that is to be drawn is part of it.
+        let [first, last] = [tile.start[axis], tile.end[axis]].map(u32::from);
+        if !is_in_array || first < start[axis] || last > start[axis] + posts {
+            return None;
+        }
+    }
+    let log_spacing = tile.elevation_level + tile.grid_snap;
+    let stretch = [0, 1].map(|axis| {
+        let before = origin[axis] + (u64::from(cells[axis] - 1) << log_spacing);
+        let inside = u64::from(world.extent()[axis]).saturating_sub(before);
+        let is_cut = inside > 0 && inside < 1 << log_spacing;
+        if is_cut { (1u64 << log_spacing) as f32 / inside as f32 } else { 1.0 }
+    });
+    Some(SlotBlock { node, start, cells, stretch })
 }

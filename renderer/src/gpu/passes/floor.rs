@@ -38,7 +38,8 @@ impl FloorPass {
     /// Out of memory.
     pub fn new(colors: &ColorPool, target: &Target, columns: u32, rows: u32) -> Result<Self, GpuError> {
         let device = colors.device();
-        let layout = pipeline::layout(device, &[colors.set_layout(), colors.set_layout()])?;
+        let layout =
+            pipeline::layout(device, &[colors.set_layout(), colors.set_layout()], vk::ShaderStageFlags::VERTEX)?;
         let module = pipeline::module(device, &SPIRV.0, "floor")?;
         let shape =
             PipelineShape { vertex: c"vertex", fragment: Some(c"fragment"), samples: target.samples(), name: "floor" };

@@ -2,4 +2,5 @@
 
 pub(super) mod floor;
 mod pipeline;
+pub(super) mod rays;
 pub(super) mod terrain;

@@ -1,4 +1,4 @@
-//! Graphics pipelines without vertex attributes: what all passes have in common.
+//! Pipelines without vertex attributes and their inputs: what all passes have in common.
 
 use crate::gpu::device::Device;
 use crate::gpu::error::{During, GpuError};
@@ -23,17 +23,77 @@ pub(super) fn module(device: &Arc<Device>, spirv: &[u8], name: &str) -> Result<O
     Ok(Owned::new(device, raw, destroyer!(destroy_shader_module)))
 }
 
-/// A pipeline layout of these sets and our push constants.
+/// A pipeline layout of these sets, and our push constants for these stages.
 pub(super) fn layout(
     device: &Arc<Device>,
     sets: &[vk::DescriptorSetLayout],
+    stages: vk::ShaderStageFlags,
 ) -> Result<Owned<vk::PipelineLayout>, GpuError> {
-    let constants =
-        [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::VERTEX).size(PUSH_CONSTANT_BYTES)];
+    let constants = [vk::PushConstantRange::default().stage_flags(stages).size(PUSH_CONSTANT_BYTES)];
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(sets).push_constant_ranges(&constants);
     // SAFETY: the set layouts are alive.
     let raw = unsafe { device.raw().create_pipeline_layout(&info, None) }.during("creating a pipeline layout")?;
     Ok(Owned::new(device, raw, destroyer!(destroy_pipeline_layout)))
+}
+
+/// The layout of a set of storage buffers, bound from 0 on, that these stages use.
+pub(super) fn storage_layout(
+    device: &Arc<Device>,
+    buffers: usize,
+    stages: vk::ShaderStageFlags,
+) -> Result<Owned<vk::DescriptorSetLayout>, GpuError> {
+    let binding = |binding: usize| {
+        vk::DescriptorSetLayoutBinding::default()
+            .binding(binding as u32)
+            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(1)
+            .stage_flags(stages)
+    };
+    let bindings: Vec<_> = (0..buffers).map(binding).collect();
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: the structure is complete.
+    let raw = unsafe { device.raw().create_descriptor_set_layout(&info, None) }.during("creating a set layout")?;
+    Ok(Owned::new(device, raw, destroyer!(destroy_descriptor_set_layout)))
+}
+
+/// A set of storage buffers for each frame slot, and the pool that they are of.
+pub(super) fn storage_sets(
+    device: &Arc<Device>,
+    layout: &Owned<vk::DescriptorSetLayout>,
+    buffers: usize,
+    slots: usize,
+) -> Result<(Owned<vk::DescriptorPool>, Vec<vk::DescriptorSet>), GpuError> {
+    let descriptor_count = (buffers * slots) as u32;
+    let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count }];
+    let info = vk::DescriptorPoolCreateInfo::default().max_sets(slots as u32).pool_sizes(&sizes);
+    // SAFETY: the structure is complete.
+    let pool = unsafe { device.raw().create_descriptor_pool(&info, None) }.during("creating a descriptor pool")?;
+    let pool = Owned::new(device, pool, destroyer!(destroy_descriptor_pool));
+    let layouts = vec![layout.get(); slots];
+    let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool.get()).set_layouts(&layouts);
+    // SAFETY: the pool has room for these sets, which go with it.
+    let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }.during("allocating descriptor sets")?;
+    Ok((pool, sets))
+}
+
+/// A compute pipeline.
+pub(super) fn compute(
+    device: &Arc<Device>,
+    module: &Owned<vk::ShaderModule>,
+    layout: &Owned<vk::PipelineLayout>,
+    entry: &'static CStr,
+    name: &str,
+) -> Result<Owned<vk::Pipeline>, GpuError> {
+    let stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .module(module.get())
+        .name(entry);
+    let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout.get());
+    // SAFETY: module and layout are alive, and the entry exists (the shader names it).
+    let made = unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
+    let raw = made.map_err(|(_, result)| result).during("creating a compute pipeline")?[0];
+    device.name(raw, name);
+    Ok(Owned::new(device, raw, destroyer!(destroy_pipeline)))
 }
 
 /// What one pipeline differs in.

@@ -5,9 +5,9 @@ use crate::gpu::buffer::{Buffer, BufferUse};
 use crate::gpu::color_pool::ColorPool;
 use crate::gpu::device::Device;
 use crate::gpu::elevation::Elevation;
-use crate::gpu::error::{During, GpuError};
+use crate::gpu::error::GpuError;
 use crate::gpu::frame::Recording;
-use crate::gpu::owned::{Owned, destroyer};
+use crate::gpu::owned::Owned;
 use crate::gpu::target::Target;
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
@@ -141,9 +141,10 @@ impl TerrainPass {
         slots: usize,
     ) -> Result<Self, GpuError> {
         let device = colors.device();
-        let set_layout = inputs_layout(device)?;
-        let (descriptors, sets) = input_sets(device, &set_layout, slots)?;
-        let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()])?;
+        let stages = vk::ShaderStageFlags::VERTEX;
+        let set_layout = pipeline::storage_layout(device, 2, stages)?;
+        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, 2, slots)?;
+        let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], stages)?;
         let module = pipeline::module(device, &SPIRV.0, "mesh")?;
         let mut shape = PipelineShape {
             vertex: c"vertex",
@@ -282,38 +283,6 @@ fn index_sections(posts: u32) -> (Vec<u32>, Vec<Vec<u32>>) {
 
 fn tile_buffer(device: &Arc<Device>, tiles: usize) -> Result<Buffer, GpuError> {
     Buffer::new(device, (tiles * size_of::<TileParameters>()) as u64, BufferUse::Storage, "terrain tiles")
-}
-
-fn inputs_layout(device: &Arc<Device>) -> Result<Owned<vk::DescriptorSetLayout>, GpuError> {
-    let bindings = [0, 1].map(|binding| {
-        vk::DescriptorSetLayoutBinding::default()
-            .binding(binding)
-            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-            .descriptor_count(1)
-            .stage_flags(vk::ShaderStageFlags::VERTEX)
-    });
-    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
-    // SAFETY: the structure is complete.
-    let raw = unsafe { device.raw().create_descriptor_set_layout(&info, None) }.during("creating a set layout")?;
-    Ok(Owned::new(device, raw, destroyer!(destroy_descriptor_set_layout)))
-}
-
-fn input_sets(
-    device: &Arc<Device>,
-    layout: &Owned<vk::DescriptorSetLayout>,
-    slots: usize,
-) -> Result<(Owned<vk::DescriptorPool>, Vec<vk::DescriptorSet>), GpuError> {
-    let count = slots as u32;
-    let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 2 * count }];
-    let info = vk::DescriptorPoolCreateInfo::default().max_sets(count).pool_sizes(&sizes);
-    // SAFETY: the structure is complete.
-    let pool = unsafe { device.raw().create_descriptor_pool(&info, None) }.during("creating a descriptor pool")?;
-    let pool = Owned::new(device, pool, destroyer!(destroy_descriptor_pool));
-    let layouts = vec![layout.get(); slots];
-    let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool.get()).set_layouts(&layouts);
-    // SAFETY: the pool has room for these sets, which go with it.
-    let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }.during("allocating descriptor sets")?;
-    Ok((pool, sets))
 }
 
 #[cfg(test)]

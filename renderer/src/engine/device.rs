@@ -1,11 +1,11 @@
-//! The mesh's engine: a Vulkan device, its pools, and the frames in flight.
+//! The engine of a Vulkan device: its pools, and the frames in flight.
 
 use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target};
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, SourceShape};
-use crate::technique::{ArrayPlaces, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
+use crate::technique::{ArrayPlaces, ComputeRays, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,7 +23,7 @@ fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
 }
 
 /// Draws frames with Vulkan.
-pub struct MeshEngine {
+pub struct DeviceEngine {
     // Slots first: fields are dropped in order, and a slot's objects wait for its submit.
     slots: Vec<FrameSlot>,
     /// Each with the frame slot that it was recorded in.
@@ -39,21 +39,24 @@ pub struct MeshEngine {
     device: Arc<Device>,
 }
 
-impl std::fmt::Debug for MeshEngine {
+impl std::fmt::Debug for DeviceEngine {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MeshEngine")
+        f.debug_struct("DeviceEngine")
             .field("device", &self.device)
             .field("options", &self.options)
             .finish_non_exhaustive()
     }
 }
 
-impl MeshEngine {
+impl DeviceEngine {
     /// Opens the device and makes all that frames of this source need.
     ///
     /// # Errors
     /// No device, or it lacks something.
     pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
+        if options.is_compute() && options.samples != 1 {
+            return Err(EngineError::MeshOnly { what: "several samples per pixel" });
+        }
         let shape = source.shape();
         let world = shape.world;
         let needs = Needs {
@@ -76,13 +79,18 @@ impl MeshEngine {
         let colors = ColorPool::new(&device, tiles, shape.texels, filtering, shared.as_ref(), slot_count)?;
         let shared = source.elevation_memory();
         let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
-        let technique = MeshTechnique::new(&colors, &target, &world, options.has_tree_overlay, slot_count)?;
+        let has_overlay = options.has_tree_overlay;
+        let technique: Box<dyn Technique> = if options.is_compute() {
+            Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, slot_count)?)
+        } else {
+            Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
+        };
         let slots = (0..slot_count).map(|index| FrameSlot::new(&device, index)).collect::<Result<_, _>>()?;
         Ok(Self {
             slots,
             in_flight: VecDeque::with_capacity(slot_count),
             next_slot: 0,
-            technique: Box::new(technique),
+            technique,
             elevation,
             colors,
             target,
@@ -97,7 +105,11 @@ impl MeshEngine {
     #[must_use]
     pub fn describe(&self) -> Described {
         let found = self.device.capabilities();
-        Described { technique: self.technique.name(), device: found.name.clone(), driver: found.driver.clone() }
+        let driver = match self.options.is_compute() {
+            true => format!("{}; compute: one exact ray a pixel", found.driver),
+            false => found.driver.clone(),
+        };
+        Described { technique: self.technique.name(), device: found.name.clone(), driver }
     }
 
     /// The device.

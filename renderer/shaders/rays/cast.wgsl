@@ -1,0 +1,227 @@
+// One exact ray per pixel through pyramids of maxima, to the same surface as the mesh's: each cell of a block is two facets, cut
+// from south west to north east. `model` makes the maxima of every block, `cast_ray` finds what each pixel sees. Every check of what
+// came through shared memory was made before.
+
+struct Node {
+    // South west, south east, north west, north east: EMPTY, a tile's index with IS_TILE, or a node's.
+    children: vec4<u32>,
+    // Where the children meet, metres from the eye.
+    middle: vec2<f32>,
+    reserved: vec2<u32>,
+}
+
+const EMPTY: u32 = 0xffffffffu;
+const IS_TILE: u32 = 0x80000000u;
+// Maxima up to this level are made from posts.
+const FINE_LEVELS: u32 = 3u;
+// No ray takes more steps; a bound that no rounding can keep from being reached.
+const MOST_STEPS: u32 = 65536u;
+@group(0) @binding(0) var<storage, read> elevations: array<f32>;
+@group(0) @binding(2) var<storage, read> nodes: array<Node>;
+@group(0) @binding(3) var<storage, read_write> maxima: array<f32>;
+@group(0) @binding(4) var<storage, read_write> hits: array<Hit>;
+
+fn stored(tile: Tile, at: vec2<u32>) -> f32 {
+    return elevations[tile.array_start + at.y * tile.strides.y + at.x * tile.strides.x];
+}
+
+// A post at the latitude of stored ones: past the border it continues the slope that leads there.
+fn stretched_east(tile: Tile, at: vec2<u32>) -> f32 {
+    let height = stored(tile, at);
+    if tile.stretch.x == 1.0 || at.x != tile.cells.x { return height; }
+    let before = stored(tile, vec2(at.x - 1u, at.y));
+    return before + (height - before) * tile.stretch.x;
+}
+
+// Height of a post, metres from the eye.
+fn post(tile: Tile, at: vec2<u32>) -> f32 {
+    let height = stretched_east(tile, at);
+    if tile.stretch.y == 1.0 || at.y != tile.cells.y { return height; }
+    let before = stretched_east(tile, vec2(at.x, at.y - 1u));
+    return before + (height - before) * tile.stretch.y;
+}
+
+// log2 of the cells along a side of the square that a tile's maxima are made for.
+fn log_side(tile: Tile) -> u32 {
+    return firstLeadingBit(max(2u * max(tile.cells.x, tile.cells.y) - 1u, 1u));
+}
+
+// Where the maxima of blocks of `2^level` cells begin, and of which number in a row.
+fn level_start(tile: Tile, log: u32, level: u32) -> u32 {
+    let finer = 1u << (log - level + 1u);
+    let all = 1u << log;
+    return tile.maxima_start + (all * all - finer * finer) / 3u;
+}
+
+fn maximum(tile: Tile, log: u32, level: u32, at: vec2<u32>) -> f32 {
+    return maxima[level_start(tile, log, level) + (at.y << (log - level)) + at.x];
+}
+
+@compute @workgroup_size(64)
+fn model(@builtin(global_invocation_id) id: vec3<u32>) {
+    let tile = tiles[id.y];
+    let log = log_side(tile);
+    var level = 1u;
+    var index = id.x;
+    loop {
+        if level > log { return; }
+        let count = 1u << (2u * (log - level));
+        if index < count { break; }
+        index -= count;
+        level += 1u;
+    }
+    if (level > FINE_LEVELS) != (frame.turn == 1u) { return; }
+    let row_length = log - level;
+    let at = vec2(index & ((1u << row_length) - 1u), index >> row_length);
+    let out = level_start(tile, log, level) + index;
+    // Blocks beyond the cells are never asked for.
+    if any((at << vec2(level)) >= tile.cells) { return; }
+    var highest = -3.4e38;
+    if level <= FINE_LEVELS {
+        let low = at << vec2(level);
+        let high = min((at + 1u) << vec2(level), tile.cells);
+        for (var j = low.y; j <= high.y; j++) {
+            for (var i = low.x; i <= high.x; i++) {
+                highest = max(highest, post(tile, vec2(i, j)));
+            }
+        }
+    } else {
+        let by = vec2(level - FINE_LEVELS);
+        let low = at << by;
+        let high = min((at + 1u) << by, (tile.cells + ((1u << FINE_LEVELS) - 1u)) >> vec2(FINE_LEVELS));
+        for (var j = low.y; j < high.y; j++) {
+            for (var i = low.x; i < high.x; i++) {
+                highest = max(highest, maximum(tile, log, FINE_LEVELS, vec2(i, j)));
+            }
+        }
+    }
+    maxima[out] = highest;
+}
+
+// A little further: a point on a border belongs to what lies behind it.
+fn past(s: f32) -> f32 {
+    return s + abs(s) * 2e-6 + 1e-6;
+}
+
+// Parameter at which a ray from the eye leaves a rectangle.
+fn leave(reciprocal: vec2<f32>, low: vec2<f32>, high: vec2<f32>) -> f32 {
+    let out = max(low * reciprocal, high * reciprocal);
+    return min(out.x, out.y);
+}
+
+const SKY = Hit(0.0, 0u, vec2(0.0, 0.0));
+
+// Where a ray from `start` to `until` meets a cell whose corner is `low`.
+fn meet_cell(tile: Tile, index: u32, corners: vec4<f32>, place: vec2<f32>, per_s: vec2<f32>, rise: f32, start: f32, until: f32) -> Hit {
+    let across = place.x - place.y;
+    let across_per_s = per_s.x - per_s.y;
+    // Where it changes from one half to the other, if it does.
+    var change = 3.4e38;
+    if across * across_per_s < 0.0 { change = start - across / across_per_s; }
+    var is_south_east = across > 0.0 || (across == 0.0 && across_per_s >= 0.0);
+    var begin = start;
+    for (var half = 0u; half < 2u; half++) {
+        var slope = vec2(corners.w - corners.z, corners.z - corners.x);
+        if is_south_east { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
+        var end = until;
+        if begin < change { end = min(until, change); }
+        // Height over the plane.
+        let above_per_s = rise - dot(slope, per_s);
+        let above = rise * start - corners.x - dot(slope, place);
+        let at_begin = above + above_per_s * (begin - start);
+        let at_end = above + above_per_s * (end - start);
+        if at_begin <= 0.0 { return Hit(begin, index, slope * tile.cells_per_m); }
+        if at_end <= 0.0 {
+            return Hit(clamp(start - above / above_per_s, begin, end), index, slope * tile.cells_per_m);
+        }
+        if change >= until { break; }
+        begin = change;
+        is_south_east = !is_south_east;
+    }
+    return SKY;
+}
+
+// Where a ray first meets a tile's ground.
+fn cross_tile(index: u32, direction: vec3<f32>, reciprocal: vec2<f32>, start: f32, until: f32) -> Hit {
+    let tile = tiles[index];
+    let log = log_side(tile);
+    let per_s = direction.xy * tile.cells_per_m;
+    let s_per_cell = reciprocal / tile.cells_per_m;
+    let at_eye = -tile.corner * tile.cells_per_m;
+    let is_up = per_s > vec2(0.0);
+    var level = log;
+    var at = vec2(0u);
+    var s = start;
+    for (var step = 0u; step < MOST_STEPS; step++) {
+        let side = f32(1u << level);
+        let low = vec2<f32>(at) * side;
+        let leaves = (select(low, low + side, is_up) - at_eye) * s_per_cell;
+        let out = max(min(min(leaves.x, leaves.y), until), s);
+        let lowest = min(direction.z * s, direction.z * out);
+        if level == 0u {
+            let corners = vec4(post(tile, at), post(tile, at + vec2(1u, 0u)), post(tile, at + vec2(0u, 1u)), post(tile, at + 1u));
+            if lowest <= max(max(corners.x, corners.y), max(corners.z, corners.w)) {
+                let hit = meet_cell(tile, index, corners, per_s * s + at_eye - low, per_s, direction.z, s, out);
+                if hit.depth > 0.0 { return hit; }
+            }
+        } else if lowest <= maximum(tile, log, level, at) {
+            level -= 1u;
+            let is_far = per_s * s + at_eye >= low + 0.5 * side;
+            at = min(2u * at + select(vec2(0u), vec2(1u), is_far), (tile.cells - 1u) >> vec2(level));
+            continue;
+        }
+        s = out;
+        if s >= until { break; }
+        let before = at;
+        let last = (tile.cells - 1u) >> vec2(level);
+        if leaves.y < leaves.x {
+            if is_up.y { at.y += 1u; } else { at.y -= 1u; }
+        } else {
+            if is_up.x { at.x += 1u; } else { at.x -= 1u; }
+        }
+        // Below 0 it wraps around.
+        if any(at > last) { break; }
+        if level < log && any((at >> vec2(1u)) != (before >> vec2(1u))) {
+            level += 1u;
+            at = at >> vec2(1u);
+        }
+    }
+    return SKY;
+}
+
+fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
+    // No direction is level along an axis: reciprocals are finite.
+    let direction = select(direction_of_pixel, vec3(1e-20), abs(direction_of_pixel) < vec3(1e-20));
+    let reciprocal = 1.0 / direction.xy;
+    let ways = min(frame.bounds_low * reciprocal, frame.bounds_high * reciprocal);
+    var s = max(max(ways.x, ways.y), 0.0);
+    let far = leave(reciprocal, frame.bounds_low, frame.bounds_high);
+    for (var step = 0u; step < MOST_STEPS; step++) {
+        if s >= far { break; }
+        let point = direction.xy * s;
+        var low = frame.root_low;
+        var high = low + frame.root_side;
+        var link = frame.root;
+        while (link & IS_TILE) == 0u {
+            let node = nodes[link];
+            let is_far = point >= node.middle;
+            low = select(low, node.middle, is_far);
+            high = select(node.middle, high, is_far);
+            link = node.children[select(0u, 1u, is_far.x) + select(0u, 2u, is_far.y)];
+        }
+        let out = max(leave(reciprocal, low, high), s);
+        if link != EMPTY {
+            let hit = cross_tile(link & ~IS_TILE, direction, reciprocal, s, min(out, far));
+            if hit.depth > 0.0 { return hit; }
+        }
+        s = past(out);
+    }
+    return SKY;
+}
+
+@compute @workgroup_size(8, 8)
+fn cast_ray(@builtin(global_invocation_id) id: vec3<u32>) {
+    let size = picture_size();
+    if any(id.xy >= size) { return; }
+    hits[id.y * size.x + id.x] = first_hit(direction_of(id.xy));
+}
