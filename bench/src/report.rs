@@ -10,7 +10,7 @@ use crate::{link, long_run, queues, rays, realtime, stages, techniques, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
-use terravision_common::run::TechniqueChoice;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 /// What a verb found.
 #[derive(Debug, Default)]
@@ -103,6 +103,7 @@ fn settings(options: &Options) -> anyhow::Result<Settings> {
         samples: options.samples,
         measure: options.measure,
         technique: TechniqueChoice::Mesh,
+        rays: RaysChoice::Mipmap,
     })
 }
 

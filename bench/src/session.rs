@@ -32,6 +32,8 @@ pub struct Settings {
     pub measure: Measure,
     /// What the renderer draws by.
     pub technique: TechniqueChoice,
+    /// What casts its rays, when it does.
+    pub rays: RaysChoice,
 }
 
 /// No bench waits longer for anything.
@@ -88,7 +90,7 @@ impl Session {
             prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 technique: settings.technique,
-                rays: RaysChoice::Mipmap,
+                rays: settings.rays,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,
                 has_tree_overlay: false,

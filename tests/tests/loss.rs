@@ -46,7 +46,9 @@ struct Seen {
     texels: u64,
     wrong: u64,
     holes: u64,
+    /// Where the first of each was, and what was above and below it.
     first_wrong: Option<String>,
+    first_hole: Option<String>,
     /// Texels by the level of the tile that they are of.
     by_level: [u64; 32],
 }
@@ -61,7 +63,10 @@ impl Seen {
         for (k, rgba) in frame.rgba.chunks_exact(4).enumerate() {
             if is_sky(k) {
                 // Ground above sky in a column is a hole: the camera looks over terrain without overhangs.
-                self.holes += u64::from(k >= width && !is_sky(k - width));
+                if k >= width && !is_sky(k - width) {
+                    self.holes += 1;
+                    self.first_hole.get_or_insert_with(|| around(frame, k));
+                }
                 continue;
             }
             self.texels += 1;
@@ -72,12 +77,23 @@ impl Seen {
                 Some(node) => self.by_level[usize::from(node.q())] += 1,
                 None => {
                     self.wrong += 1;
-                    let what = || format!("frame {}, pixel {k}: {rgba:?} at {point:?}", info.frame);
-                    self.first_wrong.get_or_insert_with(what);
+                    self.first_wrong.get_or_insert_with(|| around(frame, k));
                 }
             }
         }
     }
+}
+
+/// A pixel and those above and below it: colour, ground and distance.
+fn around(frame: &SharedFrame, k: usize) -> String {
+    let info = frame.info.unwrap();
+    let mut text = format!("frame {}, column {}, row {}, eye {:?}:", info.frame, k % SIZE[0], k / SIZE[0], info.position);
+    for at in [k.wrapping_sub(SIZE[0]), k, k + SIZE[0]].into_iter().filter(|at| *at < SIZE[0] * SIZE[1]) {
+        let (rgba, ground) = (&frame.rgba[4 * at..4 * at + 3], &frame.ground[3 * at..3 * at + 3]);
+        let distance = (ground[0] - info.position[0]).hypot(ground[1] - info.position[1]);
+        text += &format!(" {rgba:?} at {ground:.2?}, {distance:.1} m;");
+    }
+    text
 }
 
 /// The tile whose name a colour is, of those that lie above a point of the CRS, or so close to it.
@@ -201,8 +217,10 @@ fn frames_go_on_and_show_only_what_belongs_there_whatever_the_link_loses() {
     );
     println!("by level: {:?}", &seen.by_level[..usize::from(world.levels())]);
     // Texels.
+    if let Some(hole) = &seen.first_hole { println!("HOLE {hole}"); }
+    if let Some(hole) = &seen.first_wrong { println!("WRONG {hole}"); }
     assert_eq!((seen.wrong, seen.first_wrong), (0, None));
-    assert_eq!(seen.holes, 0);
+    assert_eq!((seen.holes, seen.first_hole), (0, None));
     assert!(seen.frames > frames / 4 && seen.texels > 1_000_000, "{} frames", seen.frames);
     let levels = seen.by_level.iter().filter(|texels| **texels > 0).count();
     assert!(levels >= 3, "fine ground and coarse was seen: {:?}", seen.by_level);

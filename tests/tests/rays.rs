@@ -1,4 +1,4 @@
-//! Flights drawn by rays: the picture of the mesh, without Vulkan, the same bytes for any number of workers.
+//! Flights drawn by rays: the picture of the mesh, with and without Vulkan, the same bytes for any number of workers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -22,21 +22,26 @@ fn rays_show_what_the_mesh_shows() {
     let world = synth_world(1024);
     for (name, pose) in oblique_poses(&world).into_iter().take(2) {
         let shot = Shot { size: [640, 360], ..Shot::new(&world, pose) };
-        let [mesh, rays] = ["mesh", "rays"].map(|technique| shot.take(&["--technique", technique], true));
-        assert_eq!((&mesh.report["technique"], &rays.report["technique"]), (&"mesh".into(), &"rays".into()));
-        assert!(rays.report["device"].as_str().unwrap().starts_with("CPU, "), "{}", rays.report["device"]);
-        assert_eq!((&mesh.report["settled"], &rays.report["settled"]), (&true.into(), &true.into()));
-        let pairs = || mesh.depth.iter().copied().zip(rays.depth.iter().copied());
-        let error = median_absolute_error(pairs());
-        assert!(error < 0.01, "{name}: depth is {error} m off");
-        let torn = pairs().filter(|(a, b)| a.is_nan() != b.is_nan() || (a - b).abs() > 0.01 * a.abs()).count();
-        assert!(torn * 500 < mesh.depth.len(), "{name}: {torn} pixels see something else");
-        let far = mesh.rgb.iter().zip(&rays.rgb).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 40)).count();
-        assert!(far * 200 < mesh.rgb.len(), "{name}: {far} pixels have another colour");
-        // Ground positions come from depth: where rays meet the ground, within a texel.
-        let grounds = mesh.ground.iter().zip(&rays.ground).filter(|(a, _)| !a[2].is_nan());
-        let near = grounds.clone().filter(|(a, b)| (0..3).all(|c| (a[c] - b[c]).abs() < 1.0)).count();
-        assert!(near * 100 > grounds.count() * 95, "{name}: {near} pixels see the same place");
+        let mesh = shot.take(&["--technique", "mesh"], true);
+        assert_eq!((&mesh.report["technique"], &mesh.report["settled"]), (&"mesh".into(), &true.into()));
+        for (way, device) in [("mipmap", "CPU, "), ("compute", mesh.report["device"].as_str().unwrap())] {
+            let name = format!("{name}, {way}");
+            let rays = shot.take(&["--technique", "rays", "--rays", way], true);
+            assert_eq!((&rays.report["technique"], &rays.report["settled"]), (&"rays".into(), &true.into()), "{name}");
+            assert!(rays.report["device"].as_str().unwrap().starts_with(device), "{name}: {}", rays.report["device"]);
+            assert!(rays.report["driver"].as_str().unwrap().contains(way), "{name}: {}", rays.report["driver"]);
+            let pairs = || mesh.depth.iter().copied().zip(rays.depth.iter().copied());
+            let error = median_absolute_error(pairs());
+            assert!(error < 0.01, "{name}: depth is {error} m off");
+            let torn = pairs().filter(|(a, b)| a.is_nan() != b.is_nan() || (a - b).abs() > 0.01 * a.abs()).count();
+            assert!(torn * 500 < mesh.depth.len(), "{name}: {torn} pixels see something else");
+            let far = mesh.rgb.iter().zip(&rays.rgb).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 40)).count();
+            assert!(far * 200 < mesh.rgb.len(), "{name}: {far} pixels have another colour");
+            // Ground positions come from depth: where rays meet the ground, within a texel.
+            let grounds = mesh.ground.iter().zip(&rays.ground).filter(|(a, _)| !a[2].is_nan());
+            let near = grounds.clone().filter(|(a, b)| (0..3).all(|c| (a[c] - b[c]).abs() < 1.0)).count();
+            assert!(near * 100 > grounds.count() * 95, "{name}: {near} pixels see the same place");
+        }
     }
 }
 
@@ -57,6 +62,9 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     let mesh = without_vulkan(shot.command(&folder)).args(["--technique", "mesh"]).run();
     mesh.assert_told(1);
     assert!(mesh.stderr.contains("no Vulkan device was found"), "{}", mesh.stderr);
+    let device = without_vulkan(shot.command(&folder)).args(["--technique", "rays", "--rays", "compute"]).run();
+    device.assert_told(1);
+    assert!(device.stderr.contains("no Vulkan device was found"), "{}", device.stderr);
     // What only a mesh can show is missed in a sentence.
     let overlay = without_vulkan(shot.command(&folder)).args(["--overlay", "tree"]).run();
     overlay.assert_told(2);

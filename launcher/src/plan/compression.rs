@@ -1,6 +1,6 @@
 //! Whether the pool of colour tiles is compressed: decided before its memory is made, for the device that will read it.
 
-use crate::cli::technique::{CompressionArg, TechniqueArg};
+use crate::cli::technique::{CompressionArg, RaysArg, TechniqueArg};
 use crate::cli::{PictureArgs, Quality};
 use crate::device::{Compression, DeviceQuestion};
 use crate::failure::Failure;
@@ -26,12 +26,12 @@ impl TexelQuestion {
     /// # Errors
     /// Bad input: what is asked for never goes together.
     pub(super) fn new(picture: &PictureArgs) -> Result<Self, Failure> {
-        let is_rays = picture.technique == Some(TechniqueArg::Rays);
+        let is_rays = picture.technique == Some(TechniqueArg::Rays) && picture.rays != Some(RaysArg::Compute);
         let question = || Ok(DeviceQuestion::ask(&own_folder()?));
         match picture.texture_compression {
             CompressionArg::On if is_rays => Err(Failure::bad_input(anyhow!(
                 "--texture-compression on: rays read colours on the processor and need them as they are; it is for \
-                 --technique mesh"
+                 --technique mesh, and for --rays compute"
             ))),
             CompressionArg::On => Ok(Self::On(question()?)),
             CompressionArg::Auto if !is_rays && picture.quality != Quality::Best => Ok(Self::Auto(question()?)),
@@ -53,7 +53,11 @@ impl TexelQuestion {
         let answer = question.answer();
         let compression = Compression::of(answer.as_ref().map_err(String::as_str));
         let is_compressed = is_compressed(compression, is_demanded)?;
-        Ok(if is_compressed { (TexelFormat::Bc1, TechniqueChoice::Mesh) } else { (TexelFormat::Rgba8, technique) })
+        Ok(match (is_compressed, technique) {
+            (false, technique) => (TexelFormat::Rgba8, technique),
+            (true, TechniqueChoice::Auto) => (TexelFormat::Bc1, TechniqueChoice::Mesh),
+            (true, technique) => (TexelFormat::Bc1, technique),
+        })
     }
 }
 
