@@ -2,11 +2,12 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
-use terravision_tests::flight::{Pose, write_png};
-use terravision_tests::folder::target_tmp;
+use terravision_tests::flight::{Pose, read_png, write_png};
+use terravision_tests::folder::{TestFolder, target_tmp};
 use terravision_tests::metrics::count_holes;
+use terravision_tests::process::Terravision;
 use terravision_tests::shot::Shot;
-use terravision_tests::worlds::{TestWorld, rough_world};
+use terravision_tests::worlds::{TestWorld, named_world, rough_world};
 
 /// Saturated, where all textures of the rough world are grey.
 const SKY: [u8; 3] = [255, 0, 255];
@@ -47,5 +48,29 @@ fn no_sky_is_seen_through_the_ground() {
                 panic!("{name} with {arguments:?}: {holes:?}, see {}", evidence.display());
             }
         }
+    }
+}
+
+/// On the crests of these views lies a facet that is seen so nearly edge on that taking its vertices to the rasterizer's grid turns it
+/// round. A device that culls before it rounds then leaves a pixel open, one in 150 million.
+#[test]
+fn facets_that_are_seen_edge_on_leave_no_pixel_open() {
+    let views = [
+        ([510_228.182_411_356_6, 5_009_268.130_909_091], 48.029_375_406_962_174, [320, 180], [261, 94]),
+        ([507_715.563_773_312_43, 5_006_631.796_363_636], 33.418_962_935_136_484, [640, 360], [116, 243]),
+    ];
+    let database = named_world();
+    for ([x, y], heading, [width, height], [column, row]) in views {
+        let folder = TestFolder::new("crest");
+        Terravision::verb("still")
+            .arg(&database)
+            .args(Pose::new([x, y, 1500.0], heading, -16.0).arguments())
+            .args([format!("--size={width}x{height}"), "--sky=255,0,255".to_owned(), "--technique=mesh".to_owned()])
+            .arg("-o")
+            .arg(folder.join("a.png"))
+            .succeed();
+        let (width, _, rgb) = read_png(&folder.join("a.png"));
+        assert_ne!(rgb[row * width + column], SKY, "{width} pixels wide");
+        assert_ne!(rgb[(row - 1) * width + column], SKY, "it is ground that lies behind");
     }
 }

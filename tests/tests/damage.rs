@@ -160,7 +160,11 @@ fn wrong_requests_are_told_in_one_sentence() {
         ("rays with outlines", still().args(["--technique=rays", "--overlay=tree", "-o", &out()]), 2),
         ("rays with samples", still().args(["--technique=rays", "--samples=4", "-o", &out()]), 2),
         ("a device's rays for no rays", still().args(["--rays=compute", "-o", &out()]), 2),
-        ("samples of a device's rays", still().args(["--technique=rays", "--rays=compute", "--samples=4", "-o", &out()]), 2),
+        (
+            "samples of a device's rays",
+            still().args(["--technique=rays", "--rays=compute", "--samples=4", "-o", &out()]),
+            2,
+        ),
         ("a mesh of rays", still().args(["--technique=mesh", "--rays=mipmap", "-o", &out()]), 2),
         ("an output in no folder", still().args(["--size", "320x180", "-o", "/nonexistent/a.png"]), 2),
         ("a full disk", still().args(["--size", "320x180", "-o", "/dev/full"]), 1),

@@ -87,7 +87,8 @@ impl Seen {
 /// A pixel and those above and below it: colour, ground and distance.
 fn around(frame: &SharedFrame, k: usize) -> String {
     let info = frame.info.unwrap();
-    let mut text = format!("frame {}, column {}, row {}, eye {:?}:", info.frame, k % SIZE[0], k / SIZE[0], info.position);
+    let mut text =
+        format!("frame {}, column {}, row {}, eye {:?}:", info.frame, k % SIZE[0], k / SIZE[0], info.position);
     for at in [k.wrapping_sub(SIZE[0]), k, k + SIZE[0]].into_iter().filter(|at| *at < SIZE[0] * SIZE[1]) {
         let (rgba, ground) = (&frame.rgba[4 * at..4 * at + 3], &frame.ground[3 * at..3 * at + 3]);
         let distance = (ground[0] - info.position[0]).hypot(ground[1] - info.position[1]);
@@ -217,8 +218,6 @@ fn frames_go_on_and_show_only_what_belongs_there_whatever_the_link_loses() {
     );
     println!("by level: {:?}", &seen.by_level[..usize::from(world.levels())]);
     // Texels.
-    if let Some(hole) = &seen.first_hole { println!("HOLE {hole}"); }
-    if let Some(hole) = &seen.first_wrong { println!("WRONG {hole}"); }
     assert_eq!((seen.wrong, seen.first_wrong), (0, None));
     assert_eq!((seen.holes, seen.first_hole), (0, None));
     assert!(seen.frames > frames / 4 && seen.texels > 1_000_000, "{} frames", seen.frames);

@@ -39,8 +39,8 @@ pub struct ViewParameters {
     pub posts: u32,
     /// Border of a colour tile over its stored side.
     pub color_border: f32,
-    /// Zero.
-    pub reserved: [u32; 2],
+    /// Steps of the rasterizer's grid of vertices from the picture's centre to its edges.
+    pub grid: [f32; 2],
 }
 
 /// `Tile` of `mesh.wgsl`: one block.
