@@ -10,7 +10,7 @@ use terravision_bench::session::Settings;
 use terravision_bench::stages;
 use terravision_common::event::SpanName;
 use terravision_common::level::Measure;
-use terravision_common::run::TechniqueChoice;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF};
 use terravision_tests::process::binary;
 use terravision_tests::worlds::synth_world;
@@ -38,6 +38,7 @@ fn trees_slots_arrays_and_frames_pass_through_the_stages() {
         samples: 1,
         measure: Measure::default(),
         technique: TechniqueChoice::Mesh,
+        rays: RaysChoice::Mipmap,
     };
     let flight = Flight::open(&settings.world, FRAMES, settings.size).unwrap();
     let recorded = stages::record(&settings, &flight).unwrap();
