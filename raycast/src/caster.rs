@@ -6,15 +6,16 @@ use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
 use crate::steepness::Steepness;
-use crate::strip::Strip;
+use crate::strip::{Strip, Strips};
 use crate::view::{Planes, Sampling, View};
 use crate::workers::{Workers, WorkersError};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
 
 /// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
 /// write to at once.
-const LINES_AT_A_TIME: usize = 16;
+const LINES_AT_A_TIME: usize = Strips::MOST;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -66,7 +67,7 @@ pub struct Caster {
     lines: Lines,
     steepness: Steepness,
     /// Of each worker.
-    strips: Vec<Mutex<Strip>>,
+    strips: Vec<Mutex<Strips>>,
 }
 
 impl Caster {
@@ -142,35 +143,48 @@ impl Caster {
         }
         let line_options = LineOptions { coherence, steepness: &self.steepness };
         let (lines, strips) = (&self.lines, &self.strips);
-        let count = self.workers.count();
+        let next = AtomicUsize::new(0);
         self.workers.run(|worker| {
             let mut counts = Counts::default();
             // A worker's own. What a panic has left in it is not looked at.
-            let mut strip = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
-            if matches!(method, Method::Mipmap | Method::PlainMipmap) {
-                strip.reserve(lines.size());
+            let mut strips = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
+            let is_exact = matches!(method, Method::Mipmap | Method::PlainMipmap);
+            if is_exact {
+                strips.reserve(lines.size());
             }
-            for first in (worker * LINES_AT_A_TIME..lines.count()).step_by(count * LINES_AT_A_TIME) {
-                for line in first..lines.count().min(first + LINES_AT_A_TIME) {
-                    let pixels = || lines.pixels(line);
+            let Strips { strips, scratch } = &mut *strips;
+            loop {
+                // Whoever is free takes the next lines; which ones it gets shows nowhere.
+                let first = next.fetch_add(LINES_AT_A_TIME, Ordering::Relaxed);
+                if first >= lines.count() {
+                    return counts;
+                }
+                let block = first..lines.count().min(first + LINES_AT_A_TIME);
+                if is_exact {
+                    let strips = &mut strips[..block.len()];
+                    for (strip, line) in strips.iter_mut().zip(block) {
+                        strip.begin(lines, line);
+                        counts = counts + frame.find_exact(&line_options, strip);
+                        frame.measure(strip, scratch);
+                    }
+                    frame.paint(strips);
+                    continue;
+                }
+                for line in block {
+                    let pixels = lines.pixels(line);
                     counts = counts
-                        + match (method, options.is_approximate) {
-                            (Method::Mipmap | Method::PlainMipmap, _) => {
-                                strip.begin(lines, line);
-                                frame.cast_exact(&line_options, &mut strip)
-                            }
-                            (_, true) => frame.cast_line::<true>(&line_options, pixels()),
-                            (_, false) => frame.cast_line::<false>(&line_options, pixels()),
+                        + match options.is_approximate {
+                            true => frame.cast_line::<true>(&line_options, pixels),
+                            false => frame.cast_line::<false>(&line_options, pixels),
                         };
                 }
             }
-            counts
         })
     }
 
-    /// How many threads there are.
+    /// Its threads.
     #[must_use]
-    pub fn workers(&self) -> usize {
-        self.workers.count()
+    pub fn workers(&self) -> &Workers {
+        &self.workers
     }
 }

@@ -2,11 +2,12 @@
 //!
 //! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose texels are about as
 //! wide as the shorter one. That is worked out once for a run of pixels that see one facet; depth, place and footprints are plain
-//! loops over arrays, which compilers turn into vector instructions.
+//! loops over arrays, which compilers turn into vector instructions. Neighbouring lines are painted a few pixels of each at a
+//! time: they share cache lines of colour tiles, and of the picture.
 
 use crate::frame::Frame;
 use crate::ground::Tile;
-use crate::strip::{Run, Strip};
+use crate::strip::{Strip, Strips};
 use crate::view::View;
 use glam::Vec2;
 
@@ -21,12 +22,12 @@ const MOST_MIPS: usize = 16;
 /// Facets that are seen face their rays at least this much.
 const LEAST_FACING: f32 = 1e-6;
 
-/// Memory of a line's colours.
+/// Pixels of a line that are painted before the next line's.
+const CHUNK: usize = 32;
+
+/// Memory of what a line's footprints are made of.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    depth: Vec<f32>,
-    /// Metres east and north of the eye.
-    place: [Vec<f32>; 2],
     /// Of runs: column and row of the first pixel, its depth, slope east and north (metres up per metre), texels per metre.
     given: [Vec<f32>; 6],
     /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
@@ -34,23 +35,19 @@ pub(crate) struct Scratch {
     levels: Vec<i32>,
     log_taps: Vec<i32>,
     reach: [Vec<f32>; 2],
-    footprints: Vec<Footprint>,
 }
 
 impl Scratch {
     pub(crate) fn reserve(&mut self, longest: usize) {
-        let floats = self.place.iter_mut().chain(&mut self.given).chain(&mut self.reach);
-        floats.chain([&mut self.depth]).for_each(|values| values.resize(longest, 0.0));
+        self.given.iter_mut().chain(&mut self.reach).for_each(|values| values.resize(longest, 0.0));
         self.levels.resize(longest, 0);
         self.log_taps.resize(longest, 0);
-        self.footprints.clear();
-        self.footprints.reserve(longest);
     }
 }
 
 /// Where a run's pixels have their colours from.
 #[derive(Debug, Clone, Copy)]
-struct Footprint {
+pub(crate) struct Footprint {
     layer: u32,
     /// First byte of the mip.
     start: u32,
@@ -113,38 +110,63 @@ impl Footprint {
 }
 
 impl Frame<'_> {
-    /// Colours the pixels of a strip and puts them into the picture.
+    /// Works out the footprints of a line's runs.
+    pub(crate) fn measure(&self, strip: &mut Strip, scratch: &mut Scratch) {
+        self.gather(strip, scratch);
+        footprints(&self.view, strip.runs.len(), scratch);
+        self.collect(strip, scratch);
+    }
+
+    /// Colours the pixels of neighbouring lines and puts them into the picture.
     #[inline(never)]
-    pub(crate) fn paint(&self, strip: &mut Strip) {
-        let Strip { pixels, nearness, run_of, runs, paint } = strip;
-        let count = pixels.len();
-        places(&self.view, pixels, &nearness[..count], paint);
-        self.gather(pixels, runs, paint);
-        footprints(&self.view, runs.len(), paint);
-        self.collect(runs, paint);
-        let Scratch { depth, place: [east, north], footprints, .. } = paint;
-        let (depth, east, north) = (&depth[..count], &east[..count], &north[..count]);
-        for (k, (pixel, run)) in pixels.iter().zip(&run_of[..count]).enumerate() {
-            let (color, depth) = match footprints.get(usize::from(*run)) {
+    pub(crate) fn paint(&self, strips: &[Strip]) {
+        let mut rows = [[(0u32, 0.0f32); Strips::MOST]; CHUNK];
+        let longest = strips.iter().map(|strip| strip.pixels.len()).max().unwrap_or_default();
+        let is_level = is_level(strips);
+        for first in (0..longest).step_by(CHUNK) {
+            for (line, strip) in strips.iter().enumerate() {
+                self.paint_chunk(strip, first, line, &mut rows);
+            }
+            for (row, k) in rows.iter().zip(first..longest) {
+                if is_level {
+                    self.picture.put_row(strips[0].pixel(k), &row[..strips.len()]);
+                    continue;
+                }
+                for (strip, (color, depth)) in strips.iter().zip(row) {
+                    if k < strip.pixels.len() {
+                        self.picture.put(strip.pixel(k), *color, *depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Colours and depths of the pixels of a line from `first` on, into a column.
+    #[inline(always)]
+    fn paint_chunk(&self, strip: &Strip, first: usize, line: usize, rows: &mut [[(u32, f32); Strips::MOST]; CHUNK]) {
+        let end = strip.pixels.len().min(first + CHUNK);
+        let Some(pixels) = strip.pixels.get(first..end) else { return };
+        let places = Places::new(&self.view, pixels, &strip.nearness[first..end]);
+        for (k, (row, run)) in rows.iter_mut().zip(&strip.run_of[first..end]).enumerate() {
+            row[line] = match strip.footprints.get(usize::from(*run)) {
                 Some(footprint) => {
                     let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
-                    (footprint.color(layer, east[k], north[k]) | OPAQUE_BLACK, depth[k])
+                    (footprint.color(layer, places.east[k], places.north[k]) | OPAQUE_BLACK, places.depth[k])
                 }
                 None => (self.sky, f32::NAN),
             };
-            self.picture.put(pixel.map(u32::from), color, depth);
         }
     }
 
     /// What runs' footprints are made of.
-    fn gather(&self, pixels: &[[u16; 2]], runs: &[Run], scratch: &mut Scratch) {
+    fn gather(&self, strip: &Strip, scratch: &mut Scratch) {
         let [columns, rows, depths, east, north, texels] = &mut scratch.given;
-        for (n, run) in runs.iter().enumerate() {
+        for (n, run) in strip.runs.iter().enumerate() {
             let placed = &self.placed[run.tile as usize];
-            let [x, y] = pixels[usize::from(run.first)];
+            let [x, y] = strip.pixels[usize::from(run.first)];
             columns[n] = f32::from(x);
             rows[n] = f32::from(y);
-            depths[n] = scratch.depth[usize::from(run.first)];
+            depths[n] = 1.0 / strip.nearness[usize::from(run.first)];
             east[n] = run.slope.x * placed.per_m;
             north[n] = run.slope.y * placed.per_m;
             texels[n] = placed.texels_per_m;
@@ -152,7 +174,7 @@ impl Frame<'_> {
     }
 
     /// Footprints as pixels use them.
-    fn collect(&self, runs: &[Run], scratch: &mut Scratch) {
+    fn collect(&self, strip: &mut Strip, scratch: &Scratch) {
         let layout = self.ground.shape().color;
         // A mip of one texel has no four to be between.
         let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
@@ -162,8 +184,8 @@ impl Frame<'_> {
             mips[level] = (start + 4 * side * side, side >> 1);
         }
         let [east, north] = &scratch.reach;
-        scratch.footprints.clear();
-        for (n, run) in runs.iter().enumerate() {
+        strip.footprints.clear();
+        for (n, run) in strip.runs.iter().enumerate() {
             let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
             let level = scratch.levels[n].clamp(0, coarsest as i32);
             let (start, side) = mips[level as usize % MOST_MIPS];
@@ -174,7 +196,7 @@ impl Frame<'_> {
             let corner = placed.color_corner * scale;
             let step = reach * power_of_2(1 - log_taps as i32);
             let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
-            scratch.footprints.push(Footprint {
+            strip.footprints.push(Footprint {
                 layer: tile.color.layer,
                 start,
                 side,
@@ -191,17 +213,35 @@ impl Frame<'_> {
 
 const OPAQUE_BLACK: u32 = 0xff00_0000;
 
-/// Depth and place of pixels.
-fn places(view: &View, pixels: &[[u16; 2]], nearness: &[f32], scratch: &mut Scratch) {
-    let count = pixels.len();
-    let Scratch { depth, place: [east, north], .. } = scratch;
-    let (nearness, depth) = (&nearness[..count], &mut depth[..count]);
-    let (east, north) = (&mut east[..count], &mut north[..count]);
-    for k in 0..count {
-        let direction = view.direction_at(f32::from(pixels[k][0]), f32::from(pixels[k][1]));
-        depth[k] = 1.0 / nearness[k];
-        east[k] = direction.x * depth[k];
-        north[k] = direction.y * depth[k];
+/// Whether lines are columns from left to right whose pixels of one number are in one row.
+fn is_level(strips: &[Strip]) -> bool {
+    let Some(first) = strips.first() else { return false };
+    let ([x, bottom], Some([_, top])) = (first.pixel(0), first.pixels.last()) else { return false };
+    strips.iter().zip(x..).all(|(strip, x)| {
+        let last = strip.pixels.last().map(|last| last.map(u32::from));
+        strip.pixels.len() == first.pixels.len() && strip.pixel(0) == [x, bottom] && last == Some([x, u32::from(*top)])
+    })
+}
+
+/// Depth and place of pixels, metres east and north of the eye.
+struct Places {
+    depth: [f32; CHUNK],
+    east: [f32; CHUNK],
+    north: [f32; CHUNK],
+}
+
+impl Places {
+    #[inline(always)]
+    fn new(view: &View, pixels: &[[u16; 2]], nearness: &[f32]) -> Self {
+        let mut places = Self { depth: [0.0; CHUNK], east: [0.0; CHUNK], north: [0.0; CHUNK] };
+        let Self { depth, east, north } = &mut places;
+        for ((((pixel, nearness), depth), east), north) in pixels.iter().zip(nearness).zip(depth).zip(east).zip(north) {
+            let direction = view.direction_at(f32::from(pixel[0]), f32::from(pixel[1]));
+            *depth = 1.0 / nearness;
+            *east = direction.x * *depth;
+            *north = direction.y * *depth;
+        }
+        places
     }
 }
 

@@ -1,7 +1,8 @@
-//! A line of pixels on its way to the picture: what each pixel sees, before it has a colour. One per worker, used again.
+//! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
 
 use crate::facets::Facet;
 use crate::lines::Lines;
+use crate::paint::{Footprint, Scratch};
 use glam::Vec2;
 
 /// A run of pixels that see one facet has its footprint worked out once, for its first pixel. No run is longer than this.
@@ -17,8 +18,28 @@ pub(crate) struct Strip {
     /// Which run a pixel is in; [`Strip::SKY`] for none.
     pub(crate) run_of: Vec<u16>,
     pub(crate) runs: Vec<Run>,
-    /// Memory of what is made of it.
-    pub(crate) paint: crate::paint::Scratch,
+    /// Of each run, where its pixels have their colours from.
+    pub(crate) footprints: Vec<Footprint>,
+}
+
+/// Neighbouring lines, which are painted together: what is beside each other in the picture is so in colour tiles as well, and is
+/// written at once.
+#[derive(Debug, Default)]
+pub(crate) struct Strips {
+    pub(crate) strips: Vec<Strip>,
+    pub(crate) scratch: Scratch,
+}
+
+impl Strips {
+    /// Most lines.
+    pub(crate) const MOST: usize = 16;
+
+    /// Takes memory for the lines of pictures of a size, if it is not there.
+    pub(crate) fn reserve(&mut self, size: [u32; 2]) {
+        self.strips.resize_with(Self::MOST, Strip::default);
+        self.strips.iter_mut().for_each(|strip| strip.reserve(size));
+        self.scratch.reserve(size[0].max(size[1]) as usize);
+    }
 }
 
 /// Pixels that see one facet.
@@ -47,7 +68,8 @@ impl Strip {
         self.run_of.resize(longest, Self::SKY);
         self.runs.clear();
         self.runs.reserve(longest);
-        self.paint.reserve(longest);
+        self.footprints.clear();
+        self.footprints.reserve(longest);
     }
 
     /// Begins line `n`.

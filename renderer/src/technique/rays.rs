@@ -50,23 +50,31 @@ impl BlockReader {
         }
         let (posts, step) = (self.world.elevation_posts() as usize, 1usize << tile.grid_snap);
         let [columns, rows] = cells.map(|n| n as usize + 1);
-        self.heights.clear();
-        for row in 0..rows {
-            let row = &self.array[(start[1] as usize + row * step) * posts + start[0] as usize..];
-            self.heights.extend(row.iter().step_by(step).take(columns));
-        }
         let origin = self.world.node_origin(node);
         let log_spacing = tile.elevation_level + tile.grid_snap;
-        for (axis, origin) in origin.into_iter().enumerate() {
-            self.reach_over_border(axis, [columns, rows], origin, log_spacing);
-        }
+        let is_inside =
+            (0..2).all(|axis| origin[axis] + (u64::from(cells[axis]) << log_spacing) <= u64::from(self.world.extent()[axis]));
+        let block = &self.array[start[1] as usize * posts + start[0] as usize..];
+        let (heights, stride) = if step == 1 && is_inside {
+            // As it is.
+            (block, posts)
+        } else {
+            self.heights.clear();
+            for row in block.chunks(posts * step).take(rows) {
+                self.heights.extend(row.iter().step_by(step).take(columns));
+            }
+            for (axis, origin) in origin.into_iter().enumerate() {
+                self.reach_over_border(axis, [columns, rows], origin, log_spacing);
+            }
+            (&self.heights[..], columns)
+        };
         Ok(Ok(TileSpec {
             origin: origin.map(|v| v as u32),
             level: node.q(),
             log_spacing,
             cells,
-            heights: &self.heights,
-            stride: columns,
+            heights,
+            stride,
             datum_m: eye_z_m,
             color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),
             is_accurate: true,
