@@ -5,8 +5,9 @@ use crate::frame::{Frame, Placed, place};
 use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
+use crate::projected::Projected;
 use crate::steepness::Steepness;
-use crate::strip::{Strip, Strips};
+use crate::strip::{Line, Strips};
 use crate::view::{Planes, Sampling, View};
 use crate::workers::{Workers, WorkersError};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -63,6 +64,7 @@ impl Default for CastOptions {
 pub struct Caster {
     workers: Workers,
     placed: Vec<Placed>,
+    projected: Projected,
     planes: Planes,
     lines: Lines,
     steepness: Steepness,
@@ -81,6 +83,7 @@ impl Caster {
             strips: (0..workers.count()).map(|_| Mutex::default()).collect(),
             workers,
             placed: Vec::new(),
+            projected: Projected::default(),
             planes: Planes::default(),
             lines: Lines::default(),
             steepness: Steepness::default(),
@@ -103,7 +106,7 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
-        assert!(picture.size().iter().all(|side| *side <= Strip::LONGEST), "no side is longer than {}", Strip::LONGEST);
+        assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         let view = View::new(camera);
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);
@@ -113,10 +116,20 @@ impl Caster {
         let far = bounds.min.abs().max(bounds.max.abs()).length();
         let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
         self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
+        // Without voxels there are heights alone.
+        let method = match options.method {
+            Method::PlainMipmap => Method::PlainMipmap,
+            method if ground.has_voxels() => method,
+            _ => Method::Mipmap,
+        };
+        if method == Method::Mipmap {
+            self.projected.set(ground, &view, &self.placed, &self.workers);
+        }
         let [r, g, b] = options.sky_rgb;
         let frame = Frame {
             ground,
             placed: &self.placed,
+            projected: &self.projected,
             bounds,
             view,
             planes: &self.planes,
@@ -124,12 +137,6 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
-        };
-        // Without voxels there are heights alone.
-        let method = match options.method {
-            Method::PlainMipmap => Method::PlainMipmap,
-            method if ground.has_voxels() => method,
-            _ => Method::Mipmap,
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
@@ -152,7 +159,6 @@ impl Caster {
             if is_exact {
                 strips.reserve(lines.size());
             }
-            let Strips { strips, scratch } = &mut *strips;
             loop {
                 // Whoever is free takes the next lines; which ones it gets shows nowhere.
                 let first = next.fetch_add(LINES_AT_A_TIME, Ordering::Relaxed);
@@ -161,13 +167,13 @@ impl Caster {
                 }
                 let block = first..lines.count().min(first + LINES_AT_A_TIME);
                 if is_exact {
-                    let strips = &mut strips[..block.len()];
-                    for (strip, line) in strips.iter_mut().zip(block) {
-                        strip.begin(lines, line);
-                        counts = counts + frame.find_exact(&line_options, strip);
-                        frame.measure(strip, scratch);
+                    strips.begin();
+                    let count = block.len();
+                    for (at, line) in block.enumerate() {
+                        counts = counts + frame.find_exact(&line_options, &mut strips.strip(at, lines, line));
                     }
-                    frame.paint(strips);
+                    frame.measure(&mut strips);
+                    frame.paint(&strips.lines[..count], &strips.footprints);
                     continue;
                 }
                 for line in block {

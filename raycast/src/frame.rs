@@ -3,6 +3,7 @@
 use crate::color::Mip;
 use crate::ground::{Found, Ground, Tile};
 use crate::picture::Picture;
+use crate::projected::Projected;
 use crate::view::{Planes, Ray, View};
 use glam::{DVec2, Vec2, Vec3};
 
@@ -30,6 +31,8 @@ pub(crate) struct Bounds {
 pub(crate) struct Frame<'a> {
     pub(crate) ground: &'a Ground,
     pub(crate) placed: &'a [Placed],
+    /// Of exact rays that follow the ground; else empty.
+    pub(crate) projected: &'a Projected,
     pub(crate) bounds: Bounds,
     pub(crate) view: View,
     pub(crate) planes: &'a Planes,

@@ -27,6 +27,7 @@ pub mod lines;
 mod mipmap;
 mod paint;
 pub mod picture;
+mod projected;
 mod steepness;
 mod strip;
 mod trace;

@@ -7,9 +7,9 @@
 
 use crate::frame::Frame;
 use crate::ground::Tile;
-use crate::strip::{Strip, Strips};
+use crate::strip::{Line, Run, Strips};
 use crate::view::View;
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 
 /// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
 const LOG_MOST_TAPS: u32 = 1;
@@ -25,10 +25,13 @@ const LEAST_FACING: f32 = 1e-6;
 /// Pixels of a line that are painted before the next line's.
 const CHUNK: usize = 32;
 
-/// Memory of what a line's footprints are made of.
+/// Colours and depths of so many pixels of neighbouring lines.
+type Rows = [[(u32, f32); Strips::MOST]; CHUNK];
+
+/// Memory of what footprints are made of.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Of runs: column and row of the first pixel, its depth, slope east and north (metres up per metre), texels per metre.
+    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres up per metre), texels per metre.
     given: [Vec<f32>; 6],
     /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
     /// the middle, finest texels east and north.
@@ -55,13 +58,12 @@ pub(crate) struct Footprint {
     side: u32,
     /// The last place between four texels, less than a texel from the mip's border.
     end: f32,
-    log_taps: u32,
+    /// One or two.
+    taps: u32,
     /// Texels per metre.
     scale: f32,
-    /// The first tap of the place below the eye, texels east and south.
-    origin: Vec2,
-    /// From tap to tap.
-    step: Vec2,
+    /// The taps of the place below the eye, texels east and south.
+    origin: [f32; 4],
 }
 
 /// Four 8-bit channels in 16-bit lanes.
@@ -70,88 +72,91 @@ fn lanes(texel: u64) -> u64 {
     texel & 0x00ff_00ff | (texel & 0xff00_ff00) << 24
 }
 
-/// A place from 0 to `end`, or the nearer one of the two: its whole part, and what is left in 256ths.
-#[inline(always)]
-fn fixed_point(at: f32, end: f32) -> (u32, u32) {
-    // Added to this, numbers up to it are whole, and stand in the lower bits.
-    const WHOLE: f32 = 8_388_608.0;
-    let at = (at.max(0.0).min(end) * 256.0 + WHOLE).to_bits() & 0x007f_ffff;
-    (at >> 8, at & 0xff)
-}
-
 impl Footprint {
-    /// Mean colour around a place, metres from the eye.
+    /// Mean colour around a place, metres east and south of the eye.
     #[inline(always)]
-    fn color(&self, layer: &[u8], east: f32, north: f32) -> u32 {
+    fn color(&self, layer: &[u8], [east, south]: [f32; 2]) -> u32 {
+        // Added to this, numbers up to it are whole, and stand in the lower bits.
+        const WHOLE: f32 = 8_388_608.0;
         let Some(texels) = layer.get(self.start as usize..) else { return 0 };
-        let stride = 4 * self.side as usize;
-        // Weights of all taps' texels are 256 together, so that lanes never overflow.
-        let weight = 256 >> self.log_taps;
-        let mut at = Vec2::new(east * self.scale, -north * self.scale) + self.origin;
-        let mut sum = 0x0080_0080_0080_0080u64;
-        for _ in 0..1 << self.log_taps {
-            let [(i, u), (j, v)] = [at.x, at.y].map(|at| fixed_point(at, self.end));
-            let v = (v * weight) >> 8;
-            let south = weight - v;
-            let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
-            let (nw, sw) = (south - ne, v - se);
-            let first = (j as usize) * stride + 4 * i as usize;
-            let pair = |at: usize| match texels.get(at..at + 8) {
-                Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
-                _ => 0,
-            };
-            let (upper, lower) = (pair(first), pair(first + stride));
-            sum += lanes(upper & 0xffff_ffff) * u64::from(nw) + lanes(upper >> 32) * u64::from(ne);
-            sum += lanes(lower & 0xffff_ffff) * u64::from(sw) + lanes(lower >> 32) * u64::from(se);
-            at += self.step;
+        // Columns and rows of both taps: the nearest from 0 to the end, in 256ths.
+        let at = Vec4::new(east, south, east, south) * self.scale + Vec4::from_array(self.origin);
+        let at = at.max(Vec4::ZERO).min(Vec4::splat(self.end)) * 256.0 + Vec4::splat(WHOLE);
+        let [i, j, k, l] = at.to_array().map(|at| at.to_bits() & 0x007f_ffff);
+        let mut sum = 0x0080_0080_0080_0080;
+        if self.taps == 1 {
+            sum += self.tap(texels, [i, j], 256);
+        } else {
+            sum += self.tap(texels, [i, j], 128) + self.tap(texels, [k, l], 128);
         }
         (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
+    }
+
+    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together, so that lanes never overflow.
+    #[inline(always)]
+    fn tap(&self, texels: &[u8], [i, j]: [u32; 2], weight: u32) -> u64 {
+        let stride = 4 * self.side as usize;
+        let (u, v) = (i & 0xff, ((j & 0xff) * weight) >> 8);
+        let south = weight - v;
+        let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
+        let (nw, sw) = (south - ne, v - se);
+        let first = (j >> 8) as usize * stride + 4 * (i >> 8) as usize;
+        let pair = |at: usize| match texels.get(at..at + 8) {
+            Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => 0,
+        };
+        let (upper, lower) = (pair(first), pair(first + stride));
+        lanes(upper & 0xffff_ffff) * u64::from(nw)
+            + lanes(upper >> 32) * u64::from(ne)
+            + lanes(lower & 0xffff_ffff) * u64::from(sw)
+            + lanes(lower >> 32) * u64::from(se)
     }
 }
 
 impl Frame<'_> {
-    /// Works out the footprints of a line's runs.
-    pub(crate) fn measure(&self, strip: &mut Strip, scratch: &mut Scratch) {
-        self.gather(strip, scratch);
-        footprints(&self.view, strip.runs.len(), scratch);
-        self.collect(strip, scratch);
+    /// Works out the footprints of runs.
+    pub(crate) fn measure(&self, strips: &mut Strips) {
+        let Strips { runs, footprints, scratch, .. } = strips;
+        self.gather(runs.list(), scratch);
+        measure(&self.view, runs.list().len(), scratch);
+        self.collect(runs.list(), scratch, footprints);
     }
 
     /// Colours the pixels of neighbouring lines and puts them into the picture.
     #[inline(never)]
-    pub(crate) fn paint(&self, strips: &[Strip]) {
-        let mut rows = [[(0u32, 0.0f32); Strips::MOST]; CHUNK];
-        let longest = strips.iter().map(|strip| strip.pixels.len()).max().unwrap_or_default();
-        let is_level = is_level(strips);
+    pub(crate) fn paint(&self, lines: &[Line], footprints: &[Footprint]) {
+        let mut rows: Rows = [[(0, 0.0); Strips::MOST]; CHUNK];
+        let longest = lines.iter().map(|line| line.pixels.len()).max().unwrap_or_default();
+        let is_level = is_level(lines);
         for first in (0..longest).step_by(CHUNK) {
-            for (line, strip) in strips.iter().enumerate() {
-                self.paint_chunk(strip, first, line, &mut rows);
+            for (at, line) in lines.iter().enumerate() {
+                self.paint_chunk(line, footprints, first, at, &mut rows);
             }
             for (row, k) in rows.iter().zip(first..longest) {
                 if is_level {
-                    self.picture.put_row(strips[0].pixel(k), &row[..strips.len()]);
+                    self.picture.put_row(lines[0].pixel(k), &row[..lines.len()]);
                     continue;
                 }
-                for (strip, (color, depth)) in strips.iter().zip(row) {
-                    if k < strip.pixels.len() {
-                        self.picture.put(strip.pixel(k), *color, *depth);
+                for (line, (color, depth)) in lines.iter().zip(row) {
+                    if k < line.pixels.len() {
+                        self.picture.put(line.pixel(k), *color, *depth);
                     }
                 }
             }
         }
     }
 
-    /// Colours and depths of the pixels of a line from `first` on, into a column.
+    /// Colours and depths of the pixels of a line from `first` on, into column `at`.
     #[inline(always)]
-    fn paint_chunk(&self, strip: &Strip, first: usize, line: usize, rows: &mut [[(u32, f32); Strips::MOST]; CHUNK]) {
-        let end = strip.pixels.len().min(first + CHUNK);
-        let Some(pixels) = strip.pixels.get(first..end) else { return };
-        let places = Places::new(&self.view, pixels, &strip.nearness[first..end]);
-        for (k, (row, run)) in rows.iter_mut().zip(&strip.run_of[first..end]).enumerate() {
-            row[line] = match strip.footprints.get(usize::from(*run)) {
+    fn paint_chunk(&self, line: &Line, footprints: &[Footprint], first: usize, at: usize, rows: &mut Rows) {
+        let end = line.pixels.len().min(first + CHUNK);
+        let Some(pixels) = line.pixels.get(first..end) else { return };
+        let places = Places::new(&self.view, pixels, &line.nearness[first..end]);
+        for (k, (row, run)) in rows.iter_mut().zip(&line.run_of[first..end]).enumerate() {
+            row[at] = match footprints.get(*run as usize) {
                 Some(footprint) => {
                     let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
-                    (footprint.color(layer, places.east[k], places.north[k]) | OPAQUE_BLACK, places.depth[k])
+                    (footprint.color(layer, places.at[k]) | OPAQUE_BLACK, places.depth[k])
                 }
                 None => (self.sky, f32::NAN),
             };
@@ -159,14 +164,13 @@ impl Frame<'_> {
     }
 
     /// What runs' footprints are made of.
-    fn gather(&self, strip: &Strip, scratch: &mut Scratch) {
-        let [columns, rows, depths, east, north, texels] = &mut scratch.given;
-        for (n, run) in strip.runs.iter().enumerate() {
+    fn gather(&self, runs: &[Run], scratch: &mut Scratch) {
+        let [columns, rows, nearness, east, north, texels] = &mut scratch.given;
+        for (n, run) in runs.iter().enumerate() {
             let placed = &self.placed[run.tile as usize];
-            let [x, y] = strip.pixels[usize::from(run.first)];
-            columns[n] = f32::from(x);
-            rows[n] = f32::from(y);
-            depths[n] = 1.0 / strip.nearness[usize::from(run.first)];
+            columns[n] = f32::from(run.pixel[0]);
+            rows[n] = f32::from(run.pixel[1]);
+            nearness[n] = run.nearness;
             east[n] = run.slope.x * placed.per_m;
             north[n] = run.slope.y * placed.per_m;
             texels[n] = placed.texels_per_m;
@@ -174,7 +178,7 @@ impl Frame<'_> {
     }
 
     /// Footprints as pixels use them.
-    fn collect(&self, strip: &mut Strip, scratch: &Scratch) {
+    fn collect(&self, runs: &[Run], scratch: &Scratch, footprints: &mut Vec<Footprint>) {
         let layout = self.ground.shape().color;
         // A mip of one texel has no four to be between.
         let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
@@ -184,8 +188,8 @@ impl Frame<'_> {
             mips[level] = (start + 4 * side * side, side >> 1);
         }
         let [east, north] = &scratch.reach;
-        strip.footprints.clear();
-        for (n, run) in strip.runs.iter().enumerate() {
+        footprints.clear();
+        for (n, run) in runs.iter().enumerate() {
             let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
             let level = scratch.levels[n].clamp(0, coarsest as i32);
             let (start, side) = mips[level as usize % MOST_MIPS];
@@ -195,17 +199,17 @@ impl Frame<'_> {
             let reach = Vec2::new(east[n], -north[n]) * finer;
             let corner = placed.color_corner * scale;
             let step = reach * power_of_2(1 - log_taps as i32);
-            let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
-            strip.footprints.push(Footprint {
+            let first = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
+            let second = first + step;
+            footprints.push(Footprint {
                 layer: tile.color.layer,
                 start,
                 side,
                 // Fixed point ends at 32768.
                 end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
-                log_taps,
+                taps: 1 << log_taps,
                 scale,
-                origin,
-                step,
+                origin: [first.x, first.y, second.x, second.y],
             });
         }
     }
@@ -214,42 +218,40 @@ impl Frame<'_> {
 const OPAQUE_BLACK: u32 = 0xff00_0000;
 
 /// Whether lines are columns from left to right whose pixels of one number are in one row.
-fn is_level(strips: &[Strip]) -> bool {
-    let Some(first) = strips.first() else { return false };
+fn is_level(lines: &[Line]) -> bool {
+    let Some(first) = lines.first() else { return false };
     let ([x, bottom], Some([_, top])) = (first.pixel(0), first.pixels.last()) else { return false };
-    strips.iter().zip(x..).all(|(strip, x)| {
-        let last = strip.pixels.last().map(|last| last.map(u32::from));
-        strip.pixels.len() == first.pixels.len() && strip.pixel(0) == [x, bottom] && last == Some([x, u32::from(*top)])
+    lines.iter().zip(x..).all(|(line, x)| {
+        let last = line.pixels.last().map(|last| last.map(u32::from));
+        line.pixels.len() == first.pixels.len() && line.pixel(0) == [x, bottom] && last == Some([x, u32::from(*top)])
     })
 }
 
-/// Depth and place of pixels, metres east and north of the eye.
+/// Depth and place of pixels, metres east and south of the eye.
 struct Places {
     depth: [f32; CHUNK],
-    east: [f32; CHUNK],
-    north: [f32; CHUNK],
+    at: [[f32; 2]; CHUNK],
 }
 
 impl Places {
     #[inline(always)]
     fn new(view: &View, pixels: &[[u16; 2]], nearness: &[f32]) -> Self {
-        let mut places = Self { depth: [0.0; CHUNK], east: [0.0; CHUNK], north: [0.0; CHUNK] };
-        let Self { depth, east, north } = &mut places;
-        for ((((pixel, nearness), depth), east), north) in pixels.iter().zip(nearness).zip(depth).zip(east).zip(north) {
+        let mut places = Self { depth: [0.0; CHUNK], at: [[0.0; 2]; CHUNK] };
+        let Self { depth, at } = &mut places;
+        for (((pixel, nearness), depth), at) in pixels.iter().zip(nearness).zip(depth).zip(at) {
             let direction = view.direction_at(f32::from(pixel[0]), f32::from(pixel[1]));
             *depth = 1.0 / nearness;
-            *east = direction.x * *depth;
-            *north = direction.y * *depth;
+            *at = [direction.x * *depth, -direction.y * *depth];
         }
         places
     }
 }
 
 /// The footprints of runs.
-fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
+fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     let Scratch { given, levels, log_taps, reach: [out_east, out_north], .. } = scratch;
-    let [columns, rows, depths, slopes_east, slopes_north, texels] = given;
-    let (columns, rows, depths) = (&columns[..count], &rows[..count], &depths[..count]);
+    let [columns, rows, nearness, slopes_east, slopes_north, texels] = given;
+    let (columns, rows, nearness) = (&columns[..count], &rows[..count], &nearness[..count]);
     let (slopes_east, slopes_north, texels) = (&slopes_east[..count], &slopes_north[..count], &texels[..count]);
     let (levels, log_taps) = (&mut levels[..count], &mut log_taps[..count]);
     let (out_east, out_north) = (&mut out_east[..count], &mut out_north[..count]);
@@ -259,7 +261,7 @@ fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
         let d = view.direction_at(columns[n], rows[n]);
         // The facet's normal is (-east, -north, 1). It faces the ray, which comes from above.
         let facing = (d.z - east * d.x - north * d.y).min(-LEAST_FACING);
-        let scale = depths[n] * texels[n];
+        let scale = texels[n] / nearness[n];
         let limit = LONGEST_SHARE * scale;
         let across = |x: f32, y: f32, z: f32| {
             let by = (z - east * x - north * y) / facing;
