@@ -207,7 +207,13 @@ impl Frame<'_> {
 
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
     /// ground: all of a chunk that pass above the highest ground from there on.
-    pub(crate) fn trace_sky(&self, column: &mut Column<'_>, k: usize, reach: f32, strip: &mut Strip<'_>) -> Option<Traced> {
+    pub(crate) fn trace_sky(
+        &self,
+        column: &mut Column<'_>,
+        k: usize,
+        reach: f32,
+        strip: &mut Strip<'_>,
+    ) -> Option<Traced> {
         if k > column.last {
             return None;
         }

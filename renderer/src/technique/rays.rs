@@ -52,8 +52,8 @@ impl BlockReader {
         let [columns, rows] = cells.map(|n| n as usize + 1);
         let origin = self.world.node_origin(node);
         let log_spacing = tile.elevation_level + tile.grid_snap;
-        let is_inside =
-            (0..2).all(|axis| origin[axis] + (u64::from(cells[axis]) << log_spacing) <= u64::from(self.world.extent()[axis]));
+        let is_inside = (0..2)
+            .all(|axis| origin[axis] + (u64::from(cells[axis]) << log_spacing) <= u64::from(self.world.extent()[axis]));
         let block = &self.array[start[1] as usize * posts + start[0] as usize..];
         let (heights, stride) = if step == 1 && is_inside {
             // As it is.
@@ -64,7 +64,13 @@ impl BlockReader {
                 self.heights.extend(row.iter().step_by(step).take(columns));
             }
             for (axis, origin) in origin.into_iter().enumerate() {
-                self.reach_over_border(axis, [columns, rows], origin, log_spacing);
+                reach_over_border(
+                    &mut self.heights,
+                    axis,
+                    [columns, rows],
+                    [origin, self.world.extent()[axis].into()],
+                    log_spacing,
+                );
             }
             (&self.heights[..], columns)
         };
@@ -108,26 +114,32 @@ impl BlockReader {
         Some((node, start, cells))
     }
 
-    /// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
-    /// far posts continue the slope that leads to the border.
-    fn reach_over_border(&mut self, axis: usize, [columns, rows]: [usize; 2], origin: u64, log_spacing: u8) {
-        let count = [columns, rows][axis];
-        let before = origin + ((count as u64 - 2) << log_spacing);
-        let inside = u64::from(self.world.extent()[axis]).saturating_sub(before);
-        if inside == 0 || inside >= 1 << log_spacing {
-            return;
-        }
-        let factor = (1u64 << log_spacing) as f32 / inside as f32;
-        let [along, across, others] = if axis == 0 { [1, columns, rows] } else { [columns, 1, columns] };
-        for other in 0..others {
-            let last = other * across + (count - 1) * along;
-            let before = self.heights[last - along];
-            self.heights[last] = before + (self.heights[last] - before) * factor;
-        }
-    }
-
     /// A frame begins: no array has been read.
     pub fn forget(&mut self) {
         self.position = None;
+    }
+}
+
+/// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
+/// far posts continue the slope that leads to the border.
+fn reach_over_border(
+    heights: &mut [f32],
+    axis: usize,
+    [columns, rows]: [usize; 2],
+    [origin, extent]: [u64; 2],
+    log_spacing: u8,
+) {
+    let count = [columns, rows][axis];
+    let before = origin + ((count as u64 - 2) << log_spacing);
+    let inside = extent.saturating_sub(before);
+    if inside == 0 || inside >= 1 << log_spacing {
+        return;
+    }
+    let factor = (1u64 << log_spacing) as f32 / inside as f32;
+    let [along, across, others] = if axis == 0 { [1, columns, rows] } else { [columns, 1, columns] };
+    for other in 0..others {
+        let last = other * across + (count - 1) * along;
+        let before = heights[last - along];
+        heights[last] = before + (heights[last] - before) * factor;
     }
 }
