@@ -135,6 +135,21 @@ impl Frame<'_> {
         exit(ray.direction.truncate(), self.bounds.min, self.bounds.max).max(0.0)
     }
 
+    /// A parameter at which no ray between two is over the ground's bounds any more.
+    #[inline]
+    pub(crate) fn last_exit(&self, rays: [&Ray; 2]) -> f32 {
+        let of = |axis: usize| {
+            let exits = rays.map(|ray| match ray.direction[axis] {
+                d if d > 0.0 => [self.bounds.max[axis] / d, 1.0],
+                d if d < 0.0 => [self.bounds.min[axis] / d, -1.0],
+                _ => [f32::INFINITY, 0.0],
+            });
+            // Between east and west there is a ray that goes neither way.
+            if exits[0][1] == exits[1][1] { exits[0][0].max(exits[1][0]) } else { f32::INFINITY }
+        };
+        of(0).min(of(1))
+    }
+
     /// Colour of a tile at parameter `s` of a ray.
     #[inline(always)]
     pub(crate) fn shade(&self, tile: u32, ray: &Ray, s: f32) -> u32 {

@@ -2,6 +2,7 @@
 
 use crate::lines::Lines;
 use crate::paint::{Footprint, Scratch};
+use crate::trace::CHUNK;
 use glam::Vec2;
 
 /// log2 of the pixels of a line within which a facet is measured once.
@@ -18,6 +19,26 @@ pub(crate) struct Strips {
     /// Of each run, where its pixels have their colours from.
     pub(crate) footprints: Vec<Footprint>,
     pub(crate) scratch: Scratch,
+    seen: Vec<Seen>,
+}
+
+/// A rectangle of ground, lattice units, and its highest point, metres above the datum.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    pub(crate) low: [f64; 2],
+    pub(crate) high: [f64; 2],
+    pub(crate) highest: f32,
+}
+
+impl Seen {
+    /// Of no ground.
+    const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], highest: f32::NEG_INFINITY };
+
+    /// Whether another rectangle is part of it.
+    #[inline(always)]
+    pub(crate) fn holds(&self, low: [f64; 2], high: [f64; 2]) -> bool {
+        (0..2).all(|axis| self.low[axis] <= low[axis] && high[axis] <= self.high[axis])
+    }
 }
 
 /// Pixels of a line, bottom up.
@@ -56,6 +77,8 @@ pub(crate) struct Strip<'a> {
     pub(crate) nearness: &'a mut [f32],
     run_of: &'a mut [u32],
     runs: &'a mut Runs,
+    /// For each chunk of pixels two rectangles of ground that the lines before have asked for.
+    pub(crate) seen: &'a mut [Seen],
 }
 
 impl Strips {
@@ -72,6 +95,7 @@ impl Strips {
             line.nearness.resize(longest, 0.0);
             line.run_of.resize(longest, Line::SKY);
         }
+        self.seen.resize(2 * (longest / CHUNK + 2), Seen::NOTHING);
         self.runs.list.clear();
         self.runs.list.reserve(Self::MOST * longest);
         self.footprints.clear();
@@ -81,6 +105,7 @@ impl Strips {
 
     /// Begins with lines from `first` on.
     pub(crate) fn begin(&mut self) {
+        self.seen.fill(Seen::NOTHING);
         self.runs.list.clear();
         self.runs.found.clear();
         self.runs.found.resize(1 << LOG_ENTRIES, (u64::MAX, 0));
@@ -90,7 +115,7 @@ impl Strips {
     pub(crate) fn strip(&mut self, at: usize, lines: &Lines, n: usize) -> Strip<'_> {
         let Line { pixels, nearness, run_of } = &mut self.lines[at];
         lines.fill(n, pixels);
-        Strip { pixels, nearness, run_of, runs: &mut self.runs }
+        Strip { pixels, nearness, run_of, runs: &mut self.runs, seen: &mut self.seen }
     }
 }
 

@@ -21,14 +21,17 @@ use crate::frame::Frame;
 use crate::ground::Found;
 use crate::projected::Posts;
 use crate::steepness::Steepness;
-use crate::strip::Strip;
+use crate::strip::{Seen, Strip};
 use crate::view::Ray;
 use glam::{Vec2, Vec3};
 
 /// Pixels for which the ground's steepness is looked up at once.
-const CHUNK: usize = 16;
+pub(crate) const CHUNK: usize = 16;
 /// Hidden facets that are followed before it is cheaper to look for the next visible one through the pyramid.
 const MOST_HIDDEN: u32 = 24;
+/// The highest ground is looked up for so much more around, as a share of the distance, for the lines beside: sixteen columns of a picture
+/// of a right angle are 0.02.
+const SEEN_AROUND: f32 = 1.0 / 32.0;
 /// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
 const MOST_FACETS: u32 = 1 << 16;
 
@@ -133,14 +136,14 @@ impl<'a> Column<'a> {
 
     /// Sees to it that the chunk of pixel `k` is known.
     #[inline(always)]
-    fn enter_chunk(&mut self, frame: &Frame<'_>, k: usize) {
+    fn enter_chunk(&mut self, frame: &Frame<'_>, k: usize, strip: &mut Strip<'_>) {
         if self.chunk.index != Some(k / CHUNK) {
-            self.chunk = self.chunk_of(frame, k / CHUNK);
+            self.chunk = self.chunk_of(frame, k / CHUNK, strip);
         }
     }
 
     #[inline(never)]
-    fn chunk_of(&self, frame: &Frame<'_>, index: usize) -> Chunk {
+    fn chunk_of(&self, frame: &Frame<'_>, index: usize, strip: &mut Strip<'_>) -> Chunk {
         let lowest = (index * CHUNK).saturating_sub(CHUNK) as f32;
         let highest = ((index + 1) * CHUNK).min(self.last + 1) as f32;
         let unknown = Chunk { index: Some(index), lowest, gentle_until_s: 0.0 };
@@ -155,7 +158,7 @@ impl<'a> Column<'a> {
         }
         let (a, b) = (low.direction.truncate(), high.direction.truncate());
         let limit = by.z * by.z / by.truncate().length_squared();
-        if !frame.is_entered_above([&low, &high]) {
+        if !frame.is_entered_above([&low, &high], &mut strip.seen[2 * index]) {
             return unknown;
         }
         let gentle_m = self.steepness.gentle_until(low.direction, high.direction, limit);
@@ -167,7 +170,7 @@ impl<'a> Column<'a> {
 impl Frame<'_> {
     /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
     /// not: there those that have not prove nothing.
-    fn is_entered_above(&self, rays: [&Ray; 2]) -> bool {
+    fn is_entered_above(&self, rays: [&Ray; 2], seen: &mut Seen) -> bool {
         if !self.is_eye_beside() {
             return true;
         }
@@ -189,24 +192,37 @@ impl Frame<'_> {
             first = first.max(entries[0].min(entries[1]));
             last = last.max(entries[0].max(entries[1]));
         }
+        self.is_above(rays, [first, last], seen)
+    }
+
+    /// Whether rays between two, in one plane, are above the ground from one parameter to another.
+    fn is_above(&self, rays: [&Ray; 2], [first, last]: [f32; 2], seen: &mut Seen) -> bool {
         let corners = rays.map(|ray| [ray.direction * first, ray.direction * last]);
         let corners = [corners[0][0], corners[0][1], corners[1][0], corners[1][1]];
         let low = corners.into_iter().fold(Vec3::INFINITY, Vec3::min);
         let high = corners.into_iter().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let furthest = high.abs().max(low.abs()).max_element();
         // A little more on all sides: rounding.
-        let margin = 1e-5 * high.abs().max(low.abs()).max_element() + 0.01;
+        let margin = 1e-5 * furthest + 0.01;
         if low.z - margin > self.highest {
             return true;
         }
         let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
         let lattice = |at: Vec3, by: f32| [0, 1].map(|axis| (f64::from(at[axis] + by) + eye[axis]) / unit);
         let top = |tile: u32| self.ground.tiles()[tile as usize].top_m;
-        let highest = self.ground.tree().highest_in(lattice(low, -margin), lattice(high, margin), &top);
-        f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest)
+        let highest_in = |by: f32| {
+            let (low, high) = (lattice(low, -by), lattice(high, by));
+            Seen { low, high, highest: self.ground.tree().highest_in(low, high, &top) }
+        };
+        let is_below = |highest: f32| f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest);
+        if !seen.holds(lattice(low, -margin), lattice(high, margin)) {
+            *seen = highest_in(margin + furthest * SEEN_AROUND);
+        }
+        is_below(seen.highest) || is_below(highest_in(margin).highest)
     }
 
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
-    /// ground: all of a chunk that pass above the highest ground from there on.
+    /// ground: chunk by chunk, as long as the ground is gentle that far and lies below all rays from there on.
     pub(crate) fn trace_sky(
         &self,
         column: &mut Column<'_>,
@@ -214,19 +230,26 @@ impl Frame<'_> {
         reach: f32,
         strip: &mut Strip<'_>,
     ) -> Option<Traced> {
-        if k > column.last {
-            return None;
+        let mut traced = Traced { next: k, reach };
+        while traced.next <= column.last {
+            column.enter_chunk(self, traced.next, strip);
+            if traced.reach >= column.chunk.gentle_until_s {
+                break;
+            }
+            let next = ((traced.next / CHUNK + 1) * CHUNK).min(column.last + 1);
+            let rays = [traced.next - 1, next - 1].map(|k| self.view.ray(strip.pixel(k)));
+            // None of those between leaves the ground later.
+            let last = self.last_exit(rays.each_ref());
+            let is_left = last <= traced.reach
+                || last.is_finite()
+                    && self.is_above(rays.each_ref(), [traced.reach, last], &mut strip.seen[2 * (next / CHUNK) + 1]);
+            if !is_left {
+                break;
+            }
+            (traced.next..next).for_each(|k| strip.put_sky(k));
+            traced = Traced { next, reach: self.departure(&rays[1]) };
         }
-        column.enter_chunk(self, k);
-        let lowest = self.view.ray(strip.pixel(k)).direction.z;
-        if reach < column.chunk.gentle_until_s && lowest >= 0.0 && lowest * reach > self.highest {
-            let next = ((k / CHUNK + 1) * CHUNK).min(column.last + 1);
-            (k..next).for_each(|k| strip.put_sky(k));
-            let ray = self.view.ray(strip.pixel(next - 1));
-            Some(Traced { next, reach: self.departure(&ray) })
-        } else {
-            None
-        }
+        (traced.next > k).then_some(traced)
     }
 
     /// Follows the ground from where pixel `k` meets it, as far as it is gentle, and puts what the next pixels see into the
@@ -243,7 +266,7 @@ impl Frame<'_> {
         if k >= column.last {
             return None;
         }
-        column.enter_chunk(self, k + 1);
+        column.enter_chunk(self, k + 1, strip);
         if hit.s >= column.chunk.gentle_until_s {
             return None;
         }
@@ -288,7 +311,7 @@ impl Frame<'_> {
                 let facet = posts.facet([before, after, third]);
                 let s_per_depth = column.s_per_depth(to[0]);
                 loop {
-                    column.enter_chunk(self, row);
+                    column.enter_chunk(self, row, strip);
                     if s_per_depth >= column.chunk.gentle_until_s * to[1] {
                         break;
                     }
