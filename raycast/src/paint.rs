@@ -156,7 +156,7 @@ impl Frame<'_> {
             row[at] = match footprints.get(*run as usize) {
                 Some(footprint) => {
                     let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
-                    (footprint.color(layer, places.at[k]) | OPAQUE_BLACK, places.depth[k])
+                    (footprint.color(layer, [places.east[k], places.south[k]]) | OPAQUE_BLACK, places.depth[k])
                 }
                 None => (self.sky, f32::NAN),
             };
@@ -230,18 +230,23 @@ fn is_level(lines: &[Line]) -> bool {
 /// Depth and place of pixels, metres east and south of the eye.
 struct Places {
     depth: [f32; CHUNK],
-    at: [[f32; 2]; CHUNK],
+    east: [f32; CHUNK],
+    south: [f32; CHUNK],
 }
 
 impl Places {
     #[inline(always)]
     fn new(view: &View, pixels: &[[u16; 2]], nearness: &[f32]) -> Self {
-        let mut places = Self { depth: [0.0; CHUNK], at: [[0.0; 2]; CHUNK] };
-        let Self { depth, at } = &mut places;
-        for (((pixel, nearness), depth), at) in pixels.iter().zip(nearness).zip(depth).zip(at) {
-            let direction = view.direction_at(f32::from(pixel[0]), f32::from(pixel[1]));
-            *depth = 1.0 / nearness;
-            *at = [direction.x * *depth, -direction.y * *depth];
+        let mut places = Self { depth: [0.0; CHUNK], east: [0.0; CHUNK], south: [0.0; CHUNK] };
+        let count = pixels.len().min(CHUNK);
+        let (pixels, nearness) = (&pixels[..count], &nearness[..count]);
+        let Self { depth, east, south } = &mut places;
+        let (depth, east, south) = (&mut depth[..count], &mut east[..count], &mut south[..count]);
+        for k in 0..count {
+            let direction = view.direction_at(f32::from(pixels[k][0]), f32::from(pixels[k][1]));
+            depth[k] = 1.0 / nearness[k];
+            east[k] = direction.x * depth[k];
+            south[k] = -direction.y * depth[k];
         }
         places
     }
