@@ -83,7 +83,7 @@ pub(crate) struct Strip<'a> {
 
 impl Strips {
     /// Most lines.
-    pub(crate) const MOST: usize = 16;
+    pub(crate) const MOST: usize = 32;
 
     /// Takes memory for the lines of pictures of a size, if it is not there.
     pub(crate) fn reserve(&mut self, size: [u32; 2]) {

@@ -29,9 +29,8 @@ use glam::{Vec2, Vec3};
 pub(crate) const CHUNK: usize = 16;
 /// Hidden facets that are followed before it is cheaper to look for the next visible one through the pyramid.
 const MOST_HIDDEN: u32 = 24;
-/// The highest ground is looked up for so much more around, as a share of the distance, for the lines beside: sixteen columns of a picture
-/// of a right angle are 0.02.
-const SEEN_AROUND: f32 = 1.0 / 32.0;
+/// The highest ground is looked up for so much more around, as a share of the distance: the lines beside are likely to ask for it.
+const SEEN_AROUND: f32 = 1.0 / 16.0;
 /// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
 const MOST_FACETS: u32 = 1 << 16;
 
