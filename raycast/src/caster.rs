@@ -5,16 +5,18 @@ use crate::frame::{Frame, Placed, place};
 use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
+use crate::projected::Projected;
 use crate::steepness::Steepness;
-use crate::strip::Strip;
+use crate::strip::{Line, Strips};
 use crate::view::{Planes, Sampling, View};
 use crate::workers::{Workers, WorkersError};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
 
 /// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
 /// write to at once.
-const LINES_AT_A_TIME: usize = 16;
+const LINES_AT_A_TIME: usize = Strips::MOST;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -62,11 +64,12 @@ impl Default for CastOptions {
 pub struct Caster {
     workers: Workers,
     placed: Vec<Placed>,
+    projected: Projected,
     planes: Planes,
     lines: Lines,
     steepness: Steepness,
     /// Of each worker.
-    strips: Vec<Mutex<Strip>>,
+    strips: Vec<Mutex<Strips>>,
 }
 
 impl Caster {
@@ -80,6 +83,7 @@ impl Caster {
             strips: (0..workers.count()).map(|_| Mutex::default()).collect(),
             workers,
             placed: Vec::new(),
+            projected: Projected::default(),
             planes: Planes::default(),
             lines: Lines::default(),
             steepness: Steepness::default(),
@@ -102,7 +106,7 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
-        assert!(picture.size().iter().all(|side| *side <= Strip::LONGEST), "no side is longer than {}", Strip::LONGEST);
+        assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         let view = View::new(camera);
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);
@@ -112,10 +116,20 @@ impl Caster {
         let far = bounds.min.abs().max(bounds.max.abs()).length();
         let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
         self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
+        // Without voxels there are heights alone.
+        let method = match options.method {
+            Method::PlainMipmap => Method::PlainMipmap,
+            method if ground.has_voxels() => method,
+            _ => Method::Mipmap,
+        };
+        if method == Method::Mipmap {
+            self.projected.set(ground, &view, &self.placed, &self.workers);
+        }
         let [r, g, b] = options.sky_rgb;
         let frame = Frame {
             ground,
             placed: &self.placed,
+            projected: &self.projected,
             bounds,
             view,
             planes: &self.planes,
@@ -123,12 +137,6 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
-        };
-        // Without voxels there are heights alone.
-        let method = match options.method {
-            Method::PlainMipmap => Method::PlainMipmap,
-            method if ground.has_voxels() => method,
-            _ => Method::Mipmap,
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
@@ -142,35 +150,47 @@ impl Caster {
         }
         let line_options = LineOptions { coherence, steepness: &self.steepness };
         let (lines, strips) = (&self.lines, &self.strips);
-        let count = self.workers.count();
+        let next = AtomicUsize::new(0);
         self.workers.run(|worker| {
             let mut counts = Counts::default();
             // A worker's own. What a panic has left in it is not looked at.
-            let mut strip = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
-            if matches!(method, Method::Mipmap | Method::PlainMipmap) {
-                strip.reserve(lines.size());
+            let mut strips = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
+            let is_exact = matches!(method, Method::Mipmap | Method::PlainMipmap);
+            if is_exact {
+                strips.reserve(lines.size());
             }
-            for first in (worker * LINES_AT_A_TIME..lines.count()).step_by(count * LINES_AT_A_TIME) {
-                for line in first..lines.count().min(first + LINES_AT_A_TIME) {
-                    let pixels = || lines.pixels(line);
+            loop {
+                // Whoever is free takes the next lines; which ones it gets shows nowhere.
+                let first = next.fetch_add(LINES_AT_A_TIME, Ordering::Relaxed);
+                if first >= lines.count() {
+                    return counts;
+                }
+                let block = first..lines.count().min(first + LINES_AT_A_TIME);
+                if is_exact {
+                    strips.begin();
+                    let count = block.len();
+                    for (at, line) in block.enumerate() {
+                        counts = counts + frame.find_exact(&line_options, &mut strips.strip(at, lines, line));
+                    }
+                    frame.measure(&mut strips);
+                    frame.paint(&strips.lines[..count], &strips.footprints);
+                    continue;
+                }
+                for line in block {
+                    let pixels = lines.pixels(line);
                     counts = counts
-                        + match (method, options.is_approximate) {
-                            (Method::Mipmap | Method::PlainMipmap, _) => {
-                                strip.begin(lines, line);
-                                frame.cast_exact(&line_options, &mut strip)
-                            }
-                            (_, true) => frame.cast_line::<true>(&line_options, pixels()),
-                            (_, false) => frame.cast_line::<false>(&line_options, pixels()),
+                        + match options.is_approximate {
+                            true => frame.cast_line::<true>(&line_options, pixels),
+                            false => frame.cast_line::<false>(&line_options, pixels),
                         };
                 }
             }
-            counts
         })
     }
 
-    /// How many threads there are.
+    /// Its threads.
     #[must_use]
-    pub fn workers(&self) -> usize {
-        self.workers.count()
+    pub fn workers(&self) -> &Workers {
+        &self.workers
     }
 }

@@ -122,6 +122,13 @@ impl Entered<'_> {
         }
     }
 
+    /// The number of a facet among those of the tile: twice that of its south western post ([`crate::projected`]), and which half.
+    #[inline(always)]
+    pub(crate) fn facet_number(&self, facet: &Facet) -> usize {
+        let [i, j] = [facet.corner.x as usize + 1, facet.corner.y as usize + 1];
+        2 * (j * (self.tile.cells[0] as usize + 3) + i) + usize::from(facet.is_south_east)
+    }
+
     /// Whether a ray is over the tile at a parameter.
     #[inline(always)]
     pub(crate) fn is_under(&self, along: &Along, s: f32) -> bool {

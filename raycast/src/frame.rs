@@ -3,6 +3,7 @@
 use crate::color::Mip;
 use crate::ground::{Found, Ground, Tile};
 use crate::picture::Picture;
+use crate::projected::Projected;
 use crate::view::{Planes, Ray, View};
 use glam::{DVec2, Vec2, Vec3};
 
@@ -30,6 +31,8 @@ pub(crate) struct Bounds {
 pub(crate) struct Frame<'a> {
     pub(crate) ground: &'a Ground,
     pub(crate) placed: &'a [Placed],
+    /// Of exact rays that follow the ground; else empty.
+    pub(crate) projected: &'a Projected,
     pub(crate) bounds: Bounds,
     pub(crate) view: View,
     pub(crate) planes: &'a Planes,
@@ -130,6 +133,21 @@ impl Frame<'_> {
     #[inline]
     pub(crate) fn departure(&self, ray: &Ray) -> f32 {
         exit(ray.direction.truncate(), self.bounds.min, self.bounds.max).max(0.0)
+    }
+
+    /// A parameter at which no ray between two is over the ground's bounds any more.
+    #[inline]
+    pub(crate) fn last_exit(&self, rays: [&Ray; 2]) -> f32 {
+        let of = |axis: usize| {
+            let exits = rays.map(|ray| match ray.direction[axis] {
+                d if d > 0.0 => [self.bounds.max[axis] / d, 1.0],
+                d if d < 0.0 => [self.bounds.min[axis] / d, -1.0],
+                _ => [f32::INFINITY, 0.0],
+            });
+            // Between east and west there is a ray that goes neither way.
+            if exits[0][1] == exits[1][1] { exits[0][0].max(exits[1][0]) } else { f32::INFINITY }
+        };
+        of(0).min(of(1))
     }
 
     /// Colour of a tile at parameter `s` of a ray.

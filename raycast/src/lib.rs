@@ -5,9 +5,9 @@
 //! heights, tile by tile ─▶ Ground: densities · boundary array · maxima     (ground/)
 //! camera ─▶ View: rays, planes ─▶ Lines: each pixel once, for any roll     (view, lines)
 //!                │
-//!                ▼  lines, interleaved over workers                        (caster, workers)
+//!                ▼  neighbouring lines, to whichever worker is free        (caster, workers)
 //!          cast: from the bottom up, each ray from where the last one hit  (cast)
-//!          mipmap: one exact ray per pixel                                 (mipmap, trace, strip, paint)
+//!          mipmap: one exact ray per pixel                  (mipmap, projected, trace, strip, paint)
 //!                ▼
 //!          Picture: colour and depth
 //! ```
@@ -27,6 +27,7 @@ pub mod lines;
 mod mipmap;
 mod paint;
 pub mod picture;
+mod projected;
 mod steepness;
 mod strip;
 mod trace;

@@ -30,15 +30,8 @@ struct Known {
 }
 
 impl Frame<'_> {
-    /// Casts the rays of a line's pixels, bottom up.
-    pub(crate) fn cast_exact(&self, options: &LineOptions<'_>, strip: &mut Strip) -> Counts {
-        let counts = self.find_exact(options, strip);
-        self.paint(strip);
-        counts
-    }
-
-    /// What the pixels of a line see.
-    fn find_exact(&self, options: &LineOptions<'_>, strip: &mut Strip) -> Counts {
+    /// What the pixels of a line see, bottom up.
+    pub(crate) fn find_exact(&self, options: &LineOptions<'_>, strip: &mut Strip<'_>) -> Counts {
         let mut counts = Counts { rays: strip.pixels.len() as u64, ..Counts::default() };
         let mut known: [Option<Known>; MOST_KNOWN] = [None; MOST_KNOWN];
         let mut next = 0;
@@ -102,7 +95,8 @@ impl Frame<'_> {
             let reach = match hit {
                 Some(hit) => {
                     counts.hits += 1;
-                    strip.put(k, hit.s * ray.depth, current.index, &hit.facet);
+                    let facet = current.facet_number(&hit.facet);
+                    strip.put(k, hit.s * ray.depth, current.index, facet, hit.facet.slope);
                     hit.s
                 }
                 None => {

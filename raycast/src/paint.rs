@@ -2,13 +2,14 @@
 //!
 //! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose texels are about as
 //! wide as the shorter one. That is worked out once for a run of pixels that see one facet; depth, place and footprints are plain
-//! loops over arrays, which compilers turn into vector instructions.
+//! loops over arrays, which compilers turn into vector instructions. Neighbouring lines are painted a few pixels of each at a
+//! time: they share cache lines of colour tiles, and of the picture.
 
 use crate::frame::Frame;
 use crate::ground::Tile;
-use crate::strip::{Run, Strip};
+use crate::strip::{Line, Run, Strips};
 use crate::view::View;
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 
 /// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
 const LOG_MOST_TAPS: u32 = 1;
@@ -21,36 +22,35 @@ const MOST_MIPS: usize = 16;
 /// Facets that are seen face their rays at least this much.
 const LEAST_FACING: f32 = 1e-6;
 
-/// Memory of a line's colours.
+/// Pixels of a line that are painted before the next line's.
+const CHUNK: usize = 32;
+
+/// Colours and depths of so many pixels of neighbouring lines.
+type Rows = [[(u32, f32); Strips::MOST]; CHUNK];
+
+/// Memory of what footprints are made of.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    depth: Vec<f32>,
-    /// Metres east and north of the eye.
-    place: [Vec<f32>; 2],
-    /// Of runs: column and row of the first pixel, its depth, slope east and north (metres up per metre), texels per metre.
+    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres up per metre), texels per metre.
     given: [Vec<f32>; 6],
     /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
     /// the middle, finest texels east and north.
     levels: Vec<i32>,
     log_taps: Vec<i32>,
     reach: [Vec<f32>; 2],
-    footprints: Vec<Footprint>,
 }
 
 impl Scratch {
     pub(crate) fn reserve(&mut self, longest: usize) {
-        let floats = self.place.iter_mut().chain(&mut self.given).chain(&mut self.reach);
-        floats.chain([&mut self.depth]).for_each(|values| values.resize(longest, 0.0));
+        self.given.iter_mut().chain(&mut self.reach).for_each(|values| values.resize(longest, 0.0));
         self.levels.resize(longest, 0);
         self.log_taps.resize(longest, 0);
-        self.footprints.clear();
-        self.footprints.reserve(longest);
     }
 }
 
 /// Where a run's pixels have their colours from.
 #[derive(Debug, Clone, Copy)]
-struct Footprint {
+pub(crate) struct Footprint {
     layer: u32,
     /// First byte of the mip.
     start: u32,
@@ -58,13 +58,12 @@ struct Footprint {
     side: u32,
     /// The last place between four texels, less than a texel from the mip's border.
     end: f32,
-    log_taps: u32,
+    /// One or two.
+    taps: u32,
     /// Texels per metre.
     scale: f32,
-    /// The first tap of the place below the eye, texels east and south.
-    origin: Vec2,
-    /// From tap to tap.
-    step: Vec2,
+    /// The taps of the place below the eye, texels east and south.
+    origin: [f32; 4],
 }
 
 /// Four 8-bit channels in 16-bit lanes.
@@ -73,78 +72,105 @@ fn lanes(texel: u64) -> u64 {
     texel & 0x00ff_00ff | (texel & 0xff00_ff00) << 24
 }
 
-/// A place from 0 to `end`, or the nearer one of the two: its whole part, and what is left in 256ths.
-#[inline(always)]
-fn fixed_point(at: f32, end: f32) -> (u32, u32) {
-    // Added to this, numbers up to it are whole, and stand in the lower bits.
-    const WHOLE: f32 = 8_388_608.0;
-    let at = (at.max(0.0).min(end) * 256.0 + WHOLE).to_bits() & 0x007f_ffff;
-    (at >> 8, at & 0xff)
-}
-
 impl Footprint {
-    /// Mean colour around a place, metres from the eye.
+    /// Mean colour around a place, metres east and south of the eye.
     #[inline(always)]
-    fn color(&self, layer: &[u8], east: f32, north: f32) -> u32 {
+    fn color(&self, layer: &[u8], [east, south]: [f32; 2]) -> u32 {
+        // Added to this, numbers up to it are whole, and stand in the lower bits.
+        const WHOLE: f32 = 8_388_608.0;
         let Some(texels) = layer.get(self.start as usize..) else { return 0 };
-        let stride = 4 * self.side as usize;
-        // Weights of all taps' texels are 256 together, so that lanes never overflow.
-        let weight = 256 >> self.log_taps;
-        let mut at = Vec2::new(east * self.scale, -north * self.scale) + self.origin;
-        let mut sum = 0x0080_0080_0080_0080u64;
-        for _ in 0..1 << self.log_taps {
-            let [(i, u), (j, v)] = [at.x, at.y].map(|at| fixed_point(at, self.end));
-            let v = (v * weight) >> 8;
-            let south = weight - v;
-            let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
-            let (nw, sw) = (south - ne, v - se);
-            let first = (j as usize) * stride + 4 * i as usize;
-            let pair = |at: usize| match texels.get(at..at + 8) {
-                Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
-                _ => 0,
-            };
-            let (upper, lower) = (pair(first), pair(first + stride));
-            sum += lanes(upper & 0xffff_ffff) * u64::from(nw) + lanes(upper >> 32) * u64::from(ne);
-            sum += lanes(lower & 0xffff_ffff) * u64::from(sw) + lanes(lower >> 32) * u64::from(se);
-            at += self.step;
+        // Columns and rows of both taps: the nearest from 0 to the end, in 256ths.
+        let at = Vec4::new(east, south, east, south) * self.scale + Vec4::from_array(self.origin);
+        let at = at.max(Vec4::ZERO).min(Vec4::splat(self.end)) * 256.0 + Vec4::splat(WHOLE);
+        let [i, j, k, l] = at.to_array().map(|at| at.to_bits() & 0x007f_ffff);
+        let mut sum = 0x0080_0080_0080_0080;
+        if self.taps == 1 {
+            sum += self.tap(texels, [i, j], 256);
+        } else {
+            sum += self.tap(texels, [i, j], 128) + self.tap(texels, [k, l], 128);
         }
         (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
+    }
+
+    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together, so that lanes never overflow.
+    #[inline(always)]
+    fn tap(&self, texels: &[u8], [i, j]: [u32; 2], weight: u32) -> u64 {
+        let stride = 4 * self.side as usize;
+        let (u, v) = (i & 0xff, ((j & 0xff) * weight) >> 8);
+        let south = weight - v;
+        let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
+        let (nw, sw) = (south - ne, v - se);
+        let first = (j >> 8) as usize * stride + 4 * (i >> 8) as usize;
+        let pair = |at: usize| match texels.get(at..at + 8) {
+            Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => 0,
+        };
+        let (upper, lower) = (pair(first), pair(first + stride));
+        lanes(upper & 0xffff_ffff) * u64::from(nw)
+            + lanes(upper >> 32) * u64::from(ne)
+            + lanes(lower & 0xffff_ffff) * u64::from(sw)
+            + lanes(lower >> 32) * u64::from(se)
     }
 }
 
 impl Frame<'_> {
-    /// Colours the pixels of a strip and puts them into the picture.
+    /// Works out the footprints of runs.
+    pub(crate) fn measure(&self, strips: &mut Strips) {
+        let Strips { runs, footprints, scratch, .. } = strips;
+        self.gather(runs.list(), scratch);
+        measure(&self.view, runs.list().len(), scratch);
+        self.collect(runs.list(), scratch, footprints);
+    }
+
+    /// Colours the pixels of neighbouring lines and puts them into the picture.
     #[inline(never)]
-    pub(crate) fn paint(&self, strip: &mut Strip) {
-        let Strip { pixels, nearness, run_of, runs, paint } = strip;
-        let count = pixels.len();
-        places(&self.view, pixels, &nearness[..count], paint);
-        self.gather(pixels, runs, paint);
-        footprints(&self.view, runs.len(), paint);
-        self.collect(runs, paint);
-        let Scratch { depth, place: [east, north], footprints, .. } = paint;
-        let (depth, east, north) = (&depth[..count], &east[..count], &north[..count]);
-        for (k, (pixel, run)) in pixels.iter().zip(&run_of[..count]).enumerate() {
-            let (color, depth) = match footprints.get(usize::from(*run)) {
+    pub(crate) fn paint(&self, lines: &[Line], footprints: &[Footprint]) {
+        let mut rows: Rows = [[(0, 0.0); Strips::MOST]; CHUNK];
+        let longest = lines.iter().map(|line| line.pixels.len()).max().unwrap_or_default();
+        let is_level = is_level(lines);
+        for first in (0..longest).step_by(CHUNK) {
+            for (at, line) in lines.iter().enumerate() {
+                self.paint_chunk(line, footprints, first, at, &mut rows);
+            }
+            for (row, k) in rows.iter().zip(first..longest) {
+                if is_level {
+                    self.picture.put_row(lines[0].pixel(k), &row[..lines.len()]);
+                    continue;
+                }
+                for (line, (color, depth)) in lines.iter().zip(row) {
+                    if k < line.pixels.len() {
+                        self.picture.put(line.pixel(k), *color, *depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Colours and depths of the pixels of a line from `first` on, into column `at`.
+    #[inline(always)]
+    fn paint_chunk(&self, line: &Line, footprints: &[Footprint], first: usize, at: usize, rows: &mut Rows) {
+        let end = line.pixels.len().min(first + CHUNK);
+        let Some(pixels) = line.pixels.get(first..end) else { return };
+        let places = Places::new(&self.view, pixels, &line.nearness[first..end]);
+        for (k, (row, run)) in rows.iter_mut().zip(&line.run_of[first..end]).enumerate() {
+            row[at] = match footprints.get(*run as usize) {
                 Some(footprint) => {
                     let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
-                    (footprint.color(layer, east[k], north[k]) | OPAQUE_BLACK, depth[k])
+                    (footprint.color(layer, [places.east[k], places.south[k]]) | OPAQUE_BLACK, places.depth[k])
                 }
                 None => (self.sky, f32::NAN),
             };
-            self.picture.put(pixel.map(u32::from), color, depth);
         }
     }
 
     /// What runs' footprints are made of.
-    fn gather(&self, pixels: &[[u16; 2]], runs: &[Run], scratch: &mut Scratch) {
-        let [columns, rows, depths, east, north, texels] = &mut scratch.given;
+    fn gather(&self, runs: &[Run], scratch: &mut Scratch) {
+        let [columns, rows, nearness, east, north, texels] = &mut scratch.given;
         for (n, run) in runs.iter().enumerate() {
             let placed = &self.placed[run.tile as usize];
-            let [x, y] = pixels[usize::from(run.first)];
-            columns[n] = f32::from(x);
-            rows[n] = f32::from(y);
-            depths[n] = scratch.depth[usize::from(run.first)];
+            columns[n] = f32::from(run.pixel[0]);
+            rows[n] = f32::from(run.pixel[1]);
+            nearness[n] = run.nearness;
             east[n] = run.slope.x * placed.per_m;
             north[n] = run.slope.y * placed.per_m;
             texels[n] = placed.texels_per_m;
@@ -152,7 +178,7 @@ impl Frame<'_> {
     }
 
     /// Footprints as pixels use them.
-    fn collect(&self, runs: &[Run], scratch: &mut Scratch) {
+    fn collect(&self, runs: &[Run], scratch: &Scratch, footprints: &mut Vec<Footprint>) {
         let layout = self.ground.shape().color;
         // A mip of one texel has no four to be between.
         let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
@@ -162,7 +188,7 @@ impl Frame<'_> {
             mips[level] = (start + 4 * side * side, side >> 1);
         }
         let [east, north] = &scratch.reach;
-        scratch.footprints.clear();
+        footprints.clear();
         for (n, run) in runs.iter().enumerate() {
             let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
             let level = scratch.levels[n].clamp(0, coarsest as i32);
@@ -173,17 +199,17 @@ impl Frame<'_> {
             let reach = Vec2::new(east[n], -north[n]) * finer;
             let corner = placed.color_corner * scale;
             let step = reach * power_of_2(1 - log_taps as i32);
-            let origin = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
-            scratch.footprints.push(Footprint {
+            let first = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
+            let second = first + step;
+            footprints.push(Footprint {
                 layer: tile.color.layer,
                 start,
                 side,
                 // Fixed point ends at 32768.
                 end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
-                log_taps,
+                taps: 1 << log_taps,
                 scale,
-                origin,
-                step,
+                origin: [first.x, first.y, second.x, second.y],
             });
         }
     }
@@ -191,25 +217,46 @@ impl Frame<'_> {
 
 const OPAQUE_BLACK: u32 = 0xff00_0000;
 
-/// Depth and place of pixels.
-fn places(view: &View, pixels: &[[u16; 2]], nearness: &[f32], scratch: &mut Scratch) {
-    let count = pixels.len();
-    let Scratch { depth, place: [east, north], .. } = scratch;
-    let (nearness, depth) = (&nearness[..count], &mut depth[..count]);
-    let (east, north) = (&mut east[..count], &mut north[..count]);
-    for k in 0..count {
-        let direction = view.direction_at(f32::from(pixels[k][0]), f32::from(pixels[k][1]));
-        depth[k] = 1.0 / nearness[k];
-        east[k] = direction.x * depth[k];
-        north[k] = direction.y * depth[k];
+/// Whether lines are columns from left to right whose pixels of one number are in one row.
+fn is_level(lines: &[Line]) -> bool {
+    let Some(first) = lines.first() else { return false };
+    let ([x, bottom], Some([_, top])) = (first.pixel(0), first.pixels.last()) else { return false };
+    lines.iter().zip(x..).all(|(line, x)| {
+        let last = line.pixels.last().map(|last| last.map(u32::from));
+        line.pixels.len() == first.pixels.len() && line.pixel(0) == [x, bottom] && last == Some([x, u32::from(*top)])
+    })
+}
+
+/// Depth and place of pixels, metres east and south of the eye.
+struct Places {
+    depth: [f32; CHUNK],
+    east: [f32; CHUNK],
+    south: [f32; CHUNK],
+}
+
+impl Places {
+    #[inline(always)]
+    fn new(view: &View, pixels: &[[u16; 2]], nearness: &[f32]) -> Self {
+        let mut places = Self { depth: [0.0; CHUNK], east: [0.0; CHUNK], south: [0.0; CHUNK] };
+        let count = pixels.len().min(CHUNK);
+        let (pixels, nearness) = (&pixels[..count], &nearness[..count]);
+        let Self { depth, east, south } = &mut places;
+        let (depth, east, south) = (&mut depth[..count], &mut east[..count], &mut south[..count]);
+        for k in 0..count {
+            let direction = view.direction_at(f32::from(pixels[k][0]), f32::from(pixels[k][1]));
+            depth[k] = 1.0 / nearness[k];
+            east[k] = direction.x * depth[k];
+            south[k] = -direction.y * depth[k];
+        }
+        places
     }
 }
 
 /// The footprints of runs.
-fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
+fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     let Scratch { given, levels, log_taps, reach: [out_east, out_north], .. } = scratch;
-    let [columns, rows, depths, slopes_east, slopes_north, texels] = given;
-    let (columns, rows, depths) = (&columns[..count], &rows[..count], &depths[..count]);
+    let [columns, rows, nearness, slopes_east, slopes_north, texels] = given;
+    let (columns, rows, nearness) = (&columns[..count], &rows[..count], &nearness[..count]);
     let (slopes_east, slopes_north, texels) = (&slopes_east[..count], &slopes_north[..count], &texels[..count]);
     let (levels, log_taps) = (&mut levels[..count], &mut log_taps[..count]);
     let (out_east, out_north) = (&mut out_east[..count], &mut out_north[..count]);
@@ -219,7 +266,7 @@ fn footprints(view: &View, count: usize, scratch: &mut Scratch) {
         let d = view.direction_at(columns[n], rows[n]);
         // The facet's normal is (-east, -north, 1). It faces the ray, which comes from above.
         let facing = (d.z - east * d.x - north * d.y).min(-LEAST_FACING);
-        let scale = depths[n] * texels[n];
+        let scale = texels[n] / nearness[n];
         let limit = LONGEST_SHARE * scale;
         let across = |x: f32, y: f32, z: f32| {
             let by = (z - east * x - north * y) / facing;

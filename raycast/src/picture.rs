@@ -1,5 +1,6 @@
 //! What rays are drawn into: colour and depth, row by row from the top.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A picture that any number of threads draw disjoint pixels of. Plain stores: on every processor that Rust knows a
@@ -36,18 +37,27 @@ impl Picture {
         self.pixels.iter().map(|pixel| f32::from_bits((pixel.load(Ordering::Relaxed) >> 32) as u32))
     }
 
-    /// Both.
-    pub fn pixels(&self) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
-        self.pixels.iter().map(|pixel| {
+    /// Both, of some rows.
+    pub fn rows(&self, rows: Range<usize>) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
+        let width = self.size[0] as usize;
+        self.pixels[rows.start * width..rows.end * width].iter().map(|pixel| {
             let bits = pixel.load(Ordering::Relaxed);
             (bits as u32, f32::from_bits((bits >> 32) as u32))
         })
     }
 
     #[inline(always)]
-    pub(crate) fn put(&self, [x, y]: [u32; 2], rgba: u32, depth: f32) {
+    pub(crate) fn put(&self, pixel: [u32; 2], rgba: u32, depth: f32) {
+        self.put_row(pixel, &[(rgba, depth)]);
+    }
+
+    /// Puts pixels beside each other, from this one to the right.
+    #[inline(always)]
+    pub(crate) fn put_row(&self, [x, y]: [u32; 2], row: &[(u32, f32)]) {
         let at = y as usize * self.size[0] as usize + x as usize;
-        // Relaxed: every pixel has one writer a frame, and readers have joined the writers.
-        self.pixels[at].store(u64::from(depth.to_bits()) << 32 | u64::from(rgba), Ordering::Relaxed);
+        for (pixel, (rgba, depth)) in self.pixels[at..at + row.len()].iter().zip(row) {
+            // Relaxed: every pixel has one writer a frame, and readers have joined the writers.
+            pixel.store(u64::from(depth.to_bits()) << 32 | u64::from(*rgba), Ordering::Relaxed);
+        }
     }
 }

@@ -20,6 +20,8 @@ use glam::{Vec2, Vec3};
 const SECTORS: usize = 512;
 /// Intervals of distances.
 const RINGS: usize = 64;
+/// Rings that are looked at at once.
+const GROUP: usize = 8;
 /// Rings within which distances double.
 const RINGS_PER_OCTAVE: usize = 4;
 /// Two rays whose directions are more sectors apart say nothing of each other, unless all ground is gentle enough.
@@ -52,7 +54,7 @@ struct Between {
 impl Between {
     #[inline(always)]
     fn is_doubtful(&self, field: &Field) -> bool {
-        field.slope * field.slope > self.limit && (field.tangent >= self.tangent || !self.is_gentle_proven)
+        (field.slope * field.slope > self.limit) & ((field.tangent >= self.tangent) | !self.is_gentle_proven)
     }
 }
 
@@ -235,8 +237,14 @@ impl Steepness {
         let mut end = RINGS;
         for sector in (first..first + count).map(|sector| sector % SECTORS) {
             if self.steepest_of[sector] * self.steepest_of[sector] > limit {
-                let rings = &self.fields[sector * RINGS..][..end];
-                end = rings.iter().position(|field| between.is_doubtful(field)).unwrap_or(end);
+                let rings = &self.fields[sector * RINGS..][..RINGS];
+                // Several at a time, without a branch for each.
+                let groups = rings.chunks_exact(GROUP).take(end.div_ceil(GROUP));
+                let is_any = |group: &[Field]| group.iter().fold(false, |any, field| any | between.is_doubtful(field));
+                let group = groups.into_iter().position(is_any).unwrap_or(RINGS / GROUP);
+                let from = GROUP * group;
+                let within = rings[from..end.max(from)].iter().position(|field| between.is_doubtful(field));
+                end = within.map_or(end, |ring| from + ring);
             }
         }
         match end {

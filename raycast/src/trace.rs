@@ -12,22 +12,25 @@
 //!    ·        │                  ·
 //! ```
 //!
-//! A post's distance from the plane, its pixel and its depth are linear in its place, so that each step from one facet to the
-//! next costs one post and one division, and pixels within a facet one multiplication each: one over depth is linear in the
-//! picture.
+//! Posts are projected into the picture once a frame ([`crate::projected`]). A step from one facet to the next is then a
+//! comparison: on which side of the plane is the next post? Where the plane cuts the edge between, pixel and one over depth are linear
+//! along it, and so is one over depth from pixel to pixel within a facet.
 
 use crate::facets::{Entered, Hit};
 use crate::frame::Frame;
 use crate::ground::Found;
+use crate::projected::Posts;
 use crate::steepness::Steepness;
-use crate::strip::Strip;
+use crate::strip::{Seen, Strip};
 use crate::view::Ray;
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3};
 
 /// Pixels for which the ground's steepness is looked up at once.
-const CHUNK: usize = 16;
+pub(crate) const CHUNK: usize = 16;
 /// Hidden facets that are followed before it is cheaper to look for the next visible one through the pyramid.
 const MOST_HIDDEN: u32 = 24;
+/// The highest ground is looked up for so much more around, as a share of the distance: the lines beside are likely to ask for it.
+const SEEN_AROUND: f32 = 1.0 / 16.0;
 /// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
 const MOST_FACETS: u32 = 1 << 16;
 
@@ -38,10 +41,12 @@ pub(crate) struct Column<'a> {
     /// The pixels.
     begin: usize,
     last: usize,
-    /// A point relative to the eye times these: distance from the plane, pixel number times depth, depth.
-    across: Vec3,
-    along: Vec3,
-    depth: Vec3,
+    /// Whether they are in one row, instead of one column.
+    is_row: bool,
+    /// Column (or row) of all of them, row (or column) of pixel number 0, and from number to number: 1 or -1.
+    fixed: f32,
+    first: f32,
+    sign: f32,
     /// Place in the picture of pixel number 0, and from number to number.
     origin: Vec2,
     step: Vec2,
@@ -70,50 +75,16 @@ pub(crate) struct Traced {
     pub(crate) reach: f32,
 }
 
-/// A post, and its place as a column sees it: distance from the plane, pixel number times depth, depth, 1.
-#[derive(Debug, Clone, Copy)]
-struct Post {
-    cell: [i32; 2],
-    height: f32,
-    at: Vec4,
-}
-
-/// What makes a tile's posts.
-struct Posts<'a> {
-    heights: &'a [f32],
-    stride: i32,
-    /// Cells that may be entered.
-    cells: [i32; 2],
-    corner: Vec4,
-    east: Vec4,
-    north: Vec4,
-    up: Vec4,
-}
-
-impl Posts<'_> {
-    #[inline(always)]
-    fn holds(&self, [i, j]: [i32; 2]) -> bool {
-        i as u32 <= self.cells[0] as u32 && j as u32 <= self.cells[1] as u32
-    }
-
-    #[inline(always)]
-    fn get(&self, cell: [i32; 2]) -> Option<Post> {
-        let height = *self.heights.get((cell[1] * self.stride + cell[0]) as usize)?;
-        let at = self.corner + self.east * cell[0] as f32 + self.north * cell[1] as f32 + self.up * height;
-        Some(Post { cell, height, at })
-    }
-}
-
 impl<'a> Column<'a> {
     /// The pixels from `k` on that are in one column or row; `None` when there are fewer than `fewest`.
     pub(crate) fn new(
         frame: &Frame<'_>,
         steepness: &'a Steepness,
-        strip: &Strip,
+        strip: &Strip<'_>,
         k: usize,
         fewest: usize,
     ) -> Option<Self> {
-        let pixels = &strip.pixels;
+        let pixels = strip.pixels;
         let ([x, y], [next_x, next_y]) = (*pixels.get(k)?, *pixels.get(k + fewest - 1)?);
         let minor = match (x == next_x, y == next_y) {
             (true, false) => 0,
@@ -128,8 +99,6 @@ impl<'a> Column<'a> {
         };
         let major = 1 - minor;
         let sign = if pixels[k + 1][major] > pixels[k][major] { 1.0f32 } else { -1.0 };
-        let [column, row, depth] = frame.view.inverse();
-        let [of_minor, of_major] = if minor == 0 { [column, row] } else { [row, column] };
         let first = f32::from(pixels[k][major]) - sign * k as f32;
         let (mut origin, mut step) = (Vec2::ZERO, Vec2::ZERO);
         (origin[major], origin[minor], step[major]) = (first, f32::from(fixed), sign);
@@ -141,9 +110,10 @@ impl<'a> Column<'a> {
             steepness,
             begin: k,
             last,
-            across: of_minor - depth * f32::from(fixed),
-            along: (of_major - depth * first) * sign,
-            depth,
+            is_row: minor == 1,
+            fixed: f32::from(fixed),
+            first,
+            sign,
             origin,
             step,
             guide: [at_0, per_pixel],
@@ -165,14 +135,14 @@ impl<'a> Column<'a> {
 
     /// Sees to it that the chunk of pixel `k` is known.
     #[inline(always)]
-    fn enter_chunk(&mut self, frame: &Frame<'_>, k: usize) {
+    fn enter_chunk(&mut self, frame: &Frame<'_>, k: usize, strip: &mut Strip<'_>) {
         if self.chunk.index != Some(k / CHUNK) {
-            self.chunk = self.chunk_of(frame, k / CHUNK);
+            self.chunk = self.chunk_of(frame, k / CHUNK, strip);
         }
     }
 
     #[inline(never)]
-    fn chunk_of(&self, frame: &Frame<'_>, index: usize) -> Chunk {
+    fn chunk_of(&self, frame: &Frame<'_>, index: usize, strip: &mut Strip<'_>) -> Chunk {
         let lowest = (index * CHUNK).saturating_sub(CHUNK) as f32;
         let highest = ((index + 1) * CHUNK).min(self.last + 1) as f32;
         let unknown = Chunk { index: Some(index), lowest, gentle_until_s: 0.0 };
@@ -187,7 +157,7 @@ impl<'a> Column<'a> {
         }
         let (a, b) = (low.direction.truncate(), high.direction.truncate());
         let limit = by.z * by.z / by.truncate().length_squared();
-        if !frame.is_entered_above([&low, &high]) {
+        if !frame.is_entered_above([&low, &high], &mut strip.seen[2 * index]) {
             return unknown;
         }
         let gentle_m = self.steepness.gentle_until(low.direction, high.direction, limit);
@@ -199,7 +169,7 @@ impl<'a> Column<'a> {
 impl Frame<'_> {
     /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
     /// not: there those that have not prove nothing.
-    fn is_entered_above(&self, rays: [&Ray; 2]) -> bool {
+    fn is_entered_above(&self, rays: [&Ray; 2], seen: &mut Seen) -> bool {
         if !self.is_eye_beside() {
             return true;
         }
@@ -221,115 +191,139 @@ impl Frame<'_> {
             first = first.max(entries[0].min(entries[1]));
             last = last.max(entries[0].max(entries[1]));
         }
+        self.is_above(rays, [first, last], seen)
+    }
+
+    /// Whether rays between two, in one plane, are above the ground from one parameter to another.
+    fn is_above(&self, rays: [&Ray; 2], [first, last]: [f32; 2], seen: &mut Seen) -> bool {
         let corners = rays.map(|ray| [ray.direction * first, ray.direction * last]);
         let corners = [corners[0][0], corners[0][1], corners[1][0], corners[1][1]];
         let low = corners.into_iter().fold(Vec3::INFINITY, Vec3::min);
         let high = corners.into_iter().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let furthest = high.abs().max(low.abs()).max_element();
         // A little more on all sides: rounding.
-        let margin = 1e-5 * high.abs().max(low.abs()).max_element() + 0.01;
+        let margin = 1e-5 * furthest + 0.01;
         if low.z - margin > self.highest {
             return true;
         }
         let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
         let lattice = |at: Vec3, by: f32| [0, 1].map(|axis| (f64::from(at[axis] + by) + eye[axis]) / unit);
         let top = |tile: u32| self.ground.tiles()[tile as usize].top_m;
-        let highest = self.ground.tree().highest_in(lattice(low, -margin), lattice(high, margin), &top);
-        f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest)
+        let highest_in = |by: f32| {
+            let (low, high) = (lattice(low, -by), lattice(high, by));
+            Seen { low, high, highest: self.ground.tree().highest_in(low, high, &top) }
+        };
+        let is_below = |highest: f32| f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest);
+        if !seen.holds(lattice(low, -margin), lattice(high, margin)) {
+            *seen = highest_in(margin + furthest * SEEN_AROUND);
+        }
+        is_below(seen.highest) || is_below(highest_in(margin).highest)
     }
 
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to `reach`, where it left the
-    /// ground: all of a chunk that pass above the highest ground from there on.
-    pub(crate) fn trace_sky(&self, column: &mut Column<'_>, k: usize, reach: f32, strip: &mut Strip) -> Option<Traced> {
-        if k > column.last {
-            return None;
+    /// ground: chunk by chunk, as long as the ground is gentle that far and lies below all rays from there on.
+    pub(crate) fn trace_sky(
+        &self,
+        column: &mut Column<'_>,
+        k: usize,
+        reach: f32,
+        strip: &mut Strip<'_>,
+    ) -> Option<Traced> {
+        let mut traced = Traced { next: k, reach };
+        while traced.next <= column.last {
+            column.enter_chunk(self, traced.next, strip);
+            if traced.reach >= column.chunk.gentle_until_s {
+                break;
+            }
+            let next = ((traced.next / CHUNK + 1) * CHUNK).min(column.last + 1);
+            let rays = [traced.next - 1, next - 1].map(|k| self.view.ray(strip.pixel(k)));
+            // None of those between leaves the ground later.
+            let last = self.last_exit(rays.each_ref());
+            let is_left = last <= traced.reach
+                || last.is_finite()
+                    && self.is_above(rays.each_ref(), [traced.reach, last], &mut strip.seen[2 * (next / CHUNK) + 1]);
+            if !is_left {
+                break;
+            }
+            (traced.next..next).for_each(|k| strip.put_sky(k));
+            traced = Traced { next, reach: self.departure(&rays[1]) };
         }
-        column.enter_chunk(self, k);
-        let lowest = self.view.ray(strip.pixel(k)).direction.z;
-        if reach < column.chunk.gentle_until_s && lowest >= 0.0 && lowest * reach > self.highest {
-            let next = ((k / CHUNK + 1) * CHUNK).min(column.last + 1);
-            (k..next).for_each(|k| strip.put_sky(k));
-            let ray = self.view.ray(strip.pixel(next - 1));
-            Some(Traced { next, reach: self.departure(&ray) })
-        } else {
-            None
-        }
-    }
-
-    /// The posts of a tile as a column sees them.
-    #[inline(always)]
-    fn posts(&self, column: &Column<'_>, entered: &Entered<'_>) -> Posts<'_> {
-        let tile = &self.ground.tiles()[entered.index as usize];
-        let spacing = tile.spacing_m;
-        let corner = self.placed[entered.index as usize].corner.truncate().extend(-entered.eye_height);
-        let of = |axis: usize| Vec4::new(column.across[axis], column.along[axis], column.depth[axis], 0.0);
-        let (east, north, up) = (of(0), of(1), of(2));
-        let extent = self.ground.shape().extent;
-        // No cell that reaches beyond the border.
-        let cells = [0, 1].map(|axis| {
-            let inside = extent[axis].saturating_sub(tile.origin[axis]) >> tile.log_spacing;
-            tile.cells[axis].min(inside) as i32
-        });
-        Posts {
-            heights: self.ground.heights(tile),
-            stride: tile.cells[0] as i32 + 1,
-            cells,
-            corner: east * corner.x + north * corner.y + up * corner.z + Vec4::W,
-            east: east * spacing,
-            north: north * spacing,
-            up,
-        }
+        (traced.next > k).then_some(traced)
     }
 
     /// Follows the ground from where pixel `k` meets it, as far as it is gentle, and puts what the next pixels see into the
     /// strip. `entered` is the tile of the hit, and then that of the last pixel. `None` when no pixel was found.
-    #[inline(never)]
     pub(crate) fn trace<'f>(
         &'f self,
         column: &mut Column<'_>,
         entered: &mut Entered<'f>,
         hit: &Hit,
         k: usize,
-        strip: &mut Strip,
+        strip: &mut Strip<'_>,
         samples: &mut u64,
     ) -> Option<Traced> {
-        let mut row = k + 1;
-        column.enter_chunk(self, row);
+        if k >= column.last {
+            return None;
+        }
+        column.enter_chunk(self, k + 1, strip);
         if hit.s >= column.chunk.gentle_until_s {
             return None;
         }
-        let mut here = *entered;
-        let mut posts = self.posts(column, &here);
-        let (mut edge, mut third) = leaving(&posts, hit)?;
+        let (next, tile) = if column.is_row {
+            self.follow::<1>(column, entered.index, hit, k, strip, samples)?
+        } else {
+            self.follow::<0>(column, entered.index, hit, k, strip, samples)?
+        };
+        if tile != entered.index {
+            *entered = self.enter_exact(tile)?;
+        }
+        Some(Traced { next, reach: column.s_per_depth((next - 1) as f32) / strip.nearness[next - 1] })
+    }
+
+    /// The same, from a tile: the first pixel that is not known yet, and the tile that the last one sees. `MINOR` is the axis of the
+    /// picture that pixels have in common.
+    #[inline(never)]
+    fn follow<const MINOR: usize>(
+        &self,
+        column: &mut Column<'_>,
+        tile: u32,
+        hit: &Hit,
+        k: usize,
+        strip: &mut Strip<'_>,
+        samples: &mut u64,
+    ) -> Option<(usize, u32)> {
+        let (mut here, mut seen) = (tile, tile);
+        let mut posts = self.projected.of(here);
+        let Step { mut before, mut after, mut third } = leaving::<MINOR>(&posts, column, hit)?;
+        let fixed = column.fixed;
+        let mut row = k + 1;
         // Where the cut enters the facet: pixel number, and one over depth.
         let mut from = [k as f32, column.s_per_depth(k as f32) / hit.s];
         let mut hidden = 0;
         for _ in 0..MOST_FACETS {
-            let [p, n] = &edge;
-            let way = p.at * n.at.x - n.at * p.at.x;
-            // The crossing lies behind the eye.
-            if way.z >= 0.0 || way.z.is_nan() {
-                break;
-            }
-            let reciprocal = 1.0 / way.z;
-            let to = [way.y * reciprocal, way.w * reciprocal];
+            let Some(to) = crossing::<MINOR>(&posts, column, [before, after]) else { break };
             if to[0] >= row as f32 {
                 hidden = 0;
+                seen = here;
                 let last = (to[0] as usize).min(column.last);
                 let per_pixel = (to[1] - from[1]) / (to[0] - from[0]);
-                let slope = slope_of([p, n, &third]);
+                let facet = posts.facet([before, after, third]);
                 let s_per_depth = column.s_per_depth(to[0]);
-                let mut is_gentle = true;
-                while row <= last && is_gentle {
-                    column.enter_chunk(self, row);
-                    is_gentle = s_per_depth < column.chunk.gentle_until_s * to[1];
-                    if is_gentle {
-                        let end = last.min(row / CHUNK * CHUNK + CHUNK - 1);
-                        strip.put_run([row, end], from[0], [from[1], per_pixel], here.index, slope);
-                        row = end + 1;
-                        *entered = here;
+                loop {
+                    column.enter_chunk(self, row, strip);
+                    if s_per_depth >= column.chunk.gentle_until_s * to[1] {
+                        break;
+                    }
+                    let end = last.min(row / CHUNK * CHUNK + CHUNK - 1);
+                    let slope = || posts.slope(facet);
+                    strip.put_run([row, end], from[0], [from[1], per_pixel], [here as usize, facet], slope);
+                    row = end + 1;
+                    if row > last {
+                        break;
                     }
                 }
-                if row > column.last || !is_gentle {
+                // All pixels are known, or the ground is not gentle.
+                if row > column.last || row <= last {
                     break;
                 }
             } else {
@@ -341,60 +335,82 @@ impl Frame<'_> {
             from = to;
             *samples += 1;
             // A facet and its neighbour are a parallelogram.
-            let mut next = [0, 1].map(|axis| p.cell[axis] + n.cell[axis] - third.cell[axis]);
-            if !posts.holds(next) {
-                let Some(shift) = self.neighbour(&mut here, [p, n], next) else { break };
-                posts = self.posts(column, &here);
-                let move_by = |cell: &mut [i32; 2]| (cell[0], cell[1]) = (cell[0] + shift[0], cell[1] + shift[1]);
-                edge.iter_mut().for_each(|post| move_by(&mut post.cell));
-                move_by(&mut next);
-                let is_same = |post: &Post| {
-                    posts.holds(post.cell) && posts.get(post.cell).is_some_and(|own| own.height == post.height)
-                };
-                if !posts.holds(next) || !edge.iter().all(is_same) {
+            let mut next = before.wrapping_add(after).wrapping_sub(third);
+            let mut at = posts.place(next)[MINOR];
+            if at.is_nan() {
+                let Some((other, edge)) = self.neighbour(here, &posts, [before, after, third]) else { break };
+                here = other;
+                posts = self.projected.of(here);
+                [before, after, next] = edge;
+                at = posts.place(next)[MINOR];
+                if at.is_nan() {
                     break;
                 }
             }
-            let Some(next) = posts.get(next) else { break };
-            third = std::mem::replace(&mut edge[usize::from(next.at.x <= 0.0)], next);
+            let is_before = at > fixed;
+            third = if is_before { before } else { after };
+            before = if is_before { next } else { before };
+            after = if is_before { after } else { next };
         }
-        if row == k + 1 {
-            return None;
-        }
-        let last = row - 1;
-        Some(Traced { next: row, reach: column.s_per_depth(last as f32) / strip.nearness[last] })
+        (row > k + 1).then_some((row, seen))
     }
 
-    /// Enters the tile beside, of the same level, that has the facet beyond an edge; by how much cells are counted otherwise
-    /// there.
+    /// The tile beside, of the same level, that has the facet beyond an edge of a facet, whose third post is the last one; and there the
+    /// edge, and the third post of that facet.
     #[inline(never)]
-    fn neighbour<'f>(&'f self, entered: &mut Entered<'f>, edge: [&Post; 2], next: [i32; 2]) -> Option<[i32; 2]> {
-        let tile = entered.tile;
+    fn neighbour(&self, index: u32, posts: &Posts<'_>, facet: [usize; 3]) -> Option<(u32, [usize; 3])> {
+        let tile = &self.ground.tiles()[index as usize];
         let log = tile.log_spacing;
+        let [p, n, third] = facet.map(|post| posts.cell(post));
+        let next = [0, 1].map(|axis| p[axis] + n[axis] - third[axis]);
         let middle = [0, 1].map(|axis| {
-            let low = edge[0].cell[axis].min(edge[1].cell[axis]).min(next[axis]);
+            let low = p[axis].min(n[axis]).min(next[axis]);
             f64::from(tile.origin[axis]) + (f64::from(low) + 0.5) * f64::from(1u32 << log)
         });
-        let Found::Tile(index) = self.ground.tree().find(middle) else { return None };
-        let other = &self.ground.tiles()[index as usize];
-        if other.log_spacing != log || index == entered.index {
+        let Found::Tile(found) = self.ground.tree().find(middle) else { return None };
+        let other = &self.ground.tiles()[found as usize];
+        if other.log_spacing != log || found == index {
             return None;
         }
-        *entered = self.enter_exact(index)?;
-        Some([0, 1].map(|axis| ((i64::from(tile.origin[axis]) - i64::from(other.origin[axis])) >> log) as i32))
+        let beyond = self.projected.of(found);
+        let move_by = |cell: [i32; 2], axis: usize| {
+            cell[axis] + ((i64::from(tile.origin[axis]) - i64::from(other.origin[axis])) >> log) as i32
+        };
+        let moved = |cell: [i32; 2]| beyond.index([0, 1].map(|axis| move_by(cell, axis)));
+        let edge = [moved(p)?, moved(n)?, moved(next)?];
+        let is_same = |n: usize| posts.height(facet[n]) == beyond.height(edge[n]);
+        (is_same(0) && is_same(1)).then_some((found, edge))
     }
 }
 
-/// The edge by which the cut leaves a facet upwards, its post before the plane first, and the third post.
+/// Posts of a facet: those of the edge by which the cut leaves it upwards, the one with the greater coordinate first, and the third one.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    before: usize,
+    after: usize,
+    third: usize,
+}
+
+/// Where a plane cuts an edge: pixel number, and one over depth.
 #[inline(always)]
-fn leaving(posts: &Posts<'_>, hit: &Hit) -> Option<([Post; 2], Post)> {
+fn crossing<const MINOR: usize>(posts: &Posts<'_>, column: &Column<'_>, edge: [usize; 2]) -> Option<[f32; 2]> {
+    let [p, n] = [posts.get(edge[0])?, posts.get(edge[1])?];
+    let share = (column.fixed - p[MINOR]) / (n[MINOR] - p[MINOR]);
+    let at = p[1 - MINOR] + (n[1 - MINOR] - p[1 - MINOR]) * share;
+    Some([(at - column.first) * column.sign, p[2] + (n[2] - p[2]) * share])
+}
+
+/// How the cut leaves the facet of a hit.
+#[inline(always)]
+fn leaving<const MINOR: usize>(posts: &Posts<'_>, column: &Column<'_>, hit: &Hit) -> Option<Step> {
     let [i, j] = [hit.facet.corner.x as i32, hit.facet.corner.y as i32];
     let middle = if hit.facet.is_south_east { [i + 1, j] } else { [i, j + 1] };
-    if !posts.holds([i + 1, j + 1]) {
+    let all = [posts.index([i, j])?, posts.index(middle)?, posts.index([i + 1, j + 1])?];
+    let places = all.map(|post| posts.place(post)[MINOR]);
+    if places.iter().any(|at| at.is_nan()) {
         return None;
     }
-    let all = [posts.get([i, j])?, posts.get(middle)?, posts.get([i + 1, j + 1])?];
-    let is_before = all.map(|post| post.at.x > 0.0);
+    let is_before = places.map(|at| at > column.fixed);
     // The post that is alone on its side of the plane.
     let alone = match is_before {
         [a, b, c] if b == c && a != b => 0,
@@ -403,26 +419,12 @@ fn leaving(posts: &Posts<'_>, hit: &Hit) -> Option<([Post; 2], Post)> {
         _ => return None,
     };
     let others = [all[(alone + 1) % 3], all[(alone + 2) % 3]];
-    let edge = |other: Post| if is_before[alone] { [all[alone], other] } else { [other, all[alone]] };
-    let height = |[p, n]: [Post; 2]| {
-        let way = p.at * n.at.x - n.at * p.at.x;
-        if way.z < 0.0 { way.y / way.z } else { f32::NEG_INFINITY }
-    };
-    let edges = others.map(edge);
-    let heights = edges.map(height);
+    let edges = others.map(|other| if is_before[alone] { [all[alone], other] } else { [other, all[alone]] });
+    let mut heights = [0.0; 2];
+    for (height, edge) in heights.iter_mut().zip(edges) {
+        *height = crossing::<MINOR>(posts, column, edge)?[0];
+    }
     let upper = usize::from(heights[1] > heights[0]);
-    (heights[upper] > f32::NEG_INFINITY).then_some((edges[upper], others[1 - upper]))
-}
-
-/// Metres up per cell east and north on the facet of three posts.
-#[inline(always)]
-fn slope_of([a, b, c]: [&Post; 3]) -> Vec2 {
-    let by = |post: &Post| {
-        let [east, north] = [0, 1].map(|axis| (post.cell[axis] - a.cell[axis]) as f32);
-        (Vec2::new(east, north), post.height - a.height)
-    };
-    let ((to_b, up_b), (to_c, up_c)) = (by(b), by(c));
-    // 1 or -1: its own reciprocal.
-    let area = to_b.perp_dot(to_c);
-    Vec2::new(up_b * to_c.y - up_c * to_b.y, up_c * to_b.x - up_b * to_c.x) * area
+    let [before, after] = edges[upper];
+    Some(Step { before, after, third: others[1 - upper] })
 }

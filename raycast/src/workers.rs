@@ -1,6 +1,6 @@
 //! Threads that share a frame's lines.
 
-use std::ops::Add;
+use std::ops::{Add, Range};
 
 /// Why there are no threads.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +53,40 @@ impl Workers {
             Some(pool) => pool.install(|| share(&work, 0, self.count)),
         }
     }
+
+    /// Has workers fill what belongs to `count` items, that of item `i` beginning at `at(i)` in `out`: each gets
+    /// neighbouring items, and what is theirs.
+    pub fn split<T: Send>(
+        &self,
+        count: usize,
+        out: &mut [T],
+        at: &(impl Fn(usize) -> usize + Sync),
+        work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
+    ) {
+        match &self.pool {
+            None => work(0..count, out),
+            Some(pool) => pool.install(|| split(0..count, self.count, out, at, work)),
+        }
+    }
+}
+
+/// Halves items and what belongs to them until there are so many parts.
+fn split<T: Send>(
+    range: Range<usize>,
+    parts: usize,
+    out: &mut [T],
+    at: &(impl Fn(usize) -> usize + Sync),
+    work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
+) {
+    if parts < 2 || range.len() < 2 {
+        return work(range, out);
+    }
+    let middle = range.start + range.len() / 2;
+    let (before, after) = out.split_at_mut(at(middle) - at(range.start));
+    rayon::join(
+        || split(range.start..middle, parts / 2, before, at, work),
+        || split(middle..range.end, parts - parts / 2, after, at, work),
+    );
 }
 
 /// Halves until one worker's part is left: joins live on the stack.
@@ -74,6 +108,19 @@ mod tests {
         for count in [0, 1, 2, 3, 7] {
             let workers = Workers::new(count).unwrap();
             assert_eq!(workers.run(|n| 1u64 << (8 * n)), (0..count.max(1)).map(|n| 1u64 << (8 * n)).sum::<u64>());
+        }
+    }
+
+    #[test]
+    fn every_item_is_filled_once() {
+        for (count, items) in [(1, 5), (2, 5), (3, 1), (5, 0), (7, 100)] {
+            let ends: Vec<usize> = (0..=items).map(|n: usize| n * (n + 1) / 2).collect();
+            let mut out = vec![0; ends[items]];
+            Workers::new(count).unwrap().split(items, &mut out, &|item| ends[item], &|range, out| {
+                assert_eq!(out.len(), ends[range.end] - ends[range.start]);
+                out.iter_mut().for_each(|value| *value += 1);
+            });
+            assert!(out.iter().all(|value| *value == 1));
         }
     }
 }

@@ -223,20 +223,20 @@ impl Ground {
         }
         let heights_at = self.heights.len();
         let offset = spec.datum_m - self.datum_m;
-        let (mut lowest_m, mut highest_m) = (f32::INFINITY, f32::NEG_INFINITY);
         for row in 0..=cells[1] as usize {
-            for &height in &spec.heights[row * stride..][..=cells[0] as usize] {
-                let height = (f64::from(height) + offset) as f32;
-                lowest_m = lowest_m.min(height);
-                highest_m = highest_m.max(height);
-                self.heights.push(height);
+            let row = &spec.heights[row * stride..][..=cells[0] as usize];
+            if offset == 0.0 {
+                self.heights.extend_from_slice(row);
+            } else {
+                self.heights.extend(row.iter().map(|height| (f64::from(*height) + offset) as f32));
             }
         }
         let added = &self.heights[heights_at..];
-        if let Some(index) = added.iter().position(|height| !height.is_finite()) {
+        let Some([lowest_m, highest_m]) = model::range(added, cells[0] as usize + 1, &mut self.scratch) else {
+            let index = added.iter().position(|height| !height.is_finite()).unwrap_or_default();
             self.heights.truncate(heights_at);
             return Err(GroundError::Height { origin, index });
-        }
+        };
         let spacing_m = (self.shape.lattice_unit_m * f64::from(1u32 << spec.log_spacing)) as f32;
         let top_m = if self.has_voxels() { highest_m + VOXELS_ABOVE * spacing_m } else { highest_m };
         if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, top_m).is_err() {

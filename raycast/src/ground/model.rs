@@ -57,6 +57,55 @@ pub(super) struct Scratch {
     /// Of each column the upward part of the normal.
     ups: Vec<f32>,
     column: Vec<u8>,
+    /// Of each post of a row, or each cell: two values.
+    rows: [Vec<f32>; 2],
+}
+
+impl Scratch {
+    /// Two rows of `count` values, the first all the one and the second all the other.
+    fn rows(&mut self, count: usize, values: [f32; 2]) -> [&mut [f32]; 2] {
+        let mut values = values.into_iter();
+        self.rows.each_mut().map(|row| {
+            row.clear();
+            row.resize(count, values.next().unwrap_or_default());
+            &mut row[..]
+        })
+    }
+}
+
+/// The larger one of two numbers that are no NaN: one instruction, in loops too.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller one.
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The lowest and the highest of heights in rows of `columns`; `None` when one is no finite number.
+pub(super) fn range(heights: &[f32], columns: usize, scratch: &mut Scratch) -> Option<[f32; 2]> {
+    const EXPONENT: u32 = 0x7f80_0000;
+    let [lowest, highest] = scratch.rows(columns, [f32::INFINITY, f32::NEG_INFINITY]);
+    let mut is_finite = true;
+    for row in heights.chunks_exact(columns) {
+        let mut other = 0;
+        for ((height, lowest), highest) in row.iter().zip(&mut *lowest).zip(&mut *highest) {
+            *lowest = smaller(*height, *lowest);
+            *highest = larger(*height, *highest);
+            other |= u32::from(height.to_bits() & EXPONENT == EXPONENT);
+        }
+        is_finite &= other == 0;
+    }
+    let [lowest, highest] = [&*lowest, &*highest];
+    is_finite.then(|| {
+        [
+            lowest.iter().copied().fold(f32::INFINITY, f32::min),
+            highest.iter().copied().fold(f32::NEG_INFINITY, f32::max),
+        ]
+    })
 }
 
 impl Ground {
@@ -207,22 +256,46 @@ impl Ground {
 
     /// The slopes of a tile without voxels.
     fn push_steep_heights(&mut self, index: usize) {
+        const SIDE: usize = 1 << LOG_STEEP;
         let tile = self.tiles[index];
-        let columns = tile.posts()[0];
-        let first = self.steep.len();
+        let [columns, rows] = tile.cells.map(|n| n as usize);
         let per_m = 1.0 / tile.spacing_m;
-        for j in 0..tile.cells[1] as usize {
-            for i in 0..tile.cells[0] as usize {
-                let at = tile.heights_at + j * columns + i;
-                let corners = [at, at + 1, at + columns, at + columns + 1].map(|at| self.heights[at]);
-                let slope = facets_slope(corners) * per_m;
+        // A little less than gentle, so that rounding leaves out no block; which cells are steep is told below.
+        let limit = (0.9999 * GENTLE * tile.spacing_m).powi(2);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        for south in (0..rows).step_by(SIDE) {
+            let row = |j: usize| &self.heights[tile.heights_at + j * (columns + 1)..][..columns + 1];
+            let [steepest, _] = scratch.rows(columns, [0.0; 2]);
+            for j in south..rows.min(south + SIDE) {
+                steepen(row(j), row(j + 1), steepest);
+            }
+            for (block, cells) in steepest.chunks(SIDE).enumerate() {
+                if cells.iter().all(|squared| *squared <= limit) {
+                    continue;
+                }
+                let (mut slope, mut top_m) = (0.0, f32::NEG_INFINITY);
+                for j in south..rows.min(south + SIDE) {
+                    let (low, high) = (row(j), row(j + 1));
+                    for i in block * SIDE..block * SIDE + cells.len() {
+                        let corners = [low[i], low[i + 1], high[i], high[i + 1]];
+                        let own = facets_slope(corners) * per_m;
+                        if own > GENTLE {
+                            slope = larger(own, slope);
+                            top_m = corners.into_iter().fold(top_m, larger);
+                        }
+                    }
+                }
                 if slope > GENTLE {
-                    let top_m = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
-                    let steep = Steep { slope, voxel_slope: f32::INFINITY, top_m };
-                    self.note_steep(&tile, first, [i, j], steep);
+                    let corner = |axis: usize, cell: usize| {
+                        tile.origin[axis] + ((cell as u32).min(tile.cells[axis]) << tile.log_spacing)
+                    };
+                    let low = [corner(0, block * SIDE), corner(1, south)];
+                    let high = [corner(0, (block + 1) * SIDE), corner(1, south + SIDE)];
+                    self.steep.push(SteepBlock { low, high, slope, voxel_slope: f32::INFINITY, top_m });
                 }
             }
         }
+        self.scratch = scratch;
     }
 
     /// A cell is steep: into its block, which is new or among those of its tile, from `first` on. Cells come row by row.
@@ -270,27 +343,33 @@ impl Ground {
     fn push_maxima(&mut self, index: usize) -> usize {
         let tile = self.tiles[index];
         let start = self.maxima.len();
-        let [columns, rows] = tile.posts();
         let mut cells = tile.cells.map(|n| n as usize);
+        if cells.into_iter().max() <= Some(1) {
+            return start;
+        }
+        let columns = cells[0] + 1;
+        let rows = &self.heights[tile.heights_at..][..columns * (cells[1] + 1)];
+        for three in (0..cells[1]).step_by(2).map(|j| &rows[j * columns..rows.len().min((j + 3) * columns)]) {
+            let [highest, _] = self.scratch.rows(columns, [f32::NEG_INFINITY; 2]);
+            for row in three.chunks_exact(columns) {
+                highest.iter_mut().zip(row).for_each(|(highest, height)| *highest = larger(*height, *highest));
+            }
+            self.maxima.extend((0..cells[0]).step_by(2).map(|i| {
+                let pair = larger(highest[i], highest[i + 1]);
+                highest.get(i + 2).map_or(pair, |last| larger(pair, *last))
+            }));
+        }
         let mut finer = start;
-        let mut level = 0;
+        cells = cells.map(|n| n.div_ceil(2));
         while cells.into_iter().max() > Some(1) {
             let coarser = cells.map(|n| n.div_ceil(2));
             let end = self.maxima.len();
             for j in 0..coarser[1] {
                 for i in 0..coarser[0] {
                     let mut highest = f32::NEG_INFINITY;
-                    if level == 0 {
-                        for row in 2 * j..=(2 * j + 2).min(rows - 1) {
-                            let row = &self.heights[tile.heights_at + row * columns..][..columns];
-                            let posts = &row[2 * i..=(2 * i + 2).min(columns - 1)];
-                            highest = posts.iter().copied().fold(highest, f32::max);
-                        }
-                    } else {
-                        for row in 2 * j..(2 * j + 2).min(cells[1]) {
-                            for column in 2 * i..(2 * i + 2).min(cells[0]) {
-                                highest = highest.max(self.maxima[finer + row * cells[0] + column]);
-                            }
+                    for row in 2 * j..(2 * j + 2).min(cells[1]) {
+                        for column in 2 * i..(2 * i + 2).min(cells[0]) {
+                            highest = larger(self.maxima[finer + row * cells[0] + column], highest);
                         }
                     }
                     self.maxima.push(highest);
@@ -298,9 +377,19 @@ impl Ground {
             }
             finer = end;
             cells = coarser;
-            level += 1;
         }
         start
+    }
+}
+
+/// Raises squares of slopes, up per cell, to those of the cells between two rows of posts.
+fn steepen(south: &[f32], north: &[f32], squares: &mut [f32]) {
+    let count = squares.len();
+    let (south, north) = (&south[..count + 1], &north[..count + 1]);
+    let corners = south[..count].iter().zip(&south[1..]).zip(north[..count].iter().zip(&north[1..]));
+    for (square, ((sw, se), (nw, ne))) in squares.iter_mut().zip(corners) {
+        let ([south, north], [west, east]) = ([se - sw, ne - nw], [nw - sw, ne - se]);
+        *square = larger(larger(south * south + east * east, north * north + west * west), *square);
     }
 }
 

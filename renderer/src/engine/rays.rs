@@ -125,7 +125,7 @@ impl RaysEngine {
     /// What draws.
     #[must_use]
     pub fn describe(&self) -> Described {
-        let workers = self.caster.workers();
+        let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
         Described { technique: TechniqueChoice::Rays.name(), device, driver: self.choice.words().to_owned() }
     }
@@ -208,21 +208,19 @@ impl RaysEngine {
             Pixels::Memory(raster) if raster.size == self.options.size => raster,
             Pixels::Memory(_) | Pixels::Device(_) => Raster::new(self.options.size, self.options.has_depth),
         };
-        match &mut raster.reversed_depth {
-            None => {
-                for (out, texel) in raster.rgba.iter_mut().zip(self.picture.rgba()) {
-                    *out = texel.to_le();
-                }
+        let ([width, height], workers) = (self.options.size.map(|side| side as usize), self.caster.workers());
+        workers.split(height, &mut raster.rgba, &|row| row * width, &|rows, out| {
+            for (out, (texel, _)) in out.iter_mut().zip(self.picture.rows(rows)) {
+                *out = texel.to_le();
             }
-            Some(depths) => {
-                for ((out, out_depth), (texel, depth)) in
-                    raster.rgba.iter_mut().zip(depths.iter_mut()).zip(self.picture.pixels())
-                {
-                    *out = texel.to_le();
+        });
+        if let Some(depths) = &mut raster.reversed_depth {
+            workers.split(height, depths, &|row| row * width, &|rows, out| {
+                for (out, (_, depth)) in out.iter_mut().zip(self.picture.rows(rows)) {
                     // NaN for the sky, which is infinitely far.
-                    *out_depth = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
+                    *out = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
                 }
-            }
+            });
         }
         Pixels::Memory(raster)
     }

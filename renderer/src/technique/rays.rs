@@ -52,41 +52,32 @@ impl BlockReader {
         }
         let (posts, step) = (self.world.elevation_posts() as usize, 1usize << tile.grid_snap);
         let [columns, rows] = cells.map(|n| n as usize + 1);
-        self.heights.clear();
-        for row in 0..rows {
-            let row = &self.array[(start[1] as usize + row * step) * posts + start[0] as usize..];
-            self.heights.extend(row.iter().step_by(step).take(columns));
-        }
         let origin = self.world.node_origin(node);
-        for (axis, factor) in stretch.into_iter().enumerate() {
-            self.reach_over_border(axis, [columns, rows], factor);
-        }
+        let block = &self.array[start[1] as usize * posts + start[0] as usize..];
+        let (heights, stride) = if step == 1 && stretch == [1.0; 2] {
+            // As it is.
+            (block, posts)
+        } else {
+            self.heights.clear();
+            for row in block.chunks(posts * step).take(rows) {
+                self.heights.extend(row.iter().step_by(step).take(columns));
+            }
+            for (axis, factor) in stretch.into_iter().enumerate() {
+                reach_over_border(&mut self.heights, axis, [columns, rows], factor);
+            }
+            (&self.heights[..], columns)
+        };
         Ok(Ok(TileSpec {
             origin: origin.map(|v| v as u32),
             level: node.q(),
             log_spacing: tile.elevation_level + tile.grid_snap,
             cells,
-            heights: &self.heights,
-            stride: columns,
+            heights,
+            stride,
             datum_m: eye_z_m,
             color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),
             is_accurate: true,
         }))
-    }
-
-    /// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
-    /// far posts continue the slope that leads to the border.
-    fn reach_over_border(&mut self, axis: usize, [columns, rows]: [usize; 2], factor: f32) {
-        if factor == 1.0 {
-            return;
-        }
-        let [along, across, others, count] =
-            if axis == 0 { [1, columns, rows, columns] } else { [columns, 1, columns, rows] };
-        for other in 0..others {
-            let last = other * across + (count - 1) * along;
-            let before = self.heights[last - along];
-            self.heights[last] = before + (self.heights[last] - before) * factor;
-        }
     }
 
     /// A frame begins: no array has been read.
@@ -139,4 +130,19 @@ pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
         if is_cut { (1u64 << log_spacing) as f32 / inside as f32 } else { 1.0 }
     });
     Some(SlotBlock { node, start, cells, stretch })
+}
+
+/// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
+/// far posts continue the slope that leads to the border.
+fn reach_over_border(heights: &mut [f32], axis: usize, [columns, rows]: [usize; 2], factor: f32) {
+    if factor == 1.0 {
+        return;
+    }
+    let [along, across, others, count] =
+        if axis == 0 { [1, columns, rows, columns] } else { [columns, 1, columns, rows] };
+    for other in 0..others {
+        let last = other * across + (count - 1) * along;
+        let before = heights[last - along];
+        heights[last] = before + (heights[last] - before) * factor;
+    }
 }
