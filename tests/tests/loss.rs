@@ -71,16 +71,9 @@ impl Seen {
             }
             self.texels += 1;
             let point = [frame.ground[3 * k], frame.ground[3 * k + 1]];
-            // Positions are as exact as depths are; a pixel is ten times as wide. And a rasterizer takes vertices to a grid of 1/256
-            // pixel: by that part of the way to the ground of the pixels above and below a facet may reach beyond its edge.
+            // Positions are as exact as depths are; a pixel is ten times as wide.
             let distance = (point[0] - info.position[0]).hypot(point[1] - info.position[1]);
-            let way = [k.wrapping_sub(width), k + width]
-                .into_iter()
-                .filter_map(|k| frame.ground.get(3 * k..3 * k + 2))
-                .map(|other| (other[0] - point[0]).hypot(other[1] - point[1]))
-                .fold(0.0, f64::max);
-            let within_m = 0.5 + 5e-4 * distance + way / 128.0;
-            match tile_of(world, point, within_m, [rgba[0], rgba[1], rgba[2]]) {
+            match tile_of(world, point, 0.5 + 5e-4 * distance, [rgba[0], rgba[1], rgba[2]]) {
                 Some(node) => self.by_level[usize::from(node.q())] += 1,
                 None => {
                     self.wrong += 1;

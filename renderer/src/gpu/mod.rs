@@ -38,7 +38,7 @@ pub use host_memory::HostMemory;
 pub use instance::Instance;
 pub use passes::floor::FloorPass;
 pub use passes::rays::{RayNode, RayTile, RayView, RaysPass};
-pub use passes::terrain::{Block, TerrainPass, TerrainView, TileParameters, ViewParameters};
+pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};
 pub use target::Target;

@@ -9,6 +9,9 @@ use terravision_common::world::{COLOR_BORDER, World};
 /// relative precision of 2^-24 at any distance, so nothing is gained by moving it out.
 pub const NEAR_M: f64 = 0.5;
 
+/// Places between two pixels that rasterizers take vertices to: 8 bits, lavapipe's and the usual `subPixelPrecisionBits`.
+const SUBPIXELS: f32 = 256.0;
+
 /// The view, and the eye's lattice cell, which all lattice points are relative to.
 #[must_use]
 pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64; 2]) {
@@ -32,7 +35,7 @@ pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64;
         extent_from_cell: [0, 1].map(|axis| from_cell(extent[axis], cell[axis])),
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
-        reserved: [0; 2],
+        grid: [camera.width, camera.height].map(|side| 0.5 * side as f32 * SUBPIXELS),
     };
     (view, cell)
 }

@@ -74,6 +74,7 @@ impl FloorPass {
                 0,
                 bytemuck::bytes_of(&self.grid),
             );
+            device.raw().cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
             device.raw().cmd_draw_indexed(commands, (self.indices.len() / 4) as u32, 1, 0, 0, 0);
         }
     }

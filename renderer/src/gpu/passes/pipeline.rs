@@ -106,8 +106,8 @@ pub(super) struct PipelineShape {
     pub(super) name: &'static str,
 }
 
-/// A pipeline: lists of triangles (strips with restart measured no faster on lavapipe), both sides of them (docs/rendering.md tells
-/// why), reversed depth.
+/// A pipeline: lists of triangles (strips with restart measured no faster on lavapipe), counter-clockwise ones in front,
+/// culling set while recording, reversed depth.
 pub(super) fn pipeline(
     device: &Arc<Device>,
     module: &Owned<vk::ShaderModule>,
@@ -128,7 +128,7 @@ pub(super) fn pipeline(
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let raster = vk::PipelineRasterizationStateCreateInfo::default()
         .polygon_mode(vk::PolygonMode::FILL)
-        .cull_mode(vk::CullModeFlags::NONE)
+        .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
         .line_width(1.0);
     let samples = vk::PipelineMultisampleStateCreateInfo::default()
         .rasterization_samples(vk::SampleCountFlags::from_raw(shape.samples));
@@ -139,7 +139,7 @@ pub(super) fn pipeline(
     let attachments =
         [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments[..color_formats.len()]);
-    let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+    let states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR, vk::DynamicState::CULL_MODE];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&states);
     let mut rendering = vk::PipelineRenderingCreateInfo::default()
         .color_attachment_formats(color_formats)

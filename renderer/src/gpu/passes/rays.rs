@@ -236,6 +236,7 @@ impl RaysPass {
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
         unsafe {
+            device.raw().cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
             device.raw().cmd_bind_pipeline(commands, graphics, self.color.get());
             device.raw().cmd_bind_descriptor_sets(commands, graphics, self.layout.get(), 0, &sets, &[]);
             device.raw().cmd_push_constants(commands, self.layout.get(), STAGES, 0, bytemuck::bytes_of(view));

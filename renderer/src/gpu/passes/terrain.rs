@@ -39,8 +39,8 @@ pub struct ViewParameters {
     pub posts: u32,
     /// Border of a colour tile over its stored side.
     pub color_border: f32,
-    /// Zero.
-    pub reserved: [u32; 2],
+    /// Steps of the rasterizer's grid of vertices from the picture's centre to its edges.
+    pub grid: [f32; 2],
 }
 
 /// `Tile` of `mesh.wgsl`: one block.
@@ -82,6 +82,15 @@ pub struct Block {
     pub snap: u32,
 }
 
+/// Which sides of the ground are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// The upper side alone.
+    Upper,
+    /// Both.
+    Both,
+}
+
 /// What is drawn by one call of [`TerrainPass::draw`].
 #[derive(Debug, Clone, Copy)]
 pub struct TerrainView<'a> {
@@ -89,6 +98,8 @@ pub struct TerrainView<'a> {
     pub parameters: &'a ViewParameters,
     /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`].
     pub blocks: &'a [Block],
+    /// Which sides.
+    pub sides: Sides,
     /// The pass of [`Target::begin_depth`].
     pub is_depth_only: bool,
 }
@@ -213,8 +224,13 @@ impl TerrainPass {
         let Some(slot) = self.slots.get(recording.slot_index()) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
+        let culled = match view.sides {
+            Sides::Upper => vk::CullModeFlags::BACK,
+            Sides::Both => vk::CullModeFlags::NONE,
+        };
         // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
         unsafe {
+            device.raw().cmd_set_cull_mode(commands, culled);
             device.raw().cmd_bind_pipeline(commands, graphics, pipeline.get());
             device.raw().cmd_bind_descriptor_sets(commands, graphics, self.layout.get(), 0, &sets, &[]);
             device.raw().cmd_bind_index_buffer(commands, self.indices.raw(), 0, vk::IndexType::UINT32);
