@@ -74,7 +74,7 @@ fn snapped(tile: Tile, post: vec2<u32>) -> vec2<u32> {
 
 // A vertex where the rasterizer will take it to, so that it cannot turn a facet round that is seen nearly edge on. lavapipe
 // culls by places that were not rounded and covers pixels by rounded ones: without this a pixel on a crest stayed open now
-// and then (one in 150 million), and facets reached metres beyond their edges along such a ray.
+// and then (two of 786 million), and facets reached metres beyond their edges along such a ray.
 fn on_grid(clip: vec4<f32>) -> vec4<f32> {
     if clip.w <= frame.near_m { return clip; }
     return vec4(round(clip.xy / clip.w * frame.grid) / frame.grid * clip.w, clip.zw);

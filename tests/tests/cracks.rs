@@ -52,7 +52,7 @@ fn no_sky_is_seen_through_the_ground() {
 }
 
 /// On the crests of these views lies a facet that is seen so nearly edge on that taking its vertices to the rasterizer's grid turns it
-/// round. A device that culls before it rounds then leaves a pixel open, one in 150 million.
+/// round. A device that culls before it rounds then leaves a pixel open, two of 786 million.
 #[test]
 fn facets_that_are_seen_edge_on_leave_no_pixel_open() {
     let views = [
