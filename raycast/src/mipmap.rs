@@ -62,13 +62,13 @@ impl Frame<'_> {
                 Some((below, doubts)) => {
                     let start = below.reach.max(entry);
                     // Where the lower ray was not over the ground yet it says nothing.
-                    let gap = below.entry.min(start);
+                    let gap = below.entry.min(start).min(border);
                     if entry < gap {
                         hit = self.first_hit(&ray, entry, gap, &mut current, &mut counts);
                     }
                     let mut is_doubted = false;
                     for [from, to] in doubts {
-                        let (from, to) = (from.max(entry.max(gap)), to.min(start));
+                        let (from, to) = (from.max(entry.max(gap)), to.min(start).min(border));
                         if from < to && hit.is_none() {
                             is_doubted = true;
                             hit = self.first_hit(&ray, from, to, &mut current, &mut counts);

@@ -296,6 +296,7 @@ impl Frame<'_> {
         let mut posts = self.projected.of(here);
         let Step { mut before, mut after, mut third } = leaving::<MINOR>(&posts, column, hit)?;
         let fixed = column.fixed;
+        let is_cut = self.ground.is_cut();
         let mut row = k + 1;
         // Where the cut enters the facet: pixel number, and one over depth.
         let mut from = [k as f32, column.s_per_depth(k as f32) / hit.s];
@@ -317,6 +318,11 @@ impl Frame<'_> {
                     let end = last.min(row / CHUNK * CHUNK + CHUNK - 1);
                     let slope = || posts.slope(facet);
                     strip.put_run([row, end], from[0], [from[1], per_pixel], [here as usize, facet], slope);
+                    if is_cut && self.is_past_border(column, end, strip) {
+                        // The way to the ground grows from pixel to pixel.
+                        row = (row..end).find(|k| self.is_past_border(column, *k, strip)).unwrap_or(end);
+                        break;
+                    }
                     row = end + 1;
                     if row > last {
                         break;
@@ -353,6 +359,12 @@ impl Frame<'_> {
             after = if is_before { after } else { next };
         }
         (row > k + 1).then_some((row, seen))
+    }
+
+    /// Whether what a pixel was said to see lies beyond the ground's border, over which cells may reach.
+    fn is_past_border(&self, column: &Column<'_>, k: usize, strip: &Strip<'_>) -> bool {
+        let ray = self.view.ray(strip.pixel(k));
+        column.s_per_depth(k as f32) / strip.nearness[k] > self.departure(&ray)
     }
 
     /// The tile beside, of the same level, that has the facet beyond an edge of a facet, whose third post is the last one; and there the
