@@ -7,7 +7,7 @@
 //! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
-//! * [`texels`]: how the pool holds colour tiles, block-compressed or not.
+//! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
@@ -15,6 +15,7 @@ pub mod camera;
 pub mod database;
 pub mod event;
 pub mod facet;
+pub mod film;
 pub mod level;
 pub mod node;
 pub mod node_table;

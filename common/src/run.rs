@@ -1,6 +1,7 @@
 //! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on the stage's
 //! command line.
 
+use crate::film::FrameEncoding;
 use crate::level::Measure;
 use crate::rate::RateSettings;
 use crate::texels::TexelFormat;
@@ -251,10 +252,8 @@ pub enum SinkConfig {
     PngFolder(PathBuf),
     /// One PNG file (a run of one frame).
     PngFile(PathBuf),
-    /// A film, made by ffmpeg, at this path.
-    Film(PathBuf),
-    /// Y4M (4:4:4) on standard output.
-    Y4mStdout,
+    /// As a stream of packets of this encoding to the launcher, on standard output (see [`crate::film`]).
+    Stream(FrameEncoding),
     /// Nowhere: frames are read back and dropped (benches).
     Null,
 }

@@ -5,7 +5,7 @@
 //! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`] (of a flight against the clock also [`realtime_report`], of where tiles came from [`network_report`]), [`trace`]: what a run says about itself afterwards;
-//!   [`output`]: files that appear whole or not at all.
+//!   [`output`]: files that appear whole or not at all. [`stream`]: films and Y4M.
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
@@ -29,6 +29,7 @@ pub mod path;
 pub mod plan;
 pub mod realtime_report;
 pub mod report;
+pub mod stream;
 pub mod trace;
 pub mod world;
 

@@ -43,7 +43,7 @@ impl Drop for Programs {
 
 fn start(stage: Stage, folder: &Path) -> StageProcess {
     loop {
-        match StageProcess::start(stage, folder, "{}", false) {
+        match StageProcess::start(stage, folder, "{}", None) {
             // Another test's fork holds the script open for writing for a moment.
             Err(StartError::Spawn { source, .. }) if source.kind() == std::io::ErrorKind::ExecutableFileBusy => {}
             started => return started.unwrap(),
@@ -233,12 +233,12 @@ fn a_panic_is_quoted_whole() {
 #[test]
 fn a_stage_that_is_not_there_is_named() {
     let folder = std::env::temp_dir().join("terravision-no-such-folder");
-    let error = StageProcess::start(Generator, &folder, "{}", false).unwrap_err();
+    let error = StageProcess::start(Generator, &folder, "{}", None).unwrap_err();
     let text = error.to_string();
     assert!(text.contains("the program of the generator") && text.contains("is missing"), "{text}");
 }
 
-const RULES: RestartRules = RestartRules { limit: 5, hang_after: Duration::from_secs(3600), has_renderer: true };
+const RULES: RestartRules = RestartRules { limit: 5, hang_after: Duration::from_secs(3600) };
 
 /// A flight of these scripts by these rules: its ending, what was said of restarts, and how many there were.
 fn fly_again(rules: RestartRules, scripts: [(Stage, &str); 4], flight: &Flight) -> (Ending, Vec<String>, u32) {
@@ -286,11 +286,9 @@ fn after_five_restarts_in_a_minute_the_run_ends_with_the_last_words() {
 fn what_would_happen_again_is_not_tried_again() {
     let bad_input = "echo 'too large' >&2; exit 2";
     let gives_up = "echo 'no device' >&2; exit 1";
-    for (script, is_killed) in [(bad_input, false), (gives_up, false), ("kill -9 $$", true)] {
+    for script in [bad_input, gives_up] {
         let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, script), (Prefetcher, WAIT)];
-        // Where its output cannot be gone on with, the renderer is not started again, however it ended.
-        let rules = RestartRules { has_renderer: !is_killed, ..RULES };
-        let (ending, said, _) = fly_again(rules, scripts, &Flight::new());
+        let (ending, said, _) = fly_again(RULES, scripts, &Flight::new());
         assert!(matches!(&ending, Ending::Died { stage: Renderer, restarts: 0, .. }), "{ending:?}");
         assert!(said.is_empty(), "{said:?}");
     }
@@ -305,7 +303,7 @@ fn what_would_happen_again_is_not_tried_again() {
 
 #[test]
 fn a_stage_that_falls_silent_is_killed_and_started_again() {
-    let rules = RestartRules { limit: 1, hang_after: Duration::from_secs(1), has_renderer: true };
+    let rules = RestartRules { limit: 1, hang_after: Duration::from_secs(1) };
     let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
     let (flight, mut said) = (Flight::new(), Vec::new());
     let mut say = |sentence: &str| said.push(sentence.to_owned());

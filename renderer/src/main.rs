@@ -16,8 +16,7 @@ use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FilmSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink,
-    Y4mSink,
+    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, StreamSink,
 };
 use terravision_renderer::source::LiveSource;
 
@@ -183,11 +182,11 @@ fn sinks(
             lanes
         }
         SinkConfig::PngFile(path) => vec![Box::new(PngFileSink::new(path))],
-        SinkConfig::Film(path) => vec![Box::new(FilmSink::new(path, config.fps)?)],
-        SinkConfig::Y4mStdout => vec![Box::new(Y4mSink::stdout(config.fps))],
+        SinkConfig::Stream(encoding) => vec![Box::new(StreamSink::stdout(*encoding)?)],
         SinkConfig::Null => vec![Box::new(NullSink)],
     };
-    if config.realtime.is_some() {
+    // What is left out of a stream the launcher makes up for.
+    if config.realtime.is_some() && !matches!(render.sink, SinkConfig::Stream(_)) {
         // Frames that were left out are made up for by the one before: one lane, which knows it.
         let repeat = |sink| Ok(Box::new(RepeatSink::new(sink, config.frames, written)?) as Box<dyn FrameSink>);
         first = first.into_iter().take(1).map(repeat).collect::<Result<_, terravision_renderer::sink::SinkError>>()?;

@@ -9,8 +9,7 @@ pub struct SupervisionArgs {
     /// Start stages that die or hang again, at most N times within a minute; 0 ends the flight at the first death
     /// [default: 5 with --mode realtime, else 0]
     ///
-    /// The flight goes on where it was, with the last picture meanwhile. The renderer is started again only where its
-    /// output can be gone on with: not within a film in exact mode, and not on standard output.
+    /// The flight goes on where it was, with the last picture meanwhile: in a folder, a film, Y4M and the frame ring.
     #[arg(long, value_name = "N")]
     pub restarts: Option<u32>,
     /// A stage that gives no sign of life for so long hangs: it is killed and started again [default: 10]

@@ -1,7 +1,6 @@
 //! How much memory the processes of a run use, by what `/proc` says of them.
 
 use super::stage::StageProcess;
-use super::supervisor::children_of;
 use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -26,8 +25,8 @@ pub struct MemoryPeaks {
 }
 
 impl MemoryPeaks {
-    /// Looks at this process, the stages, and what they have started (an encoder), if it is time again.
-    pub fn sample(&mut self, stages: &[StageProcess]) {
+    /// Looks at this process, the stages, and the encoder (by its process id), if it is time again.
+    pub fn sample(&mut self, stages: &[StageProcess], encoder: Option<u32>) {
         let now = Instant::now();
         let is_due = |seen: Option<Instant>, every| seen.is_none_or(|seen| now.duration_since(seen) >= every);
         let (is_rss_due, is_pss_due) = (is_due(self.rss_seen, RSS_EVERY), is_due(self.pss_seen, PSS_EVERY));
@@ -35,11 +34,8 @@ impl MemoryPeaks {
             return;
         }
         let mut processes = vec![("launcher".to_owned(), std::process::id())];
-        for stage in stages {
-            processes.push((stage.stage().name().to_owned(), stage.pid()));
-            let children = children_of(stage.pid()).unwrap_or_default();
-            processes.extend(children.into_iter().map(|pid| ("encoder".to_owned(), pid)));
-        }
+        processes.extend(stages.iter().map(|stage| (stage.stage().name().to_owned(), stage.pid())));
+        processes.extend(encoder.map(|pid| ("encoder".to_owned(), pid)));
         if is_rss_due {
             self.rss_seen = Some(now);
             for (name, pid) in &processes {
@@ -81,7 +77,7 @@ mod tests {
     #[test]
     fn this_process_has_memory() {
         let mut peaks = MemoryPeaks::default();
-        peaks.sample(&[]);
+        peaks.sample(&[], None);
         assert!(peaks.rss_mb["launcher"] > 0.5 && peaks.pss_total_mb > 0.1, "{peaks:?}");
         assert!(peaks.pss_mb["launcher"] <= peaks.rss_mb["launcher"] + 1.0);
     }

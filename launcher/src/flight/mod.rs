@@ -24,6 +24,7 @@ use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences};
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
+use crate::stream::{StreamError, StreamKeeper};
 use crate::trace;
 use anyhow::{Context, anyhow};
 use collector::Collector;
@@ -31,7 +32,7 @@ use memory::MemoryPeaks;
 use pilot::Pilot;
 use progress::Progress;
 use restart::Restarts;
-use stage::StageProcess;
+use stage::{StageProcess, StartError};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -228,20 +229,28 @@ impl Run {
         let json = serde_json::to_string(&plan.config).context("cannot write the run's configuration");
         let json = json.map_err(Failure::failed)?;
         let programs = own_folder()?;
-        let has_stdout = plan.config.render.sink == SinkConfig::Y4mStdout;
+        let stream = StreamKeeper::start(&plan.config, plan.stream.as_ref()).map_err(Failure::failed)?;
+        // What the renderer's standard output is connected with.
+        let stdout_of = |stage: Stage| match &stream {
+            Some(stream) if stage == Stage::Renderer => stream.pipe().map(Some),
+            _ => Ok(None),
+        };
+        let start = |stage| {
+            let stdout = stdout_of(stage).map_err(|source| StartError::no_pipe(stage, &programs, source))?;
+            StageProcess::start(stage, &programs, &json, stdout)
+        };
         if plan.restarts.limit > 0 {
             self.control.set_supervised();
         }
         let mut stages = Vec::new();
         for stage in Stage::ALL {
-            let has_stdout = has_stdout && stage == Stage::Renderer;
-            stages.push(StageProcess::start(stage, &programs, &json, has_stdout).map_err(Failure::failed)?);
+            stages.push(start(stage).map_err(Failure::failed)?);
         }
         self.control.set_resolutions(plan.config.r_z_px, plan.config.r_c_px);
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
         let pids = &mut self.pids;
         let mut start_again = |stage| {
-            let started = StageProcess::start(stage, &programs, &json, false)?;
+            let started = start(stage)?;
             pids.push((stage, started.pid()));
             Ok(started)
         };
@@ -255,15 +264,19 @@ impl Run {
         let Self { control, events, collector, memory, window, metrics, .. } = self;
         // The pilot ends a live flight in order at the first Ctrl-C.
         let is_interrupted = || interrupt::count() > u32::from(is_live);
-        let ending = supervisor::watch(&mut stages, control, &is_interrupted, &mut restarts, &mut |stages| {
+        let has_stream_failed = || stream.as_ref().is_some_and(StreamKeeper::has_failed);
+        let is_broken_off = || is_interrupted() || has_stream_failed();
+        let encoder = stream.as_ref().and_then(StreamKeeper::encoder_pid);
+        let ending = supervisor::watch(&mut stages, control, &is_broken_off, &mut restarts, &mut |stages| {
             drain(events, collector, metrics.as_ref(), control);
             may_tell_of_rays = may_tell_of_rays && !tell_of_rays(collector, progress);
-            memory.sample(stages);
+            memory.sample(stages, encoder);
             window.sample(control);
             progress.show(control.written_frames());
             pilot.words().for_each(|sentence| progress.warn(&sentence));
         });
         self.restarts = restarts.counts().clone();
+        let has_stream_failed = has_stream_failed();
         // The pilot's wait ends with the run.
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
@@ -285,6 +298,12 @@ impl Run {
                 for line in stage.lines() {
                     progress.warn(&format!("{}: {line}", stage.stage()));
                 }
+            }
+        }
+        if let Some(stream) = stream.filter(|_| ending == Ending::Finished || has_stream_failed) {
+            match stream.finish(&is_interrupted) {
+                Err(StreamError::Interrupted) => return Ok(Ending::Interrupted),
+                finished => finished.map_err(Failure::failed)?,
             }
         }
         Ok(ending)

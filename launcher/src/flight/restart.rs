@@ -20,17 +20,11 @@ pub struct RestartRules {
     pub limit: u32,
     /// A stage that is silent for so long hangs.
     pub hang_after: Duration,
-    /// Whether what the renderer writes can be gone on with by another one.
-    pub has_renderer: bool,
 }
 
 impl RestartRules {
     /// The first death ends the run.
-    pub const NONE: Self = Self { limit: 0, hang_after: Duration::MAX, has_renderer: false };
-
-    fn covers(&self, stage: Stage) -> bool {
-        self.limit > 0 && (self.has_renderer || stage != Stage::Renderer)
-    }
+    pub const NONE: Self = Self { limit: 0, hang_after: Duration::MAX };
 }
 
 /// Starts stages again by the rules, and counts.
@@ -84,7 +78,7 @@ impl<'a> Restarts<'a> {
     pub fn revive(&mut self, place: &mut StageProcess, how: &str) -> Result<bool, StartError> {
         let (stage, now) = (place.stage(), Instant::now());
         self.recent.retain(|at| now.duration_since(*at) < WINDOW);
-        if !self.rules.covers(stage) || self.recent.len() >= self.rules.limit as usize {
+        if self.recent.len() >= self.rules.limit as usize {
             return Ok(false);
         }
         (self.say)(&format!("{}; it is started again", sentence(stage, how, &place.last_words())));
@@ -96,8 +90,11 @@ impl<'a> Restarts<'a> {
 
     /// Kills stages that hang. Called once a tick.
     pub fn kill_what_hangs(&mut self, stages: &mut [StageProcess], control: &Control) {
+        if !self.is_on() {
+            return;
+        }
         let now = Instant::now();
-        for place in stages.iter_mut().filter(|place| self.rules.covers(place.stage())) {
+        for place in stages.iter_mut() {
             if place.poll().is_some() {
                 continue;
             }

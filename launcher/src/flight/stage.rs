@@ -47,6 +47,18 @@ pub enum StartError {
     },
 }
 
+impl StartError {
+    /// There is no pipe for its pictures.
+    #[must_use]
+    pub fn no_pipe(stage: Stage, programs: &Path, source: io::Error) -> Self {
+        Self::Spawn { stage, program: program_of(stage, programs), source }
+    }
+}
+
+fn program_of(stage: Stage, programs: &Path) -> PathBuf {
+    programs.join(format!("terravision-{stage}"))
+}
+
 /// What a stage wrote to its standard error.
 #[derive(Debug, Default)]
 struct Words {
@@ -71,16 +83,16 @@ pub struct StageProcess {
 }
 
 impl StageProcess {
-    /// Starts the program of a stage from the folder `programs`. Call it on a thread that lives as long as the run: the
+    /// Starts the program of a stage from the folder `programs`, with this as its standard output. Call it on a thread that lives as long as the run: the
     /// kernel tells the stage of the death of the *thread* that made it.
     ///
     /// # Errors
     /// [`StartError`].
-    pub fn start(stage: Stage, programs: &Path, run: &str, has_stdout: bool) -> Result<Self, StartError> {
-        let program = programs.join(format!("terravision-{stage}"));
+    pub fn start(stage: Stage, programs: &Path, run: &str, stdout: Option<OwnedFd>) -> Result<Self, StartError> {
+        let program = program_of(stage, programs);
         let mut command = Command::new(&program);
         command.envs(STAGE_ENVIRONMENT).arg("--run").arg(run).stdin(Stdio::null()).stderr(Stdio::piped());
-        command.stdout(if has_stdout { Stdio::inherit() } else { Stdio::null() });
+        command.stdout(stdout.map_or_else(Stdio::null, Stdio::from));
         let mut child = command.spawn().map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },
             _ => StartError::Spawn { stage, program: program.clone(), source },

@@ -12,9 +12,7 @@ use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
 use std::time::Duration;
-use terravision_common::run::{
-    Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, RunConfig, SinkConfig, TechniqueChoice,
-};
+use terravision_common::run::{Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, RunConfig, TechniqueChoice};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -178,9 +176,7 @@ pub(super) fn restarts(args: &SupervisionArgs, config: &RunConfig) -> Result<Res
     }
     let seconds = args.hang_after.unwrap_or(HANG_AFTER_SECS);
     let hang_after = Duration::from_secs_f64(in_range("--hang-after", seconds, 1.0, 1e5, "seconds from 1 to 100000")?);
-    // A picture that a killed renderer had half written is written anew in a folder; a stream cannot be mended.
-    let has_renderer = matches!(config.render.sink, SinkConfig::PngFolder(_) | SinkConfig::Null);
-    Ok(RestartRules { limit, hang_after, has_renderer })
+    Ok(RestartRules { limit, hang_after })
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

@@ -23,6 +23,7 @@ use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
 use crate::path::orbit;
 use crate::path::{self, CameraPath, CourseOptions, Pose};
+use crate::stream::StreamTarget;
 use crate::world::{self, open_world};
 use anyhow::anyhow;
 use checks::{
@@ -65,6 +66,8 @@ pub struct FlightPlan {
     pub files: Vec<TemporaryFile>,
     /// The folder of frames, if that is where they go.
     pub folder: Option<FrameFolder>,
+    /// The stream, if that is where frames go.
+    pub stream: Option<StreamTarget>,
     /// The report, if one is wanted.
     pub report: Option<TemporaryFile>,
     /// The trace, if one is wanted.
@@ -154,7 +157,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
                  e.g. terravision fly … -o - | ffmpeg -i - film.webm"
             )));
         }
-        draft.sink = SinkConfig::Y4mStdout;
+        draft.stream_into(StreamTarget::Stdout);
         draft.destination = "standard output".into();
     } else if is_folder_name(&args.output) {
         let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
@@ -167,7 +170,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
             )));
         }
         let file = TemporaryFile::create(&args.output, &run).map_err(Failure::bad_input)?;
-        draft.sink = SinkConfig::Film(file.temporary().to_owned());
+        draft.stream_into(StreamTarget::Film { path: args.output.clone(), temporary: file.temporary().to_owned() });
         draft.files.push(file);
     } else {
         return Err(Failure::bad_input(anyhow!(
@@ -241,6 +244,7 @@ struct Draft<'a> {
     share: Option<ShareConfig>,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
+    stream: Option<StreamTarget>,
     destination: String,
     realtime: Option<&'a RealtimeArgs>,
 }
@@ -269,9 +273,15 @@ impl<'a> Draft<'a> {
             share: None,
             files: Vec::new(),
             folder: None,
+            stream: None,
             destination: String::new(),
             realtime: None,
         })
+    }
+
+    fn stream_into(&mut self, target: StreamTarget) {
+        self.sink = SinkConfig::Stream(target.encoding());
+        self.stream = Some(target);
     }
 
     fn finish(self, texels: TexelQuestion, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
@@ -383,6 +393,7 @@ impl<'a> Draft<'a> {
             live: None,
             files: self.files,
             folder: self.folder,
+            stream: self.stream,
             warnings,
             is_quiet: resources.quiet,
             database,

@@ -1,22 +1,21 @@
 //! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`lanes`]).
 
-mod film;
 pub mod lanes;
 mod null;
 mod png;
 mod repeat;
 mod shared;
+mod stream;
 mod temporary;
 mod tiff;
 mod y4m;
 
-pub use film::FilmSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
 pub use repeat::RepeatSink;
 pub use shared::SharedSink;
+pub use stream::StreamSink;
 pub use tiff::{DepthSink, GroundSink};
-pub use y4m::Y4mSink;
 
 use std::io;
 use std::path::PathBuf;
@@ -60,23 +59,6 @@ pub enum SinkError {
         /// The encoder's reason.
         reason: String,
         /// The file.
-        path: PathBuf,
-    },
-    /// ffmpeg is not installed.
-    #[error("ffmpeg, which makes films, is not installed (package ffmpeg); without it choose a folder or - as output")]
-    NoFfmpeg,
-    /// ffmpeg could not be started.
-    #[error("ffmpeg could not be started: {source}")]
-    StartFfmpeg {
-        /// The system's reason.
-        source: io::Error,
-    },
-    /// ffmpeg gave up.
-    #[error("ffmpeg could not make {}: {reason}", path.display())]
-    Ffmpeg {
-        /// Its last words.
-        reason: String,
-        /// The film.
         path: PathBuf,
     },
     /// Standard output could not be written to.

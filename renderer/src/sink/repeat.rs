@@ -1,5 +1,5 @@
-//! A film of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
-//! picture is there once more, so that the film keeps the flight's time.
+//! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
+//! picture is there once more, so that a film of them keeps the flight's time.
 
 use super::{FrameSink, Picture, Pixels, SinkError};
 use bytemuck::Zeroable;

@@ -1,0 +1,152 @@
+//! What renderer and launcher both have to know of a film: the renderer makes its pictures, the launcher keeps the stream, so
+//! that a renderer that dies does not take it along.
+//!
+//! ```text
+//! renderer ──packets──▶ pipe ──▶ launcher: whole packets, each frame once ──▶ ffmpeg's input, or standard output
+//! ```
+
+use serde::{Deserialize, Serialize};
+
+/// Before the bytes of a frame in the pipe: which frame, and how many bytes.
+///
+/// Two little-endian `u64`. A renderer that is killed leaves half a packet at the end of its pipe, which is thrown away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PacketHeader {
+    /// Number of the frame in its flight.
+    pub frame: u64,
+    /// Bytes that follow.
+    pub bytes: u64,
+}
+
+impl PacketHeader {
+    /// Length in the pipe, bytes.
+    pub const SIZE: usize = 16;
+
+    /// As it travels.
+    #[must_use]
+    pub fn to_bytes(self) -> [u8; Self::SIZE] {
+        let mut out = [0; Self::SIZE];
+        out[..8].copy_from_slice(&self.frame.to_le_bytes());
+        out[8..].copy_from_slice(&self.bytes.to_le_bytes());
+        out
+    }
+
+    /// As it came.
+    #[must_use]
+    pub fn from_bytes(bytes: [u8; Self::SIZE]) -> Self {
+        let half = |from: usize| u64::from_le_bytes(std::array::from_fn(|n| bytes[from + n]));
+        Self { frame: half(0), bytes: half(8) }
+    }
+}
+
+/// How the frames of a stream are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FrameEncoding {
+    /// Four bytes a pixel, RGBA, with even sides: an odd one is made even by repeating the last column or row (4:2:0 needs
+    /// it).
+    Raw,
+    /// `FRAME` and three planes, as in Y4M.
+    Y4m,
+}
+
+/// What stands before the planes of a frame in Y4M.
+pub const Y4M_FRAME: &[u8] = b"FRAME\n";
+
+impl FrameEncoding {
+    /// Bytes of a frame of this size.
+    #[must_use]
+    pub fn frame_bytes(self, size: [u32; 2]) -> u64 {
+        let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+        match self {
+            Self::Raw => 4 * pixels(even(size)),
+            Self::Y4m => Y4M_FRAME.len() as u64 + 3 * pixels(size),
+        }
+    }
+}
+
+/// The next larger size with even sides.
+#[must_use]
+pub fn even(size: [u32; 2]) -> [u32; 2] {
+    size.map(|side| side.next_multiple_of(2))
+}
+
+/// Frames per second as a fraction: whole numbers as they are, the NTSC rates exactly, else in thousandths.
+#[must_use]
+pub fn rational_fps(fps: f64) -> [u64; 2] {
+    let whole = fps.round();
+    if (fps - whole).abs() < 1e-9 && whole >= 1.0 {
+        return [whole as u64, 1];
+    }
+    let ntsc = (fps * 1.001).round();
+    if (ntsc / 1.001 - fps).abs() < 5e-3 && ntsc >= 1.0 {
+        return [ntsc as u64 * 1000, 1001];
+    }
+    [((fps * 1000.0).round() as u64).max(1), 1000]
+}
+
+/// A matrix from R'G'B' to Y'CbCr, limited range.
+///
+/// Y4M cannot say which matrix made its colours. Players and encoders guess by size, and so do we choose: BT.709 for
+/// pictures at least 1280 wide or more than 576 high, BT.601 for smaller ones. The choice is also written as the comment
+/// `XTV_MATRIX=BT709` (or `BT601`), which readers that do not know it skip, and the range as `XCOLORRANGE=LIMITED`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Matrix {
+    /// ITU-R BT.601-7.
+    Bt601,
+    /// ITU-R BT.709-6.
+    Bt709,
+}
+
+impl Matrix {
+    /// What players take pictures of this size to be.
+    #[must_use]
+    pub fn for_size([width, height]: [u32; 2]) -> Self {
+        if width >= 1280 || height > 576 { Self::Bt709 } else { Self::Bt601 }
+    }
+
+    /// Its name in the header.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bt601 => "BT601",
+            Self::Bt709 => "BT709",
+        }
+    }
+}
+
+/// The line that a Y4M stream begins with.
+#[must_use]
+pub fn y4m_header(size: [u32; 2], fps: f64) -> String {
+    let ([width, height], [n, d]) = (size, rational_fps(fps));
+    let name = Matrix::for_size(size).name();
+    format!("YUV4MPEG2 W{width} H{height} F{n}:{d} Ip A1:1 C444 XCOLORRANGE=LIMITED XTV_MATRIX={name}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_fractions() {
+        assert_eq!(rational_fps(30.0), [30, 1]);
+        assert_eq!(rational_fps(30000.0 / 1001.0), [30000, 1001]);
+        assert_eq!(rational_fps(29.97), [30000, 1001]);
+        assert_eq!(rational_fps(12.5), [12500, 1000]);
+    }
+
+    #[test]
+    fn a_header_travels_as_sixteen_bytes() {
+        let header = PacketHeader { frame: 7, bytes: 1 << 40 };
+        assert_eq!(PacketHeader::from_bytes(header.to_bytes()), header);
+        assert_eq!(header.to_bytes()[..8], [7, 0, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn frames_have_the_length_of_their_encoding() {
+        assert_eq!(FrameEncoding::Raw.frame_bytes([3, 5]), 4 * 4 * 6);
+        assert_eq!(FrameEncoding::Y4m.frame_bytes([3, 5]), 6 + 3 * 15);
+        let header = y4m_header([3, 1], 25.0);
+        assert_eq!(header, "YUV4MPEG2 W3 H1 F25:1 Ip A1:1 C444 XCOLORRANGE=LIMITED XTV_MATRIX=BT601\n");
+    }
+}

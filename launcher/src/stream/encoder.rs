@@ -1,0 +1,104 @@
+//! ffmpeg, fed raw frames.
+//!
+//! H.264, 4:2:0, BT.709, constant quality. The number of the encoder's threads is fixed, because x264's output depends on
+//! it: the same pictures make the same bytes on any machine with the same ffmpeg.
+
+use super::StreamError;
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
+use std::thread::JoinHandle;
+use terravision_common::film::{even, rational_fps};
+
+/// Threads of the encoder, on every machine.
+const ENCODER_THREADS: &str = "4";
+/// x264's constant rate factor: 18 is taken for visually lossless; 23, its default, smears forests.
+const QUALITY: &str = "18";
+/// Bytes of ffmpeg's messages that are kept.
+const MESSAGE_BYTES: usize = 4096;
+
+/// An ffmpeg process. Its input is with who feeds it.
+#[derive(Debug)]
+pub struct Encoder {
+    child: Child,
+    messages: Option<JoinHandle<String>>,
+}
+
+impl Encoder {
+    /// Starts `program` to make a film at `path`, of frames of RGBA of this size (made even), playing at `fps`; the
+    /// extension of `path` chooses the container.
+    ///
+    /// # Errors
+    /// [`StreamError::StartEncoder`].
+    pub fn start(program: &Path, path: &Path, size: [u32; 2], fps: f64) -> Result<(Self, ChildStdin), StreamError> {
+        let ([n, d], [width, height]) = (rational_fps(fps), even(size));
+        let mut command = Command::new(program);
+        command
+            .args(["-hide_banner", "-nostdin", "-loglevel", "error", "-y"])
+            .args(["-f", "rawvideo", "-pixel_format", "rgb0"])
+            .args(["-video_size", &format!("{width}x{height}"), "-framerate", &format!("{n}/{d}"), "-i", "pipe:0"])
+            .args(["-vf", "scale=out_color_matrix=bt709:out_range=limited:flags=accurate_rnd+full_chroma_int"])
+            .args(["-pix_fmt", "yuv420p", "-c:v", "libx264", "-preset", "veryfast", "-crf", QUALITY])
+            .args(["-threads", ENCODER_THREADS, "-colorspace", "bt709", "-color_primaries", "bt709"])
+            .args(["-color_trc", "bt709", "-color_range", "tv"])
+            .args(["-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"])
+            .arg(path)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C is for this program: ffmpeg ends when its input does, or when it is killed.
+            .process_group(0);
+        let mut child = command.spawn().map_err(|source| StreamError::StartEncoder { source })?;
+        let messages = child.stderr.take().map(|stderr| std::thread::spawn(move || last_words(stderr)));
+        let no_input = || StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() };
+        let input = child.stdin.take().ok_or_else(no_input)?;
+        Ok((Self { child, messages }, input))
+    }
+
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Whether it has not ended yet.
+    pub fn is_busy(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Errors
+    /// It gave up: its last words.
+    pub fn end(mut self) -> Result<(), String> {
+        let is_success = self.child.wait().is_ok_and(|status| status.success());
+        let words = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        if is_success {
+            return Ok(());
+        }
+        let line = words.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it ended without a word");
+        Err(line.trim().to_owned())
+    }
+
+    /// Ends it at once.
+    pub fn kill(mut self) {
+        // It may have ended already.
+        drop(self.child.kill());
+        drop(self.end());
+    }
+}
+
+/// The end of what ffmpeg says; reads until it closes its messages.
+fn last_words(mut stderr: ChildStderr) -> String {
+    let (mut kept, mut chunk) = (Vec::new(), [0; 1024]);
+    while let Ok(count) = stderr.read(&mut chunk) {
+        if count == 0 {
+            break;
+        }
+        kept.extend_from_slice(&chunk[..count]);
+        let surplus = kept.len().saturating_sub(MESSAGE_BYTES);
+        kept.drain(..surplus);
+    }
+    String::from_utf8_lossy(&kept).into_owned()
+}

@@ -1,0 +1,232 @@
+//! Films and Y4M: streams that this program keeps, so that a renderer that dies does not take them along.
+//!
+//! ```text
+//! renderer ──packets──▶ pipe ──▶ relay (a thread) ──whole frames, each once, in order──▶ ffmpeg, or standard output
+//! its successor ──────▶ another pipe ──┘
+//! ```
+//!
+//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg.
+
+pub mod encoder;
+pub mod relay;
+
+use encoder::Encoder;
+use relay::{Passage, Relay, StreamShape};
+use std::fs::File;
+use std::io::{self, PipeReader, PipeWriter, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use terravision_common::film::{FrameEncoding, y4m_header};
+use terravision_common::run::{RunConfig, SinkConfig};
+
+/// Between two looks at what is being completed.
+const TICK: Duration = Duration::from_millis(2);
+/// Room in a pipe, as far as the system grants it: fewer changes between the two processes for every frame.
+const PIPE_BYTES: usize = 1 << 20;
+
+/// Where a stream ends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum StreamTarget {
+    /// ffmpeg makes a film of it.
+    Film {
+        /// The film's name, for people.
+        path: PathBuf,
+        /// Where it is written to.
+        temporary: PathBuf,
+    },
+    /// Y4M on standard output.
+    Stdout,
+}
+
+impl StreamTarget {
+    /// How its frames are written.
+    #[must_use]
+    pub fn encoding(&self) -> FrameEncoding {
+        match self {
+            Self::Film { .. } => FrameEncoding::Raw,
+            Self::Stdout => FrameEncoding::Y4m,
+        }
+    }
+}
+
+/// A stream ended before its time.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StreamError {
+    /// ffmpeg could not be started.
+    #[error("ffmpeg, which makes films, could not be started: {source}")]
+    StartEncoder {
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// ffmpeg gave up.
+    #[error("ffmpeg could not make {}: {reason}", path.display())]
+    Encoder {
+        /// Its last words.
+        reason: String,
+        /// The film.
+        path: PathBuf,
+    },
+    /// Who read standard output has gone.
+    #[error("the reader of standard output has gone after {frames} frames")]
+    ReaderGone {
+        /// Frames that were written completely.
+        frames: u64,
+    },
+    /// The stream could not be written.
+    #[error("the film cannot be passed on: {source}")]
+    Write {
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A packet is none of this flight.
+    #[error("the renderer sent a picture that is none of this flight: frame {frame}, {bytes} bytes")]
+    StrangePacket {
+        /// The frame that it claims to be.
+        frame: u64,
+        /// The length that it claims.
+        bytes: u64,
+    },
+    /// A frame did not come, and nothing may stand in for it.
+    #[error("frame {frame} of the film did not come")]
+    Gap {
+        /// The frame.
+        frame: u64,
+    },
+    /// Ctrl-C came while the stream was being completed.
+    #[error("interrupted while the film was being completed")]
+    Interrupted,
+}
+
+/// The end of a run's stream, from its first renderer to its last. Dropped before [`StreamKeeper::finish`], the stream is
+/// broken off.
+#[derive(Debug)]
+pub struct StreamKeeper {
+    target: StreamTarget,
+    pipes: Option<Sender<PipeReader>>,
+    relay: Option<JoinHandle<Result<(), StreamError>>>,
+    passage: Arc<Passage>,
+    encoder: Option<Encoder>,
+}
+
+impl StreamKeeper {
+    /// The stream of a run, if its pictures go into one.
+    ///
+    /// # Errors
+    /// [`StreamError::StartEncoder`], [`StreamError::Write`].
+    pub fn start(config: &RunConfig, target: Option<&StreamTarget>) -> Result<Option<Self>, StreamError> {
+        let (Some(target), SinkConfig::Stream(encoding)) = (target, &config.render.sink) else { return Ok(None) };
+        let size = [config.width, config.height];
+        let shape = StreamShape {
+            frame_bytes: encoding.frame_bytes(size),
+            frames: config.frames,
+            has_gaps: config.realtime.is_some(),
+        };
+        let (encoder, out): (_, Box<dyn Write + Send>) = match target {
+            StreamTarget::Film { temporary, .. } => {
+                let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, size, config.fps)?;
+                (Some(encoder), Box::new(input))
+            }
+            StreamTarget::Stdout => {
+                let failed = |source| StreamError::Write { source };
+                // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every picture.
+                let mut out = File::from(io::stdout().as_fd().try_clone_to_owned().map_err(failed)?);
+                match out.write_all(y4m_header(size, config.fps).as_bytes()) {
+                    Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                        return Err(StreamError::ReaderGone { frames: 0 });
+                    }
+                    written => written.map_err(failed)?,
+                }
+                (None, Box::new(out))
+            }
+        };
+        let (pipes, coming) = channel();
+        let passage = Arc::new(Passage::default());
+        let relay = Relay::new(shape, out, Arc::clone(&passage));
+        let relay = std::thread::Builder::new()
+            .name("stream".to_owned())
+            .spawn(move || relay.run(&coming))
+            .map_err(|source| StreamError::Write { source })?;
+        Ok(Some(Self { target: target.clone(), pipes: Some(pipes), relay: Some(relay), passage, encoder }))
+    }
+
+    /// The end of a new pipe that the next renderer writes its packets into.
+    ///
+    /// # Errors
+    /// The system has no pipes left.
+    pub fn pipe(&self) -> io::Result<OwnedFd> {
+        let (read, write): (PipeReader, PipeWriter) = io::pipe()?;
+        // It may be more than a user is allowed to have.
+        rustix::pipe::fcntl_setpipe_size(&write, PIPE_BYTES).ok();
+        if let Some(pipes) = &self.pipes {
+            // A relay that has failed takes none any more; who writes into it is told.
+            drop(pipes.send(read));
+        }
+        Ok(write.into())
+    }
+
+    /// Whether the stream cannot go on: [`StreamKeeper::finish`] says why.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        // Acquire is not needed: nothing is read on the strength of it but the thread's result, after it was joined.
+        self.passage.has_failed.load(Ordering::Relaxed)
+    }
+
+    /// Process id of the encoder, if there is one.
+    #[must_use]
+    pub fn encoder_pid(&self) -> Option<u32> {
+        self.encoder.as_ref().map(Encoder::pid)
+    }
+
+    /// All renderers have ended in good order: completes the stream. Waits for the encoder, or the reader.
+    ///
+    /// # Errors
+    /// Why the stream is not complete.
+    pub fn finish(mut self, is_interrupted: &dyn Fn() -> bool) -> Result<(), StreamError> {
+        self.passage.is_complete.store(true, Ordering::Release);
+        self.pipes = None;
+        while self.relay.as_ref().is_some_and(|relay| !relay.is_finished())
+            || self.encoder.as_mut().is_some_and(Encoder::is_busy)
+        {
+            if is_interrupted() {
+                return Err(StreamError::Interrupted);
+            }
+            // An encoder that has given up closes its input, which the relay notices with its next frame.
+            std::thread::sleep(TICK);
+        }
+        let relayed = self.relay.take().map_or(Ok(()), |relay| {
+            relay.join().unwrap_or_else(|_panic| {
+                Err(StreamError::Write { source: io::Error::other("a thread ended unexpectedly") })
+            })
+        });
+        match (self.encoder.take().map(Encoder::end), &self.target) {
+            // What it says tells more than that its input was closed.
+            (Some(Err(reason)), StreamTarget::Film { path, .. }) => {
+                Err(StreamError::Encoder { reason, path: path.clone() })
+            }
+            _ => relayed,
+        }
+    }
+}
+
+impl Drop for StreamKeeper {
+    fn drop(&mut self) {
+        self.pipes = None;
+        if let Some(encoder) = self.encoder.take() {
+            encoder.kill();
+            // With its encoder and the renderers gone the relay has nothing to wait for.
+            if let Some(relay) = self.relay.take() {
+                drop(relay.join());
+            }
+        }
+        // A reader of standard output that reads no more would hold the relay for ever: it ends with this process.
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,189 @@
+//! Streams over pipes of this process.
+
+use super::encoder::Encoder;
+use super::relay::{Passage, Relay, StreamShape};
+use super::{StreamError, StreamTarget};
+use std::fs;
+use std::io::{self, PipeReader, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::channel;
+use std::sync::{Arc, Mutex};
+use terravision_common::film::{FrameEncoding, PacketHeader};
+use terravision_common::run::OPEN_END;
+
+const BYTES: u64 = 3;
+
+/// A writer that several threads share; it breaks after so many bytes.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Vec<u8>>>, usize);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut all = self.0.lock().unwrap();
+        if all.len() >= self.1 {
+            return Err(io::ErrorKind::BrokenPipe.into());
+        }
+        all.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn packet(frame: u64) -> Vec<u8> {
+    let header = PacketHeader { frame, bytes: BYTES };
+    [&header.to_bytes()[..], &[frame as u8; BYTES as usize]].concat()
+}
+
+/// A pipe through which a renderer has sent these bytes before it ended.
+fn pipe(bytes: &[u8]) -> PipeReader {
+    let (read, mut write) = io::pipe().unwrap();
+    write.write_all(bytes).unwrap();
+    read
+}
+
+struct Relayed {
+    result: Result<(), StreamError>,
+    /// The first byte of each frame.
+    frames: Vec<u8>,
+    has_failed: bool,
+}
+
+fn relay(frames: [u64; 2], has_gaps: bool, renderers: &[Vec<u8>], is_complete: bool, breaks_after: usize) -> Relayed {
+    let shape = StreamShape { frame_bytes: BYTES, frames, has_gaps };
+    let out = Shared(Arc::default(), breaks_after);
+    let passage = Arc::new(Passage::default());
+    passage.is_complete.store(is_complete, Ordering::Relaxed);
+    let (pipes, coming) = channel();
+    renderers.iter().for_each(|bytes| pipes.send(pipe(bytes)).unwrap());
+    drop(pipes);
+    let result = Relay::new(shape, Box::new(out.clone()), Arc::clone(&passage)).run(&coming);
+    let frames = out.0.lock().unwrap().chunks(BYTES as usize).map(|frame| frame[0]).collect();
+    Relayed { result, frames, has_failed: passage.has_failed.load(Ordering::Relaxed) }
+}
+
+fn packets(frames: &[u64]) -> Vec<u8> {
+    frames.iter().copied().flat_map(packet).collect()
+}
+
+/// What a flight of frames 5 to 9 becomes, against the clock.
+fn filled(renderers: &[Vec<u8>]) -> Vec<u8> {
+    let relayed = relay([5, 10], true, renderers, true, usize::MAX);
+    relayed.result.unwrap();
+    relayed.frames
+}
+
+#[test]
+fn every_frame_of_a_flight_against_the_clock_has_a_picture() {
+    assert_eq!(filled(&[packets(&[5, 6, 9])]), [5, 6, 6, 6, 9]);
+    assert_eq!(filled(&[packets(&[7])]), [7, 7, 7, 7, 7]);
+    assert_eq!(filled(&[]), [0; 0]);
+}
+
+#[test]
+fn a_renderer_that_is_killed_takes_half_a_packet_along_and_no_more() {
+    for cut in [1, 8, 16, 17, 18] {
+        let killed = [packets(&[5, 6]), packet(7)[..cut].to_vec()].concat();
+        assert_eq!(filled(&[killed.clone(), packets(&[8, 9])]), [5, 6, 6, 8, 9], "cut at {cut}");
+        // In exact mode the next one draws it again.
+        let relayed = relay([5, 10], false, &[killed, packets(&[7, 8, 9])], true, usize::MAX);
+        relayed.result.unwrap();
+        assert_eq!(relayed.frames, [5, 6, 7, 8, 9]);
+    }
+}
+
+#[test]
+fn what_comes_again_is_passed_on_once() {
+    assert_eq!(filled(&[packets(&[5, 6, 7]), packets(&[6, 7, 8]), packets(&[9])]), [5, 6, 7, 8, 9]);
+}
+
+#[test]
+fn a_flight_without_a_known_end_ends_with_its_last_frame() {
+    let relayed = relay([0, OPEN_END], true, &[packets(&[0, 2])], true, usize::MAX);
+    relayed.result.unwrap();
+    assert_eq!(relayed.frames, [0, 0, 2]);
+}
+
+#[test]
+fn a_stream_that_is_broken_off_is_not_filled_up() {
+    let relayed = relay([5, 10], true, &[packets(&[5])], false, usize::MAX);
+    relayed.result.unwrap();
+    assert_eq!(relayed.frames, [5]);
+}
+
+#[test]
+fn exact_frames_have_no_stand_in() {
+    let relayed = relay([5, 10], false, &[packets(&[5, 7])], true, usize::MAX);
+    assert!(matches!(relayed.result, Err(StreamError::Gap { frame: 6 })) && relayed.has_failed);
+}
+
+#[test]
+fn packets_of_another_flight_are_refused() {
+    for strange in [
+        PacketHeader { frame: 4, bytes: BYTES },
+        PacketHeader { frame: 10, bytes: BYTES },
+        PacketHeader { frame: 5, bytes: BYTES + 1 },
+        PacketHeader { frame: 5, bytes: u64::MAX },
+    ] {
+        let relayed = relay([5, 10], true, &[strange.to_bytes().to_vec()], true, usize::MAX);
+        assert!(matches!(relayed.result, Err(StreamError::StrangePacket { .. })) && relayed.has_failed);
+    }
+}
+
+#[test]
+fn a_reader_that_goes_is_told_of_before_the_renderer_notices() {
+    let relayed = relay([5, 10], true, &[packets(&[5, 6, 7])], true, 2 * BYTES as usize);
+    assert!(matches!(relayed.result, Err(StreamError::ReaderGone { frames: 2 })) && relayed.has_failed);
+}
+
+#[test]
+fn targets_have_their_encodings() {
+    assert_eq!(StreamTarget::Stdout.encoding(), FrameEncoding::Y4m);
+    let film = StreamTarget::Film { path: "a.mp4".into(), temporary: ".a.part.mp4".into() };
+    assert_eq!(film.encoding(), FrameEncoding::Raw);
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("terravision-film-{name}-{}", std::process::id()));
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn film(path: &Path, size: [u32; 2]) -> Result<(), String> {
+    let (encoder, mut input) = Encoder::start("ffmpeg".as_ref(), path, size, 30.0).unwrap();
+    let bytes = FrameEncoding::Raw.frame_bytes(size);
+    let frame: Vec<u8> = (0..bytes).map(|i| (i % 251) as u8).collect();
+    // An encoder that gives up closes its input.
+    (0..10).try_for_each(|_| input.write_all(&frame)).ok();
+    drop(input);
+    encoder.end()
+}
+
+#[test]
+fn the_same_pictures_make_the_same_film() {
+    let folder = folder("same");
+    let films = ["a.mp4", "b.mp4"].map(|name| folder.join(name));
+    films.iter().for_each(|path| film(path, [65, 33]).unwrap());
+    let [a, b] = films.map(|path| fs::read(path).unwrap());
+    assert!(a.len() > 500 && a == b, "{} and {} bytes", a.len(), b.len());
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn an_encoder_that_fails_is_quoted_and_one_that_is_killed_ends() {
+    let folder = folder("fails");
+    // The container that belongs to this extension does not exist.
+    let words = film(&folder.join("a.nonsense"), [512, 512]).unwrap_err();
+    assert!(words.len() > 10, "{words}");
+    let (mut encoder, _input) = Encoder::start("ffmpeg".as_ref(), &folder.join("b.mp4"), [64, 64], 30.0).unwrap();
+    assert!(encoder.is_busy());
+    let pid = encoder.pid();
+    encoder.kill();
+    assert!(!Path::new(&format!("/proc/{pid}")).exists());
+    let missing = Encoder::start("/nonexistent/ffmpeg".as_ref(), &folder.join("c.mp4"), [64, 64], 30.0);
+    assert!(matches!(missing, Err(StreamError::StartEncoder { .. })));
+    fs::remove_dir_all(folder).unwrap();
+}
