@@ -29,7 +29,7 @@ source=$OUT/world-$SIZE
 world=$OUT/world-$SIZE.tv
 if [[ ! -f $source/.complete ]]; then
   say "making a world of $SIZE x $SIZE posts: $source"
-  "$terravision" synth -o "$source" --size "$SIZE"
+  "$terravision" synth -o "$source" --size "$SIZE" --overwrite
   touch "$source/.complete"
 fi
 # The manifest is the last thing that an ingest writes.

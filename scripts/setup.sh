@@ -51,6 +51,7 @@ check_packages() {
     need curl 'fills an S3 bucket' command -v curl
   fi
   if [[ $1 == tests ]]; then
+    need gdal-bin 'crops a raster of the whole globe (tests of real data)' command -v gdal_translate
     need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
     need python3-numpy 'reads and steers flights from Python (examples)' has_python_module numpy
     need python3-pil 'saves what flights from Python see (examples)' has_python_module PIL

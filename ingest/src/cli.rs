@@ -177,6 +177,9 @@ pub struct SynthArgs {
     /// Threads. Default: all cores. The result is the same for any number
     #[arg(long, value_name = "N", value_parser = parse_threads)]
     threads: Option<usize>,
+    /// Replace dem.tif and ortho.tif that are there
+    #[arg(long)]
+    overwrite: bool,
 }
 
 impl SynthArgs {
@@ -194,7 +197,14 @@ impl SynthArgs {
             )));
         }
         let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-        Ok(SynthOptions { output: self.output, size: self.size, spacing_m: self.spacing, seed: self.seed, threads })
+        Ok(SynthOptions {
+            output: self.output,
+            size: self.size,
+            spacing_m: self.spacing,
+            seed: self.seed,
+            threads,
+            may_overwrite: self.overwrite,
+        })
     }
 }
 

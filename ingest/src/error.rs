@@ -21,6 +21,15 @@ pub enum IngestError {
         /// What is wrong, and what to do.
         message: String,
     },
+    /// The place of the output cannot be used.
+    #[error("cannot write into {}: {source}", path.display())]
+    Place {
+        /// Why.
+        #[source]
+        source: io::Error,
+        /// The folder.
+        path: PathBuf,
+    },
     /// The output cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Output {
@@ -66,7 +75,7 @@ impl IngestError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Source { .. } | Self::Usage { .. } => 2,
+            Self::Source { .. } | Self::Usage { .. } | Self::Place { .. } => 2,
             Self::Output { .. } | Self::DiskSpace { .. } => 1,
             Self::Interrupted { .. } => 130,
         }

@@ -6,12 +6,13 @@ mod support;
 
 use gdal::Dataset;
 use std::fs;
+use std::process::Command;
 use std::sync::Arc;
 use support::{TestFolder, heights, job, run};
 use terravision_ingest::synth::{SynthOptions, write};
 
 fn options(folder: &TestFolder, name: &str, size: u32, threads: usize) -> SynthOptions {
-    SynthOptions { output: folder.path(name), size, spacing_m: 10.0, seed: 1, threads }
+    SynthOptions { output: folder.path(name), size, spacing_m: 10.0, seed: 1, threads, may_overwrite: false }
 }
 
 #[test]
@@ -25,6 +26,34 @@ fn the_same_options_give_the_same_files_for_any_number_of_threads() {
         assert!(a == b, "{file} differs");
     }
     assert_eq!(fs::read_dir(folder.path("a")).unwrap().count(), 2);
+}
+
+#[test]
+fn files_that_are_there_are_replaced_only_when_told() {
+    let folder = TestFolder::new();
+    fs::create_dir_all(folder.path("w")).unwrap();
+    fs::write(folder.path("w").join("dem.tif"), "somebody's own").unwrap();
+    let message = write(&options(&folder, "w", 64, 1), Arc::default(), false).unwrap_err().to_string();
+    assert!(message.contains("dem.tif is there already"), "{message}");
+    assert_eq!(fs::read(folder.path("w").join("dem.tif")).unwrap(), b"somebody's own");
+    write(&SynthOptions { may_overwrite: true, ..options(&folder, "w", 64, 1) }, Arc::default(), false).unwrap();
+    assert!(Dataset::open(folder.path("w").join("dem.tif")).is_ok());
+}
+
+/// A disk that fills up, as a limit on the size of files: GDAL writes blocks late, when no call is there to fail.
+#[test]
+fn a_full_disk_is_told_and_leaves_nothing() {
+    let folder = TestFolder::new();
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 64; exec '{}' synth --size 512 -o '{}'",
+        env!("CARGO_BIN_EXE_terravision-ingest"),
+        folder.path("w").display()
+    );
+    let done = Command::new("bash").args(["-c", &script]).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains("cannot write"), "{said}");
+    assert_eq!(fs::read_dir(folder.path("w")).unwrap().count(), 0, "{said}");
 }
 
 #[test]

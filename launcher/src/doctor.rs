@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use terravision_common::shm::{Layout, free_bytes, reap_dead_runs};
+use terravision_common::shm::{Layout, Stage, free_bytes, reap_dead_runs};
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::{World, WorldFields};
 
@@ -94,9 +94,9 @@ fn print(findings: &[Finding]) -> io::Result<()> {
 }
 
 fn stages(programs: &Path) -> Finding {
-    let names = ["generator", "preparer", "renderer", "ingest"];
-    let missing: Vec<String> =
-        names.iter().map(|name| format!("terravision-{name}")).filter(|name| !programs.join(name).is_file()).collect();
+    let names = Stage::ALL.into_iter().map(Stage::name).chain(["ingest", "bench"]);
+    let programs_of = names.map(|name| format!("terravision-{name}"));
+    let missing: Vec<String> = programs_of.filter(|name| !programs.join(name).is_file()).collect();
     if missing.is_empty() {
         return Finding::good("programs", format!("all in {}", programs.display()));
     }

@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use terravision_common::database::MANIFEST_FILE;
 use terravision_common::shm::RunId;
 
 /// Why a result cannot be written.
@@ -28,6 +29,12 @@ pub enum OutputError {
         /// Why.
         #[source]
         source: io::Error,
+    },
+    /// The folder is a terrain database.
+    #[error("{} is a terrain database; choose another folder for frames", path.display())]
+    IsWorld {
+        /// The folder.
+        path: PathBuf,
     },
     /// There is something else of that name.
     #[error("cannot write {}: it is a folder; for frames in a folder end its name with a slash", path.display())]
@@ -170,6 +177,9 @@ impl FrameFolder {
     /// [`OutputError::Folder`].
     pub fn create(path: &Path, run: &str) -> Result<Self, OutputError> {
         let fail = |source| OutputError::Folder { path: path.to_owned(), source };
+        if path.join(MANIFEST_FILE).exists() {
+            return Err(OutputError::IsWorld { path: path.to_owned() });
+        }
         let is_ours = !path.exists();
         fs::create_dir_all(path).map_err(fail)?;
         let folder = Self { path: path.to_owned(), is_ours };
@@ -230,6 +240,9 @@ mod tests {
         assert!(TemporaryFile::create(&folder, "r").unwrap_err().to_string().contains("end its name with a slash"));
         fs::write(folder.join("file"), "").unwrap();
         assert!(FrameFolder::create(&folder.join("file/frames"), "r").is_err());
+        fs::write(folder.join(MANIFEST_FILE), "").unwrap();
+        let message = FrameFolder::create(&folder, "r").unwrap_err().to_string();
+        assert!(message.contains("is a terrain database"), "{message}");
         fs::remove_dir_all(folder).unwrap();
     }
 

@@ -53,15 +53,23 @@ pub const COLOR_FILE: &str = "color.pmtiles";
 /// Name of the file of height ranges.
 pub const NODES_FILE: &str = "nodes.tvn";
 
+/// What is there in place of a database.
+fn why_no_database(path: &Path) -> String {
+    if !path.exists() {
+        "nothing of that name exists".to_owned()
+    } else if path.is_dir() {
+        format!("the folder has no {MANIFEST_FILE}; an ingest that was interrupted can be run again")
+    } else {
+        "it is a file; terravision ingest makes databases of rasters".to_owned()
+    }
+}
+
 /// Why a database does not open.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatabaseError {
     /// No manifest: no database, or one that was never finished.
-    #[error(
-        "there is no finished terrain database (no {MANIFEST_FILE}; an ingest that was interrupted can be run again) in {}",
-        path.display()
-    )]
+    #[error("there is no finished terrain database ({}): {}", why_no_database(path), path.display())]
     NotADatabase {
         /// The folder.
         path: PathBuf,

@@ -23,7 +23,7 @@ pub(super) struct Output {
 impl Output {
     /// Takes the folder: creates it, or checks that what is in it may be replaced.
     pub(super) fn begin(folder: &Path, may_overwrite: bool) -> Result<Self, IngestError> {
-        let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+        let fail = |source| IngestError::Place { source, path: folder.to_owned() };
         if folder.join(MANIFEST_FILE).exists() && !may_overwrite {
             return Err(IngestError::usage(format!(
                 "{} is a finished terrain database; --overwrite replaces it",

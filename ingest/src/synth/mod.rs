@@ -12,6 +12,7 @@ use crate::error::{IngestError, gdal_message};
 use crate::job::quieten_gdal;
 use crate::sample::elevation::quantised;
 use crate::work::Work;
+use gdal::errors::CplErrType;
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterCreationOptions};
 use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, DriverManager};
@@ -19,8 +20,8 @@ use ortho::{Ground, Painter};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
 use terrain::Terrain;
 
 /// WGS 84 / UTM zone 32N: the Alps.
@@ -45,7 +46,12 @@ pub struct SynthOptions {
     pub seed: u64,
     /// Threads.
     pub threads: usize,
+    /// Whether files that are there are replaced.
+    pub may_overwrite: bool,
 }
+
+/// What is made.
+const FILES: [&str; 2] = ["dem.tif", "ortho.tif"];
 
 /// A block as it is made: heights and colours, rows from the north.
 struct Block {
@@ -122,14 +128,25 @@ impl Maker {
 /// [`IngestError`].
 pub fn write(options: &SynthOptions, stop: Arc<AtomicBool>, shows_progress: bool) -> Result<(), IngestError> {
     quieten_gdal(256 << 20);
+    let complaints = Complaints::listen();
     let folder = &options.output;
     let fail = |path: &Path| {
         let path = path.to_owned();
         move |source| IngestError::Output { source, path }
     };
-    fs::create_dir_all(folder).map_err(fail(folder))?;
+    if let Some(there) = FILES.iter().map(|name| folder.join(name)).find(|path| path.exists() && !options.may_overwrite)
+    {
+        return Err(IngestError::usage(format!(
+            "{} is there already: --overwrite replaces it, or choose another folder",
+            there.display()
+        )));
+    }
+    if folder.exists() && !folder.is_dir() {
+        return Err(IngestError::usage(format!("{} is a file, expected a folder to write to", folder.display())));
+    }
+    fs::create_dir_all(folder).map_err(|source| IngestError::Place { source, path: folder.clone() })?;
     let work = Work::new(options.threads, stop, shows_progress, folder.clone());
-    let parts = Parts { paths: ["dem.tif.part", "ortho.tif.part"].map(|name| folder.join(name)) };
+    let parts = Parts { paths: FILES.map(|name| folder.join(format!("{name}.part"))) };
     let size = options.size as usize;
     let span = f64::from(options.size) * options.spacing_m;
     let [west, north] = [MIDDLE[0] - 0.5 * span, MIDDLE[1] + 0.5 * span];
@@ -159,10 +176,35 @@ pub fn write(options: &SynthOptions, stop: Arc<AtomicBool>, shows_progress: bool
     }
     dem.close().map_err(|e| gdal_error(&parts.paths[0], &e))?;
     photo.close().map_err(|e| gdal_error(&parts.paths[1], &e))?;
-    for (path, name) in parts.paths.iter().zip(["dem.tif", "ortho.tif"]) {
+    complaints.none(folder)?;
+    for (path, name) in parts.paths.iter().zip(FILES) {
         fs::rename(path, folder.join(name)).map_err(fail(path))?;
     }
     Ok(())
+}
+
+/// What GDAL complains of: blocks are written late, from its cache, and that a disk is full is then no caller's error.
+struct Complaints(Arc<Mutex<Option<String>>>);
+
+impl Complaints {
+    fn listen() -> Self {
+        let first = Arc::new(Mutex::new(None));
+        let heard = Arc::clone(&first);
+        gdal::config::set_error_handler(move |class, _, text| {
+            if matches!(class, CplErrType::Failure | CplErrType::Fatal) {
+                let mut first = heard.lock().unwrap_or_else(PoisonError::into_inner);
+                first.get_or_insert_with(|| text.split_whitespace().collect::<Vec<_>>().join(" "));
+            }
+        });
+        Self(first)
+    }
+
+    fn none(&self, folder: &Path) -> Result<(), IngestError> {
+        match self.0.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(text) => Err(IngestError::Output { source: io::Error::other(text), path: folder.to_owned() }),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Unfinished files; whatever is left of them goes when it is dropped.

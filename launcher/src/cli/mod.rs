@@ -138,7 +138,7 @@ pub struct PictureArgs {
     /// Factor on all heights of the terrain
     ///
     /// 2 makes mountains twice as high. The camera's height is not changed.
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
     /// A preset of --facet-px and --samples
     ///
@@ -452,7 +452,7 @@ pub struct PathArgs {
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
     /// Factor on all heights of the terrain, for heights above ground
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]

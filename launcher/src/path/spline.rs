@@ -5,10 +5,13 @@
 //! (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980). So velocity is continuous: no corner. Attitude: the same on the
 //! sphere of rotations, as Bézier curves built of spherical interpolations (Shoemake, "Animating rotation with
 //! quaternion curves", SIGGRAPH 1985), along the shorter arc between neighbours; angular velocity is continuous too.
-//! Poses of equal pitch and no roll stay level on the way.
+//! A rotation along the shorter arc tilts the horizon where heading and pitch change together. So the view's direction is that of
+//! the rotation, and roll goes from key to key by itself, as a number: between level poses the horizon stays level. Only
+//! where the view may come near the vertical, where heading and roll are one turn, the rotation has its roll, too.
 
 use super::Pose;
 use glam::{DQuat, DVec3};
+use std::f64::consts::PI;
 
 /// A pose at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,13 +43,22 @@ struct Knot {
     velocity: DVec3,
     /// Angular velocity in the camera's own frame, a rotation vector per second.
     spin: DVec3,
+    /// Roll, radians, without jumps from knot to knot, and its change per second.
+    roll: f64,
+    roll_speed: f64,
     hop_m: f64,
 }
+
+/// Poses at most that steep, and that far apart in heading, have no steeper view between them than 74 degrees.
+const STEEPEST_LEVEL_RAD: f64 = 60.0 / 180.0 * PI;
+const WIDEST_LEVEL_RAD: f64 = 120.0 / 180.0 * PI;
 
 /// A smooth flight; at least one pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spline {
     knots: Vec<Knot>,
+    /// Whether roll is interpolated by itself.
+    has_own_roll: bool,
 }
 
 impl Spline {
@@ -65,6 +77,8 @@ impl Spline {
                 attitude: attitude_from_pose(&key.pose),
                 velocity: DVec3::ZERO,
                 spin: DVec3::ZERO,
+                roll: key.pose.roll_rad,
+                roll_speed: 0.0,
                 hop_m: key.hop_m,
             })
             .collect();
@@ -73,6 +87,7 @@ impl Spline {
             if knots[i].attitude.dot(knots[i - 1].attitude) < 0.0 {
                 knots[i].attitude = -knots[i].attitude;
             }
+            knots[i].roll = knots[i - 1].roll + turn_between(knots[i - 1].roll, knots[i].roll);
         }
         for i in 0..knots.len() {
             if keys[i].is_stop {
@@ -80,21 +95,30 @@ impl Spline {
             }
             let before = i.checked_sub(1).map(|j| slope(&knots[j], &knots[i]));
             let after = knots.get(i + 1).map(|next| slope(&knots[i], next));
-            let (velocity, spin) = match (before, after) {
+            let (velocity, spin, roll_speed) = match (before, after) {
                 (Some(a), Some(b)) => {
                     let weight = a.seconds / (a.seconds + b.seconds);
                     // Beside a fast piece a slow one would swing far out, and one that stands still would move.
                     let fastest = 3.0 * a.velocity.length().min(b.velocity.length());
                     let velocity = a.velocity.lerp(b.velocity, weight).clamp_length_max(fastest);
-                    (velocity, a.spin.lerp(b.spin, weight).clamp_length_max(a.fastest_spin().min(b.fastest_spin())))
+                    let spin = a.spin.lerp(b.spin, weight).clamp_length_max(a.fastest_spin().min(b.fastest_spin()));
+                    let fastest_roll = 3.0 * a.roll_speed.abs().min(b.roll_speed.abs());
+                    let roll_speed = a.roll_speed + (b.roll_speed - a.roll_speed) * weight;
+                    (velocity, spin, roll_speed.clamp(-fastest_roll, fastest_roll))
                 }
-                (Some(only), None) | (None, Some(only)) => (only.velocity, only.spin),
-                (None, None) => (DVec3::ZERO, DVec3::ZERO),
+                (Some(only), None) | (None, Some(only)) => (only.velocity, only.spin, only.roll_speed),
+                (None, None) => (DVec3::ZERO, DVec3::ZERO, 0.0),
             };
             knots[i].velocity = velocity;
             knots[i].spin = spin;
+            knots[i].roll_speed = roll_speed;
         }
-        Some(Self { knots })
+        let is_flat = keys.iter().all(|key| key.pose.pitch_rad.abs() <= STEEPEST_LEVEL_RAD);
+        let has_own_roll = is_flat
+            && keys
+                .windows(2)
+                .all(|pair| turn_between(pair[0].pose.heading_rad, pair[1].pose.heading_rad).abs() <= WIDEST_LEVEL_RAD);
+        Some(Self { knots, has_own_roll })
     }
 
     /// Its first moment.
@@ -115,8 +139,8 @@ impl Spline {
         let after = self.knots.partition_point(|knot| knot.t <= t);
         let (a, b) = match (after.checked_sub(1), self.knots.get(after)) {
             (Some(i), Some(next)) => (&self.knots[i], next),
-            (Some(i), None) => return pose_from_attitude(self.knots[i].position, self.knots[i].attitude),
-            (None, _) => return pose_from_attitude(self.knots[0].position, self.knots[0].attitude),
+            (Some(i), None) => return self.pose_at(&self.knots[i]),
+            (None, _) => return self.pose_at(&self.knots[0]),
         };
         let h = b.t - a.t;
         let s = (t - a.t) / h;
@@ -127,17 +151,33 @@ impl Spline {
             + step * (3.0 * s2 - 2.0 * s3)
             + a.velocity * (h * (s3 - 2.0 * s2 + s))
             + b.velocity * (h * (s3 - s2));
-        position.z += a.hop_m * (std::f64::consts::PI * s).sin().powi(2);
+        position.z += a.hop_m * (PI * s).sin().powi(2);
         let first = a.attitude * DQuat::from_scaled_axis(a.spin * (h / 3.0));
         let second = b.attitude * DQuat::from_scaled_axis(b.spin * (-h / 3.0));
-        pose_from_attitude(position, bezier(a.attitude, first, second, b.attitude, s))
+        let pose = pose_from_attitude(position, bezier(a.attitude, first, second, b.attitude, s));
+        let roll_rad = a.roll
+            + (b.roll - a.roll) * (3.0 * s2 - 2.0 * s3)
+            + a.roll_speed * (h * (s3 - 2.0 * s2 + s))
+            + b.roll_speed * (h * (s3 - s2));
+        if self.has_own_roll { Pose { roll_rad, ..pose } } else { pose }
     }
+
+    fn pose_at(&self, knot: &Knot) -> Pose {
+        let pose = pose_from_attitude(knot.position, knot.attitude);
+        if self.has_own_roll { Pose { roll_rad: knot.roll, ..pose } } else { pose }
+    }
+}
+
+/// The shorter turn from one angle to another, radians.
+fn turn_between(from: f64, to: f64) -> f64 {
+    (to - from + PI).rem_euclid(2.0 * PI) - PI
 }
 
 struct Slope {
     seconds: f64,
     velocity: DVec3,
     spin: DVec3,
+    roll_speed: f64,
 }
 
 impl Slope {
@@ -145,7 +185,7 @@ impl Slope {
     /// around it, where the shorter arc jumps to the other side; and which would swing out more than half the turn.
     fn fastest_spin(&self) -> f64 {
         let turn = self.spin.length() * self.seconds;
-        (0.5 * turn).min(0.45 * (std::f64::consts::PI - turn)).max(0.0) * 3.0 / self.seconds
+        (0.5 * turn).min(0.45 * (PI - turn)).max(0.0) * 3.0 / self.seconds
     }
 }
 
@@ -153,7 +193,12 @@ fn slope(a: &Knot, b: &Knot) -> Slope {
     let seconds = b.t - a.t;
     // The axis of a rotation is the same before and after it, so this vector serves the frames of both ends.
     let turn = (a.attitude.inverse() * b.attitude).normalize();
-    Slope { seconds, velocity: (b.position - a.position) / seconds, spin: turn.to_scaled_axis() / seconds }
+    Slope {
+        seconds,
+        velocity: (b.position - a.position) / seconds,
+        spin: turn.to_scaled_axis() / seconds,
+        roll_speed: (b.roll - a.roll) / seconds,
+    }
 }
 
 /// De Casteljau's construction on the sphere.
@@ -233,6 +278,21 @@ mod tests {
         let middle = spline.unwrap().pose(0.5);
         assert!(middle.heading_rad.abs() < 1e-9, "{middle:?}");
         assert!((middle.pitch_rad + 20f64.to_radians()).abs() < 1e-9 && middle.roll_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_horizon_stays_level_between_level_poses_however_they_look() {
+        let three = [
+            (0.0, pose(0.0, 0.0, -10.0, 0.0)),
+            (3.0, pose(9.0, 90.0, -40.0, 0.0)),
+            (6.0, pose(5.0, 180.0, -10.0, 0.0)),
+        ];
+        let spline = Spline::new(&keys(&three)).unwrap();
+        assert!((0..=600).all(|n| spline.pose(f64::from(n) * 0.01).roll_rad.abs() < 1e-12));
+        // Roll goes the short way, by itself.
+        let rolled = [(0.0, pose(0.0, 0.0, -10.0, 170.0)), (1.0, pose(9.0, 50.0, -40.0, -170.0))];
+        let middle = Spline::new(&keys(&rolled)).unwrap().pose(0.5);
+        assert!((middle.roll_rad.to_degrees() - 180.0).abs() < 1e-9, "{middle:?}");
     }
 
     #[test]

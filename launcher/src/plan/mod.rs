@@ -211,7 +211,16 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
         return Err(Failure::bad_input(anyhow!("-o {}: expected a PNG file, e.g. a.png", args.output.display())));
     }
+    let mut named: Vec<PathBuf> = Vec::new();
     let mut temporary = |path: &Path| -> Result<PathBuf, Failure> {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        if named.contains(&absolute) && !is_device {
+            return Err(Failure::bad_input(anyhow!(
+                "{} is asked for twice: every output needs its own file",
+                path.display()
+            )));
+        }
+        named.push(absolute);
         let file = TemporaryFile::create(path, &run).map_err(Failure::bad_input)?;
         let name = file.temporary().to_owned();
         draft.files.push(file);

@@ -74,11 +74,12 @@ impl Encoder {
     pub fn end(mut self) -> Result<(), String> {
         let is_success = self.child.wait().is_ok_and(|status| status.success());
         let words = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
-        if is_success {
-            return Ok(());
+        // It tells errors alone (-loglevel error), and ends with success when only the end of the file could not be written.
+        match words.lines().rev().find(|line| !line.trim().is_empty()) {
+            None if is_success => Ok(()),
+            None => Err("it ended without a word".to_owned()),
+            Some(line) => Err(line.trim().to_owned()),
         }
-        let line = words.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it ended without a word");
-        Err(line.trim().to_owned())
     }
 
     /// Ends it at once.

@@ -5,6 +5,7 @@ use super::relay::{Passage, Relay, StreamShape};
 use super::{StreamError, StreamTarget};
 use std::fs;
 use std::io::{self, PipeReader, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::channel;
@@ -144,6 +145,27 @@ fn targets_have_their_encodings() {
     assert_eq!(StreamTarget::Stdout.encoding(), FrameEncoding::Y4m);
     let film = StreamTarget::Film { path: "a.mp4".into(), temporary: ".a.part.mp4".into() };
     assert_eq!(film.encoding(), FrameEncoding::Raw);
+}
+
+/// What is left of an ffmpeg that could write all but the end of the file.
+#[test]
+fn an_encoder_that_complains_and_ends_with_success_has_failed() {
+    let folder = folder("complains");
+    let program = folder.join("ffmpeg");
+    let script = "#!/bin/sh\ncat > /dev/null\necho 'Error writing trailer: No space left on device' >&2\n";
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let started = loop {
+        match Encoder::start(&program, &folder.join("a.mp4"), [2, 2], 30.0) {
+            // Another test's fork holds the script open for writing for a moment.
+            Err(StreamError::StartEncoder { source }) if source.kind() == io::ErrorKind::ExecutableFileBusy => {}
+            started => break started,
+        }
+    };
+    let (encoder, input) = started.unwrap();
+    drop(input);
+    assert_eq!(encoder.end().unwrap_err(), "Error writing trailer: No space left on device");
+    fs::remove_dir_all(folder).unwrap();
 }
 
 fn folder(name: &str) -> PathBuf {
