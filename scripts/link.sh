@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # What prediction gains over a slow link: one fast flight (straight ahead, turns, a stop) against the clock over a database behind
-# 20 Mbit/s and 80 ms, with each prediction, each time from a cold cache. Prints a table and draws out/link/link.svg.
+# 20 Mbit/s and 80 ms, with each prediction, each time from a cold cache. Prints a table and a summary line, draws out/link/link.svg; the
+# whole fails when a target is missed.
 #
 #   scripts/link.sh           the whole: five minutes, on a machine that does nothing else
 #   scripts/link.sh --short   12 s each: that it runs, not how well
@@ -12,7 +13,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 arguments=(--size 640x360)
 case ${1:-} in
-  '') arguments+=(--world-size 4096) ;;
+  '') arguments+=(--world-size 4096 --strict) ;;
   --short) arguments+=(--seconds 12 --world-size 1024) ;;
   *)
     printf 'usage: scripts/link.sh [--short]\n' >&2

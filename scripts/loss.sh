@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Flies against the clock while a link loses 30 % of all requests, damages 5 %, delays 5 % by 5 s, and the server is gone for
 # 20 s; looks at every texel of every frame. Prints a summary line, and fails when a texel is wrong, when there is a hole, when
-# frames stop, or when the picture is not what it should be afterwards.
+# frames stop (in the whole: when less than 95 % are on time), or when the picture is not what it should be afterwards.
 #
 #   scripts/loss.sh           two minutes
 #   scripts/loss.sh --short   16 s, as the tests run it

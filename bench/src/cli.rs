@@ -10,7 +10,7 @@ use terravision_common::run::Prediction;
 /// Measures the stages, the queues between them, the whole pipeline, and ingest.
 ///
 /// Every figure that counts is a ratio of two things measured in the same run: times of a shared machine say little by
-/// themselves. Figures with a target get a verdict; a missed target never makes the program fail.
+/// themselves. Figures with a target get a verdict; a missed target makes the program fail with --strict alone.
 #[derive(Debug, Parser)]
 #[command(name = "terravision bench", version, max_term_width = 100)]
 pub struct Cli {
@@ -33,6 +33,8 @@ pub enum Verb {
     Queues,
     /// Ingest: megabytes of source pixels per second
     Ingest,
+    /// The same views over databases of 1, 16 and 256 times the area: whether a frame costs the same
+    Flat,
     /// A flight against the clock, with and without feedback, while a process takes a core away in the middle
     Realtime(RealtimeArgs),
     /// A fast flight over a database behind a slow link: what prediction gains
@@ -137,6 +139,9 @@ pub struct Options {
     /// Print one JSON object in place of a table
     #[arg(long, global = true)]
     pub json: bool,
+    /// End with exit code 1 when a target is missed
+    #[arg(long, global = true)]
+    pub strict: bool,
     /// Also draw plots (SVG) into this folder
     #[arg(short, long, global = true, value_name = "DIR")]
     pub output: Option<PathBuf>,

@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod cli;
+pub mod flat;
 pub mod flight;
 pub mod link;
 pub mod long_run;

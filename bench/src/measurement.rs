@@ -3,7 +3,8 @@
 use serde::Serialize;
 use std::fmt;
 
-/// A wish that a value is compared with. Missing it is told, never punished: a bench on a busy machine fails nobody.
+/// A wish that a value is compared with. Missing it is told; a bench fails for it only when that is asked for (`--strict`),
+/// since a busy machine is nobody's fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Target {
@@ -72,6 +73,17 @@ impl Measurement {
             Some(_) => "missed",
         }
     }
+}
+
+/// How many of the targets are met, and which are not, in a line; `None` without targets.
+#[must_use]
+pub fn summary(measurements: &[Measurement]) -> Option<(String, bool)> {
+    let of: Vec<&Measurement> = measurements.iter().filter(|m| m.target.is_some()).collect();
+    let missed: Vec<String> =
+        of.iter().filter(|m| m.verdict() == "missed").map(|m| format!("{} ({})", m.name, short(m.value))).collect();
+    let (all, met) = (of.len(), of.len() - missed.len());
+    let rest = if missed.is_empty() { String::new() } else { format!("; missed: {}", missed.join(", ")) };
+    (all > 0).then(|| (format!("{met} of {all} targets met{rest}"), missed.is_empty()))
 }
 
 /// A number with four digits that matter.

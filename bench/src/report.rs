@@ -3,13 +3,14 @@
 use crate::cli::{Options, Verb};
 use crate::flight::Flight;
 use crate::machine::Machine;
-use crate::measurement::{Measurement, table};
+use crate::measurement::{Measurement, summary, table};
 use crate::plot::{self, Curve};
 use crate::session::Settings;
-use crate::{link, long_run, queues, rays, realtime, stages, techniques, world};
+use crate::{flat, link, long_run, queues, rays, realtime, stages, techniques, world};
 use anyhow::Context;
 use serde_json::json;
 use std::io::Write;
+use std::path::PathBuf;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 /// What a verb found.
@@ -28,7 +29,7 @@ pub struct Found {
 /// Measures, then prints.
 ///
 /// # Errors
-/// When something could not be measured, or written.
+/// When something could not be measured, or written; with `--strict` when a target is missed.
 pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
     let machine = Machine::this();
     let mut found = Found::default();
@@ -39,6 +40,7 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         Some(Verb::Replay) => name == "replay",
         Some(Verb::Ingest) => name == "ingest",
         Some(Verb::Rays(_)) => name == "rays",
+        Some(Verb::Flat) => name == "flat",
         Some(Verb::Reader(_) | Verb::Realtime(_) | Verb::Link(_) | Verb::LongRun(_) | Verb::Load(_)) => false,
     };
     // Minutes long: only when it is asked for.
@@ -61,6 +63,10 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
         };
         rays::run(rounds, &mut found).context("rays")?;
         techniques::run(&settings(options)?, options, &mut found).context("mesh and rays")?;
+    }
+    if wants("flat") {
+        // It flies over worlds of its own.
+        flat::run(&settings_over(PathBuf::new(), options), options, &mut found).context("flat cost")?;
     }
     if wants("stages") || wants("replay") {
         let settings = settings(options)?;
@@ -90,13 +96,21 @@ pub fn run(verb: Option<&Verb>, options: &Options) -> anyhow::Result<()> {
     if wants("ingest") {
         world::ingest(options, &mut found).context("ingest")?;
     }
-    print(&machine, &found, options)
+    print(&machine, &found, options)?;
+    match summary(&found.measurements) {
+        Some((line, false)) if options.strict => anyhow::bail!("{line}"),
+        _ => Ok(()),
+    }
 }
 
 /// How the benches fly.
 fn settings(options: &Options) -> anyhow::Result<Settings> {
-    Ok(Settings {
-        world: world::database(options)?,
+    Ok(settings_over(world::database(options)?, options))
+}
+
+fn settings_over(world: PathBuf, options: &Options) -> Settings {
+    Settings {
+        world,
         size: options.size,
         memory_bytes: options.memory_mib << 20,
         r_px: [options.facet_px, options.texel_px],
@@ -104,7 +118,7 @@ fn settings(options: &Options) -> anyhow::Result<Settings> {
         measure: options.measure,
         technique: TechniqueChoice::Mesh,
         rays: RaysChoice::Mipmap,
-    })
+    }
 }
 
 fn print(machine: &Machine, found: &Found, options: &Options) -> anyhow::Result<()> {
@@ -129,6 +143,9 @@ fn print(machine: &Machine, found: &Found, options: &Options) -> anyhow::Result<
             writeln!(out, "{name}: {value}")?;
         }
         write!(out, "\n{}", table(&found.measurements))?;
+        if let Some((line, _)) = summary(&found.measurements) {
+            writeln!(out, "\n{line}")?;
+        }
     }
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;

@@ -25,17 +25,42 @@ pub fn database(options: &Options) -> anyhow::Result<PathBuf> {
     Ok(database)
 }
 
-/// Folder with `dem.tif` and `ortho.tif`.
-fn synthetic(size: u32) -> anyhow::Result<PathBuf> {
+/// Where worlds of benches are kept.
+fn cache() -> PathBuf {
     let cache = std::env::var_os("XDG_CACHE_HOME")
         .map(PathBuf::from)
         .or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))
         .unwrap_or_else(std::env::temp_dir);
-    let folder = cache.join("terravision/bench").join(format!("synth-{size}"));
+    cache.join("terravision/bench")
+}
+
+/// Nodes of the finest level along the side of a sparse world's detailed square.
+const DETAILED_NODES: &str = "64";
+
+/// A detailed square in a plain; the side of the whole is doubled so often.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn sparse(doublings: u8) -> anyhow::Result<PathBuf> {
+    let folder = cache().join(format!("sparse-{DETAILED_NODES}-{doublings}.tv"));
+    if !folder.join("manifest.json").exists() {
+        std::fs::create_dir_all(cache()).context("cannot make the cache folder")?;
+        let doublings = doublings.to_string();
+        let [verb, nodes, count, doubled, out] = ["sparse", "--detailed-nodes", DETAILED_NODES, "--doublings", "-o"];
+        let words = [verb, nodes, count, doubled, &doublings, out].map(AsRef::<std::ffi::OsStr>::as_ref);
+        ingest_program(&[&words[..], &[folder.as_os_str()]].concat())?;
+    }
+    Ok(folder)
+}
+
+/// Folder with `dem.tif` and `ortho.tif`.
+fn synthetic(size: u32) -> anyhow::Result<PathBuf> {
+    let folder = cache().join(format!("synth-{size}"));
     if !(folder.join("dem.tif").exists() && folder.join("ortho.tif").exists()) {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
         let size = size.to_string();
-        ingest_program(&["synth".as_ref(), "--size".as_ref(), size.as_ref(), "-o".as_ref(), folder.as_os_str()])?;
+        let words = ["synth", "--overwrite", "--size", &size, "-o"].map(AsRef::<std::ffi::OsStr>::as_ref);
+        ingest_program(&[&words[..], &[folder.as_os_str()]].concat())?;
     }
     Ok(folder)
 }

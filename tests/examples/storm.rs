@@ -28,7 +28,7 @@ fn main() -> ExitCode {
         let seconds = if is_short { 12.0 } else { 180.0 };
         let report = DeathStorm { seconds, every: Duration::from_secs(2), seed: 1 }.fly(&world);
         println!("storm of death, {seconds} s: {report}");
-        faults.extend(report.faults());
+        faults.extend(if is_short { report.faults() } else { report.faults_on_an_idle_machine() });
     }
     if matches!(name, "bytes" | "all") {
         let (rounds, seconds) = if is_short { (5, 1.5) } else { (45, 4.0) };

@@ -86,6 +86,9 @@ fn a_camera_that_rests_gets_no_coarser_picture_than_one_that_moves() {
     };
     let report = fly(&["--rest-facet-px", "4"]);
     check(&report, FRAMES, [4.0, 40.0]);
+    // It refines step by step; a machine that has no time at all for it at this size would have other troubles.
+    let r_z = numbers(&report, "r_z_px");
+    assert!(r_z[r_z.len() - 1] < 9.0 && r_z[0] >= 9.99, "{r_z:?}");
     // Without feedback nothing changes.
     let report = fly(&["--feedback", "off", "--frames", "0..20"]);
     check(&report, 20, [10.0, 10.0]);

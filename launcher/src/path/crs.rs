@@ -31,8 +31,8 @@ pub enum CrsError {
         /// Name of the world's CRS.
         world: String,
     },
-    /// The world's PROJ string is wrong.
-    #[error("the world's PROJ string {text:?} is not understood: {source}")]
+    /// The world's PROJ string is wrong, or needs what is not here: grids of a datum.
+    #[error("the world's PROJ string {text:?} is not understood ({source}); give the path in the world's own CRS")]
     BadWorldCrs {
         /// The string.
         text: String,
@@ -61,14 +61,14 @@ pub enum CrsError {
 pub struct Georeference {
     name: String,
     epsg: Option<u32>,
-    /// The PROJ string, or the EPSG code in its place, and what it means.
-    proj: Option<(String, Proj)>,
+    /// The PROJ string. Whether it is understood matters only to paths in another CRS: that of a datum with grids (NAD27) is not.
+    proj4: Option<String>,
 }
 
 impl fmt::Debug for Georeference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let proj = self.proj.as_ref().map(|(text, _)| text);
-        f.debug_struct("Georeference").field("name", &self.name).field("epsg", &self.epsg).field("proj", &proj).finish()
+        let Self { name, epsg, proj4 } = self;
+        f.debug_struct("Georeference").field("name", name).field("epsg", epsg).field("proj4", proj4).finish()
     }
 }
 
@@ -88,19 +88,21 @@ impl fmt::Debug for Transform {
 
 impl Georeference {
     /// The CRS of that name, given by a PROJ string or an EPSG code; without both no other CRS can be brought into it.
-    ///
-    /// # Errors
-    /// [`CrsError::BadWorldCrs`] when the PROJ string is not understood.
-    pub fn new(name: String, epsg: Option<u32>, proj4: Option<&str>) -> Result<Self, CrsError> {
-        let proj = match (proj4, epsg) {
+    #[must_use]
+    pub fn new(name: String, epsg: Option<u32>, proj4: Option<&str>) -> Self {
+        Self { name, epsg, proj4: proj4.map(str::to_owned) }
+    }
+
+    /// What it means; `None` when nothing tells.
+    fn proj(&self) -> Result<Option<Proj>, CrsError> {
+        match (&self.proj4, self.epsg) {
             (Some(text), _) => {
-                let bad = |source| CrsError::BadWorldCrs { text: text.to_owned(), source };
-                Some((text.to_owned(), Proj::from_proj_string(text).map_err(bad)?))
+                let bad = |source| CrsError::BadWorldCrs { text: text.clone(), source };
+                Proj::from_proj_string(text).map(Some).map_err(bad)
             }
-            (None, Some(epsg)) => proj_from_epsg(epsg).map(|proj| (format!("EPSG:{epsg}"), proj)),
-            (None, None) => None,
-        };
-        Ok(Self { name, epsg, proj })
+            (None, Some(epsg)) => Ok(proj_from_epsg(epsg)),
+            (None, None) => Ok(None),
+        }
     }
 
     /// Name of the CRS, for messages.
@@ -112,11 +114,10 @@ impl Georeference {
     /// From longitude and latitude in degrees: WGS 84 on Earth, the body's own ellipsoid elsewhere.
     ///
     /// # Errors
-    /// [`CrsError::NoWorldCrs`].
+    /// [`CrsError::NoWorldCrs`] or [`CrsError::BadWorldCrs`].
     pub fn from_lonlat(&self) -> Result<Transform, CrsError> {
         let name = "longitude and latitude";
-        let text = self.proj.as_ref().map_or("", |(text, _)| text.as_str());
-        let lonlat = lonlat_of_body(text);
+        let lonlat = lonlat_of_body(self.proj4.as_deref().unwrap_or_default());
         let from = Proj::from_proj_string(&lonlat);
         self.transform_from(name, from.map_err(|source| CrsError::BadWorldCrs { text: lonlat, source })?)
     }
@@ -124,10 +125,10 @@ impl Georeference {
     /// From a CRS that a path names; `None` when it is the world's own.
     ///
     /// # Errors
-    /// [`CrsError::Unknown`] or [`CrsError::NoWorldCrs`].
+    /// [`CrsError::Unknown`], [`CrsError::NoWorldCrs`] or [`CrsError::BadWorldCrs`].
     pub fn from_crs(&self, crs: &str) -> Result<Option<Transform>, CrsError> {
         let unknown = || CrsError::Unknown { found: super::shorten(crs), world: self.name.clone() };
-        if crs.trim() == self.name || self.proj.as_ref().is_some_and(|(text, _)| text == crs.trim()) {
+        if crs.trim() == self.name || self.proj4.as_deref() == Some(crs.trim()) {
             return Ok(None);
         }
         let from = if let Some(epsg) = epsg_code(crs) {
@@ -148,8 +149,8 @@ impl Georeference {
 
     fn transform_from(&self, from_name: &str, from: Proj) -> Result<Transform, CrsError> {
         let from_name = super::shorten(from_name);
-        match &self.proj {
-            Some((_, to)) => Ok(Transform { from_name, from, to_name: self.name.clone(), to: to.clone() }),
+        match self.proj()? {
+            Some(to) => Ok(Transform { from_name, from, to_name: self.name.clone(), to }),
             None => Err(CrsError::NoWorldCrs { found: from_name, world: self.name.clone() }),
         }
     }
@@ -235,7 +236,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn utm10() -> Georeference {
-        Georeference::new("WGS 84 / UTM zone 10N".into(), Some(32610), None).unwrap()
+        Georeference::new("WGS 84 / UTM zone 10N".into(), Some(32610), None)
     }
 
     #[test]
@@ -263,7 +264,7 @@ mod tests {
         }
         let zone11 = world.from_crs("EPSG:32611").unwrap().unwrap();
         let lonlat = world.from_lonlat().unwrap();
-        let there = Georeference::new("11".into(), Some(32611), None).unwrap().from_lonlat().unwrap();
+        let there = Georeference::new("11".into(), Some(32611), None).from_lonlat().unwrap();
         let p11 = there.position(-120.0, 40.0).unwrap();
         assert!((zone11.position(p11.x, p11.y).unwrap() - lonlat.position(-120.0, 40.0).unwrap()).length() < 1e-3);
     }
@@ -271,7 +272,7 @@ mod tests {
     #[test]
     fn another_body_has_its_own_longitudes() {
         let text = "+proj=eqc +lat_ts=0 +lat_0=0 +lon_0=137 +x_0=0 +y_0=0 +R=3396190 +units=m +no_defs";
-        let mars = Georeference::new("Mars".into(), None, Some(text)).unwrap();
+        let mars = Georeference::new("Mars".into(), None, Some(text));
         let point = mars.from_lonlat().unwrap().position(138.0, -1.0).unwrap();
         let degree_m = 3_396_190.0 * std::f64::consts::PI / 180.0;
         assert!((point - DVec2::new(degree_m, -degree_m)).length() < 0.01, "{point}");
@@ -279,13 +280,19 @@ mod tests {
 
     #[test]
     fn what_cannot_be_transformed_is_said_in_a_sentence() {
-        let nameless = Georeference::new("local grid".into(), None, None).unwrap();
+        let nameless = Georeference::new("local grid".into(), None, None);
         assert!(nameless.from_lonlat().unwrap_err().to_string().contains("has no PROJ string"));
         for crs in ["EPSG:1", "EPSG:99999999999", "EPSG:", "mars", "+proj=nonsense", ""] {
             assert!(utm10().from_crs(crs).unwrap_err().to_string().contains("not known here"), "{crs}");
         }
         assert!(utm10().from_lonlat().unwrap().position(10.0, 95.0).is_err());
-        assert!(Georeference::new("x".into(), None, Some("+proj=rubbish")).is_err());
+        assert!(Georeference::new("x".into(), None, Some("+proj=rubbish")).from_lonlat().is_err());
+        // A datum whose grids are not here is no obstacle to a path in the world's own CRS.
+        let nad27 =
+            Georeference::new("NAD27 / UTM zone 10N".into(), Some(26710), Some("+proj=utm +zone=10 +datum=NAD27"));
+        assert!(nad27.from_crs("EPSG:26710").unwrap().is_none());
+        let message = nad27.from_crs("EPSG:32610").unwrap_err().to_string();
+        assert!(message.contains("the world's own CRS"), "{message}");
     }
 
     proptest! {
@@ -293,7 +300,7 @@ mod tests {
         fn foreign_positions_never_panic(x in proptest::num::f64::ANY, y in proptest::num::f64::ANY, crs in "\\PC{0,30}") {
             drop(utm10().from_lonlat().unwrap().position(x, y));
             drop(utm10().from_crs(&crs));
-            drop(Georeference::new(String::new(), None, Some(&crs)));
+            drop(Georeference::new(String::new(), None, Some(&crs)).from_lonlat());
         }
     }
 }

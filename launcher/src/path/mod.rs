@@ -314,7 +314,7 @@ pub(crate) mod tests {
     }
 
     pub(crate) fn utm10() -> Georeference {
-        Georeference::new("WGS 84 / UTM zone 10N".into(), Some(32610), None).unwrap()
+        Georeference::new("WGS 84 / UTM zone 10N".into(), Some(32610), None)
     }
 
     pub(crate) fn parse_text(text: &str) -> Result<CameraPath, PathError> {

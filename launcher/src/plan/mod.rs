@@ -87,12 +87,10 @@ pub struct FlightPlan {
 }
 
 /// The CRS of a world, for paths in other coordinates.
-///
-/// # Errors
-/// Bad input: the manifest's PROJ string is wrong.
-pub fn georeference(database: &Store) -> Result<Georeference, Failure> {
+#[must_use]
+pub fn georeference(database: &Store) -> Georeference {
     let crs = &database.manifest().crs;
-    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).map_err(Failure::bad_input)
+    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref())
 }
 
 /// The path that `--path` means.
@@ -108,7 +106,7 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
         return Ok(orbit::orbit(&ground.extent(), &ground));
     }
     let ground = WorldGround::finest(database, world, exaggeration);
-    path::load(&args.path, &georeference(database)?, &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
+    path::load(&args.path, &georeference(database), &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
 }
 
 /// The plan of `terravision fly`.

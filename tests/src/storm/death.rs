@@ -3,7 +3,7 @@
 use super::{FPS, Random, SKY, crash_in, flight, run_of};
 use crate::folder::TestFolder;
 use crate::live::{left_of, reader, shared_name};
-use crate::process::{Running, is_alive, segments_of_launcher, signal_process};
+use crate::process::{Running, is_alive, pss_kib, segments_of_launcher, signal_process};
 use crate::worlds::TestWorld;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -50,8 +50,8 @@ pub struct DeathReport {
     pub loaded_twice: u64,
     /// Files that the launcher had open after the first second, and after the storm.
     pub open_files: [usize; 2],
-    /// Resident memory of the launcher then, KiB.
-    pub launcher_kib: [u64; 2],
+    /// Memory of all processes of the flight then, proportional sets, KiB.
+    pub memory_kib: [u64; 2],
     /// Exit code of the launcher.
     pub code: Option<i32>,
     /// Segments and frame rings that are left.
@@ -88,6 +88,21 @@ impl DeathReport {
         check(self.crash.is_none(), format!("a crash: {:?}", self.crash));
         faults
     }
+
+    /// What does not hold that must where nothing else uses the cores: besides [`DeathReport::faults`], no picture is missing for a
+    /// second, and memory is where it began (tiles that came meanwhile, and the longer report, are allowed an eighth).
+    #[must_use]
+    pub fn faults_on_an_idle_machine(&self) -> Vec<String> {
+        let mut faults = self.faults();
+        if self.longest_gap > Duration::from_secs(1) {
+            faults.push(format!("{:.0} ms without a new picture", self.longest_gap.as_secs_f64() * 1e3));
+        }
+        let [before, after] = self.memory_kib;
+        if before == 0 || after > before + before / 8 {
+            faults.push(format!("memory of all processes grew from {before} to {after} KiB"));
+        }
+        faults
+    }
 }
 
 impl fmt::Display for DeathReport {
@@ -97,7 +112,7 @@ impl fmt::Display for DeathReport {
         write!(
             f,
             "{} kills ({}), {} restarts, {} frames seen, {} back, {} torn; longest gap {:.0} ms (after the {}; {:.0} ms \
-             without kills); {} segments and {} processes left; launcher: {} to {} open files, {} to {} KiB",
+             without kills); {} segments and {} processes left; open files of the launcher: {} to {}; memory of all: {} to {} MiB",
             self.kills.values().sum::<u32>(),
             kills.join(", "),
             self.restarts,
@@ -111,8 +126,8 @@ impl fmt::Display for DeathReport {
             self.processes_left,
             self.open_files[0],
             self.open_files[1],
-            self.launcher_kib[0],
-            self.launcher_kib[1],
+            self.memory_kib[0] >> 10,
+            self.memory_kib[1] >> 10,
         )
     }
 }
@@ -148,7 +163,8 @@ impl DeathStorm {
                 if watch.victim.is_empty() || is_over {
                     let at = usize::from(is_over);
                     watch.report.open_files[at] = open_files(flight.pid());
-                    watch.report.launcher_kib[at] = resident_kib(flight.pid());
+                    let pids = std::iter::once(flight.pid()).chain(flight.children().into_iter().map(|(pid, _)| pid));
+                    watch.report.memory_kib[at] = pids.filter_map(pss_kib).sum();
                 }
                 watch.report.loaded_twice += u64::from(eyes.is_any_tile_loaded_twice());
                 next_kill = None;
@@ -197,12 +213,6 @@ fn stage_of(flight: &Running, stage: &str) -> Option<u32> {
 
 fn open_files(pid: u32) -> usize {
     std::fs::read_dir(format!("/proc/{pid}/fd")).map_or(0, Iterator::count)
-}
-
-fn resident_kib(pid: u32) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0)
 }
 
 /// Restarts in all, as the launcher's report tells.
