@@ -1,9 +1,9 @@
-//! What a flight may use: memory.
+//! What a flight, and an ingest, may use: memory.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
 use terravision_tests::folder::TestFolder;
-use terravision_tests::process::{Terravision, pss_kib};
+use terravision_tests::process::{Terravision, peak_kib, pss_kib};
 use terravision_tests::shot::read_report;
 use terravision_tests::worlds::synth_world;
 
@@ -42,6 +42,32 @@ fn all_processes_together_stay_within_the_memory_they_were_given() {
         assert!(peak > 20 << 10, "the processes were seen");
         assert!(peak * 1024 <= (memory_mib << 20) + 300_000_000, "{} KiB with --memory {memory_mib}MiB", peak);
     }
+}
+
+/// Ingest stays below its --memory, for rasters that are larger: 268 MB of samples here.
+#[test]
+fn ingest_stays_within_the_memory_it_was_given() {
+    const MEMORY_KIB: u64 = 256 << 10;
+    let world = synth_world(4096);
+    let folder = TestFolder::new("ingest-memory");
+    let mut running = Terravision::verb("ingest")
+        .arg("--elevation")
+        .arg(world.dem())
+        .arg("--color")
+        .arg(world.ortho())
+        .args(["--memory", "256MiB", "-o"])
+        .arg(folder.join("w.tv"))
+        .spawn();
+    let mut peak = 0;
+    // The largest resident set that the process ever had; the last look is one at its end.
+    while !running.has_ended() {
+        peak = peak.max(peak_kib(running.pid()).unwrap_or(0));
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    running.wait().assert_code(0);
+    println!("peak of {} MiB", peak >> 10);
+    assert!(peak > 20 << 10, "the process was seen");
+    assert!(peak <= MEMORY_KIB, "{peak} KiB with --memory 256MiB");
 }
 
 /// A frame that can never fit is refused with what it would take, and the exit code of bad input.

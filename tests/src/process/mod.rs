@@ -5,7 +5,7 @@ mod proc_fs;
 mod running;
 
 pub use binaries::binary;
-pub use proc_fs::{children_of, is_alive, loopback_port, pss_kib, segments_of_launcher, segments_of_tests};
+pub use proc_fs::{children_of, is_alive, loopback_port, peak_kib, pss_kib, segments_of_launcher, segments_of_tests};
 pub use running::{Finished, Running, signal_process};
 
 use std::ffi::{OsStr, OsString};

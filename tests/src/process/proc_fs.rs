@@ -46,6 +46,13 @@ pub fn pss_kib(pid: u32) -> Option<u64> {
     text.lines().find_map(|line| line.strip_prefix("Pss:")?.trim().strip_suffix(" kB")?.trim().parse().ok())
 }
 
+/// Largest resident set that a process has had, KiB; `None` when it is gone.
+#[must_use]
+pub fn peak_kib(pid: u32) -> Option<u64> {
+    let text = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.trim().parse().ok())
+}
+
 /// Names in /dev/shm of the run whose launcher has (or had) this process id.
 #[must_use]
 pub fn segments_of_launcher(pid: u32) -> Vec<String> {
