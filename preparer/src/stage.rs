@@ -208,12 +208,14 @@ impl<L: TileLoader> Preparer<L> {
         let maker = control.generation_of(Stage::Preparer);
         // Of a frame that could not be made.
         self.slots.clear();
-        let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker };
+        let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
         let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
         let counts = made.map_err(|source| PreparerError::Frame { frame, source })?;
+        let waited_nanos = output.waited_nanos;
         drop(half);
-        let finished = events.span(control, SpanName::Prepare, frame, settled);
-        control.set_prepare_nanos(finished.saturating_sub(started));
+        // Room in the rings is the renderer's to give.
+        let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
+        control.set_prepare_nanos(finished.saturating_sub(started + waited_nanos));
         if is_realtime {
             let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
@@ -274,6 +276,8 @@ struct Rings<'a> {
     slots: &'a mut Vec<Slot>,
     sequence: u64,
     maker: u64,
+    /// Time without room in one of them.
+    waited_nanos: u64,
 }
 
 impl FrameOutput for Rings<'_> {
@@ -281,6 +285,9 @@ impl FrameOutput for Rings<'_> {
         if !self.elevation.has_room().map_err(WaitError::from)? {
             // Arrays that a killed preparer or renderer has left are given back when the frame's marker is seen.
             self.finish()?;
+            let started = monotonic_nanos();
+            drop(self.elevation.begin(self.control)?);
+            self.waited_nanos += monotonic_nanos() - started;
         }
         let mut array = self.elevation.begin(self.control)?;
         fill(array.values_mut())?;
@@ -306,7 +313,7 @@ impl FrameOutput for Rings<'_> {
     }
 
     fn finish(&mut self) -> Result<(), FrameError> {
-        self.ring.push_all(self.slots, self.control)?;
+        self.waited_nanos += self.ring.push_all(self.slots, self.control)?;
         self.slots.clear();
         Ok(())
     }

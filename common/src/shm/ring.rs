@@ -12,6 +12,7 @@ use super::region::SharedWords;
 use super::ring_core::{Items, ReadEnd, WriteEnd};
 use super::run_id::RunId;
 use super::segments::open_segment;
+use crate::event::monotonic_nanos;
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -108,27 +109,32 @@ impl<T: Pod> Producer<T> {
     /// # Errors
     /// The run ended, or the reader wrote what cannot be.
     pub fn push(&mut self, item: &T, control: &Control) -> Result<(), WaitError> {
-        self.push_all(std::slice::from_ref(item), control)
+        self.push_all(std::slice::from_ref(item), control).map(drop)
     }
 
     /// Puts items in, in order; waits while the ring is full. What fits becomes visible together, with one look at the
-    /// reader and at most one wake: this is how to push a frame.
+    /// reader and at most one wake: this is how to push a frame. How long it waited, nanoseconds.
     ///
     /// # Errors
     /// The run ended (some of the items may be in), or the reader wrote what cannot be.
-    pub fn push_all(&mut self, items: &[T], control: &Control) -> Result<(), WaitError> {
+    pub fn push_all(&mut self, items: &[T], control: &Control) -> Result<u64, WaitError> {
         let end = &mut self.end;
         let segment = Arc::clone(&end.items.segment);
         let positions: &Positions = segment.words();
-        let mut rest = items;
+        let (mut rest, mut waited_nanos) = (items, 0);
         while !rest.is_empty() {
-            let count = control.wait_for(positions.writable(), self.reader, || {
-                let count = end.try_push_some(rest)?;
-                Ok((count > 0).then_some(count))
-            })?;
+            let mut count = end.try_push_some(rest).map_err(WaitError::from)?;
+            if count == 0 {
+                let started = monotonic_nanos();
+                count = control.wait_for(positions.writable(), self.reader, || {
+                    let count = end.try_push_some(rest)?;
+                    Ok((count > 0).then_some(count))
+                })?;
+                waited_nanos += monotonic_nanos() - started;
+            }
             rest = rest.get(count..).unwrap_or_default();
         }
-        Ok(())
+        Ok(waited_nanos)
     }
 
     /// The item that was published last, by this producer or the one before it; `None` before the first.
