@@ -1,0 +1,64 @@
+//! Documents say what is there: ARCHITECTURE.md has a row for every crate and every segment and no others, links lead somewhere.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use terravision_common::shm::SegmentKind;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// What stands first in the rows of the first table behind a heading: the word between the first backquotes.
+fn rows(heading: &str) -> BTreeSet<String> {
+    let text = read("ARCHITECTURE.md");
+    let (_, section) = text.split_once(&format!("## {heading}\n")).unwrap_or_else(|| panic!("no section {heading}"));
+    let table = section.lines().skip_while(|line| !line.starts_with('|')).take_while(|line| line.starts_with('|'));
+    table.filter_map(|line| Some(line.strip_prefix("| `")?.split_once('`')?.0.to_owned())).collect()
+}
+
+#[test]
+fn every_crate_has_a_row_and_every_row_a_folder() {
+    let manifest = read("Cargo.toml");
+    let (_, members) = manifest.split_once("members = [").unwrap();
+    let (members, _) = members.split_once(']').unwrap();
+    let members: BTreeSet<String> = members.split(',').map(|name| name.trim().trim_matches('"').to_owned()).collect();
+    let rows = rows("Crates");
+    let missing: Vec<_> = members.difference(&rows).collect();
+    assert!(members.len() > 5 && missing.is_empty(), "crates without a row: {missing:?}");
+    let gone: Vec<_> = rows.iter().filter(|row| !root().join(row).is_dir()).collect();
+    assert!(gone.is_empty(), "rows without a folder: {gone:?}");
+}
+
+#[test]
+fn every_segment_has_a_row_and_every_row_a_segment() {
+    let segments: BTreeSet<String> = SegmentKind::ALL.iter().map(|kind| kind.name().to_owned()).collect();
+    assert_eq!(rows("Shared-memory segments"), segments);
+}
+
+/// The targets of links in Markdown.
+fn links(text: &str) -> impl Iterator<Item = &str> {
+    text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target)
+}
+
+#[test]
+fn links_within_the_project_lead_somewhere() {
+    let documents = std::fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    let top = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"].map(|name| root().join(name));
+    let mut looked_at = 0;
+    for document in documents.chain(top).filter(|path| path.extension().is_some_and(|e| e == "md")) {
+        let text = std::fs::read_to_string(&document).unwrap();
+        for link in links(&text).filter(|link| !link.contains("://") && !link.starts_with('#')) {
+            let path = link.split('#').next().unwrap();
+            let target = document.parent().unwrap().join(path);
+            assert!(target.exists(), "{}: {link} leads nowhere", document.display());
+            looked_at += 1;
+        }
+    }
+    assert!(looked_at > 20, "{looked_at} links");
+}
