@@ -1,7 +1,7 @@
 //! Pictures of a ground.
 
 use crate::cast::{Coherence, Counts, LineOptions};
-use crate::frame::{Frame, Placed, place};
+use crate::frame::{Frame, Placed, is_beside_world, place};
 use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
@@ -137,6 +137,7 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
+            has_undersides: is_beside_world(ground, &view),
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
