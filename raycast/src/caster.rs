@@ -112,8 +112,9 @@ impl Caster {
         self.lines.set(picture.size(), camera.roll_rad);
         let from_datum = (view.eye_in_world().z - ground.datum_m()) as f32;
         let voxel_m = ground.tiles().iter().map(|tile| tile.spacing_m).fold(f32::INFINITY, f32::min);
-        // No ground is further off than the furthest corner of its bounds.
-        let far = bounds.min.abs().max(bounds.max.abs()).length();
+        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        let [lowest, highest] = ground.range_m().map(|height| (height - from_datum).abs());
+        let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
         let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
         self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
         // Without voxels there are heights alone.
@@ -187,6 +188,11 @@ impl Caster {
                 }
             }
         })
+    }
+
+    /// The tiles of the ground that was drawn last.
+    pub(crate) fn placed(&self) -> &[Placed] {
+        &self.placed
     }
 
     /// Its threads.

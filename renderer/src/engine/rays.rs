@@ -5,7 +5,7 @@ use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::pixels::{Pixels, Raster};
 use crate::source::{FrameSource, SourceShape};
-use crate::technique::{BlockReader, NEAR_M};
+use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
@@ -31,6 +31,8 @@ pub struct RaysEngine {
     picture: Picture,
     /// Of each tile of the ground its colours; empty between frames, kept for its memory.
     layers: Vec<&'static [u8]>,
+    /// Of each tile the colour of its outline, where outlines are wanted.
+    outlines: Vec<u32>,
     finished: Option<Finished>,
     choice: Choice,
     options: EngineOptions,
@@ -97,9 +99,6 @@ impl RaysEngine {
     /// # Errors
     /// Something that rays cannot do is asked for, or the system gives no threads.
     pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
-        if options.has_tree_overlay {
-            return Err(EngineError::MeshOnly { what: "the leaves of the quad tree over the picture" });
-        }
         if options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
         }
@@ -116,6 +115,7 @@ impl RaysEngine {
             blocks: BlockReader::new(&world),
             picture: Picture::new(options.size),
             layers: Vec::with_capacity(4096),
+            outlines: Vec::with_capacity(4096),
             finished: None,
             choice: Choice::of(options.rays),
             options,
@@ -158,8 +158,21 @@ impl RaysEngine {
         pixels: Pixels,
     ) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
+        let prepared_nanos = self.cast(self.choice.method(), frame, source)?;
+        let pixels = self.hand_over(pixels);
+        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
+        if self.choice.learn(Duration::from_nanos(finished.finished_nanos - started_nanos)) {
+            for event in Event::text(EventKind::DriverName, self.choice.words()) {
+                source.event(&event);
+            }
+        }
+        self.finished = Some(finished);
+        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
+    }
+
+    /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
+    fn cast(&mut self, method: Method, frame: &Frame, source: &mut dyn FrameSource) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
-        let method = self.choice.method();
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
         ground.clear(frame.marker.camera.eye_in_world[2]);
         self.blocks.forget();
@@ -185,21 +198,18 @@ impl RaysEngine {
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
+        if self.options.has_tree_overlay {
+            self.outlines.clear();
+            self.outlines.extend(frame.tiles.iter().map(outline_of));
+            self.caster.outline(ground, &frame.marker.camera, &self.outlines, &self.picture);
+        }
         for (index, tile) in frame.tiles.iter().enumerate() {
             // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
             if source.color(tile.color_slot, tile.color_generation).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }
         }
-        let pixels = self.hand_over(pixels);
-        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
-        if self.choice.learn(Duration::from_nanos(finished.finished_nanos - started_nanos)) {
-            for event in Event::text(EventKind::DriverName, self.choice.words()) {
-                source.event(&event);
-            }
-        }
-        self.finished = Some(finished);
-        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
+        Ok(prepared_nanos)
     }
 
     /// Copies the picture to where sinks read it.
