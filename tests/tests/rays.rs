@@ -132,8 +132,12 @@ fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
 fn a_realtime_flight_of_rays_comes_to_its_end_and_says_how_it_was_cast() {
     let folder = TestFolder::new("rays-realtime");
     write_roll(&folder, 20);
-    fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
+    let finished = fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
     let report = read_report(&folder);
     assert_eq!((&report["technique"], &report["frames"]), (&"rays".into(), &20.into()), "{report}");
-    assert!(!report["driver"].as_str().unwrap().is_empty(), "{report}");
+    // What was chosen, or that nothing was, is said once.
+    let driver = report["driver"].as_str().unwrap();
+    assert!(driver.contains("tried on one frame") || driver.starts_with("not tried yet"), "{report}");
+    let told: Vec<&str> = finished.stderr.lines().filter(|line| line.contains("--rays auto")).collect();
+    assert!(told.len() == 1 && told[0].ends_with(driver), "{told:?}, {driver}");
 }
