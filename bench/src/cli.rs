@@ -12,7 +12,7 @@ use terravision_common::run::Prediction;
 /// Every figure that counts is a ratio of two things measured in the same run: times of a shared machine say little by
 /// themselves. Figures with a target get a verdict; a missed target makes the program fail with --strict alone.
 #[derive(Debug, Parser)]
-#[command(name = "terravision bench", version, max_term_width = 100)]
+#[command(name = "terravision bench", bin_name = "terravision bench", version, max_term_width = 100)]
 pub struct Cli {
     /// What to measure; everything when nothing is said
     #[command(subcommand)]
@@ -41,7 +41,7 @@ pub enum Verb {
     Link(LinkArgs),
     /// A long flight at random: whether memory and open files stay as they are
     LongRun(LongRunArgs),
-    /// Voxel ray casting in the set-up of its paper: coherence, roll, workers
+    /// Voxel ray casting in the set-up of its paper: coherence, roll, workers; and rays against the mesh, over the same frames
     Rays(RaysArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]

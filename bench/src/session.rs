@@ -191,8 +191,25 @@ impl Drop for Session {
     }
 }
 
-/// User and system time of a process from `/proc` (fields 14 and 15, in hundredths of a second on Linux).
+/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all of a stage's do; where it does not
+/// tell, hundredths of a second have to do, in which some machines count in steps of several.
 fn cpu_seconds(pid: u32) -> Option<f64> {
+    threads_cpu_seconds(pid).or_else(|| ticks_cpu_seconds(pid))
+}
+
+/// The first field of `/proc/PID/task/TID/schedstat`, of all threads (Documentation/scheduler/sched-stats.rst).
+fn threads_cpu_seconds(pid: u32) -> Option<f64> {
+    let mut nanos = 0.0;
+    for thread in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {
+        // One that ends meanwhile is none.
+        let Ok(text) = std::fs::read_to_string(thread.ok()?.path().join("schedstat")) else { continue };
+        nanos += text.split_whitespace().next()?.parse::<f64>().ok()?;
+    }
+    (nanos > 0.0).then_some(1e-9 * nanos)
+}
+
+/// User and system time from `/proc/PID/stat` (fields 14 and 15).
+fn ticks_cpu_seconds(pid: u32) -> Option<f64> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let fields: Vec<&str> = text[text.rfind(')')? + 1..].split_whitespace().collect();
     let ticks = |at: usize| fields.get(at)?.parse::<f64>().ok();

@@ -125,24 +125,29 @@ fn fly(
         let driving = scope.spawn(|| drive(&run, &control));
         let mut watch = || {
             let mut next_look = Instant::now();
-            while log.done_nanos.len() < total {
+            let mut rounds = 0;
+            loop {
                 for ring in &mut rings {
                     log.drain(ring)?;
                 }
-                std::thread::sleep(DRAINED_EVERY);
-                if Instant::now() < next_look {
-                    continue;
-                }
-                next_look += LOOKED_AFTER_EVERY;
-                session.check()?;
-                let ended = usize::from(log.done_nanos.len() >= round);
-                for cpu in &mut cpu[ended..] {
-                    for (cpu, stage) in cpu.iter_mut().zip(Stage::ALL) {
-                        *cpu = cpu.max(session.cpu_of(stage).0);
+                let done = log.done_nanos.len();
+                // At the end of a round at once: what comes later is the next one's, or after the last.
+                let is_end = done / round > rounds;
+                if is_end || Instant::now() >= next_look {
+                    next_look = Instant::now() + LOOKED_AFTER_EVERY;
+                    session.check()?;
+                    for cpu in &mut cpu[rounds.min(1)..] {
+                        for (cpu, stage) in cpu.iter_mut().zip(Stage::ALL) {
+                            *cpu = cpu.max(session.cpu_of(stage).0);
+                        }
                     }
                 }
+                rounds = done / round;
+                if done >= total {
+                    return anyhow::Ok(());
+                }
+                std::thread::sleep(DRAINED_EVERY);
             }
-            anyhow::Ok(())
         };
         let watched = watch();
         if watched.is_err() {

@@ -228,9 +228,12 @@ pub enum RaysChoice {
     Coherent,
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
-    /// By a GPU, if there is one; else whichever of the first two is faster during the first frames.
+    /// By a GPU, if there is one; else whichever of the first two is faster on one of the first frames.
     Auto,
 }
+
+/// How the renderer's words of what casts rays begin as long as [`RaysChoice::Auto`] has not been decided.
+pub const UNDECIDED_RAYS: &str = "not tried yet:";
 
 /// What other programs get.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

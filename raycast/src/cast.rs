@@ -51,6 +51,8 @@ pub struct Counts {
     pub steps_back: u64,
     /// Rays that met ground.
     pub hits: u64,
+    /// How often rays came under the ground's edge.
+    pub under: u64,
 }
 
 impl Add for Counts {
@@ -64,6 +66,7 @@ impl Add for Counts {
             doubted: self.doubted + other.doubted,
             steps_back: self.steps_back + other.steps_back,
             hits: self.hits + other.hits,
+            under: self.under + other.under,
         }
     }
 }
@@ -123,6 +126,17 @@ impl Frame<'_> {
         for pixel in pixels {
             counts.rays += 1;
             let ray = self.view.ray(pixel);
+            if self.has_undersides
+                && let Some(seen) = self.seen_from_under(&ray, &mut counts)
+            {
+                counts.hits += u64::from(seen.is_some());
+                let (color, depth) =
+                    seen.map_or((self.sky, f32::NAN), |(tile, s)| (self.shade(tile, &ray, s), s * ray.depth));
+                self.picture.put(pixel, color, depth);
+                known[next] = None;
+                next = (next + 1) % MOST_KNOWN;
+                continue;
+            }
             let entry = if is_beside { self.planes.at_or_after(self.entry(&ray)) } else { 0 };
             let below = self.ray_below(options, &ray, &known, next);
             let end = self.end_of(&ray);

@@ -1,7 +1,7 @@
 //! Pictures of a ground.
 
 use crate::cast::{Coherence, Counts, LineOptions};
-use crate::frame::{Frame, Placed, place};
+use crate::frame::{Frame, Placed, is_beside_world, place};
 use crate::ground::Ground;
 use crate::lines::Lines;
 use crate::picture::Picture;
@@ -14,9 +14,18 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
 
-/// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
-/// write to at once.
-const LINES_AT_A_TIME: usize = Strips::MOST;
+/// Neighbouring lines that one worker takes at a time, of so many that are left. Neighbours share facets and cache lines, so that many at
+/// once cost less; few at the end keep others from waiting for the last one: guided self-scheduling (Polychronopoulos and Kuck, 1987), for
+/// up to about sixteen workers. Not by how many there really are: neighbours of a block share footprints, and the picture must
+/// not depend on workers. The paper's interleave, worked out beforehand, lets all wait for a core that something else uses as well.
+fn lines_at_a_time(left: usize) -> usize {
+    (left / SHARES).clamp(FEWEST_LINES, Strips::MOST).min(left)
+}
+
+/// Parts of what is left, one of which is taken.
+const SHARES: usize = 16;
+/// Fewest lines at a time: 4 pixels of 8 bytes, half a cache line.
+const FEWEST_LINES: usize = 4;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -112,8 +121,9 @@ impl Caster {
         self.lines.set(picture.size(), camera.roll_rad);
         let from_datum = (view.eye_in_world().z - ground.datum_m()) as f32;
         let voxel_m = ground.tiles().iter().map(|tile| tile.spacing_m).fold(f32::INFINITY, f32::min);
-        // No ground is further off than the furthest corner of its bounds.
-        let far = bounds.min.abs().max(bounds.max.abs()).length();
+        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        let [lowest, highest] = ground.range_m().map(|height| (height - from_datum).abs());
+        let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
         let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
         self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
         // Without voxels there are heights alone.
@@ -137,6 +147,7 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
+            has_undersides: is_beside_world(ground, &view),
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
@@ -161,11 +172,10 @@ impl Caster {
             }
             loop {
                 // Whoever is free takes the next lines; which ones it gets shows nowhere.
-                let first = next.fetch_add(LINES_AT_A_TIME, Ordering::Relaxed);
-                if first >= lines.count() {
-                    return counts;
-                }
-                let block = first..lines.count().min(first + LINES_AT_A_TIME);
+                let after = |first: usize| first + lines_at_a_time(lines.count() - first);
+                let take = |first: usize| (first < lines.count()).then(|| after(first));
+                let Ok(first) = next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) else { return counts };
+                let block = first..after(first);
                 if is_exact {
                     strips.begin();
                     let count = block.len();
@@ -188,9 +198,36 @@ impl Caster {
         })
     }
 
+    /// The tiles of the ground that was drawn last.
+    pub(crate) fn placed(&self) -> &[Placed] {
+        &self.placed
+    }
+
     /// Its threads.
     #[must_use]
     pub fn workers(&self) -> &Workers {
         &self.workers
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_worker_of_sixteen_waits_long_for_the_last() {
+        for lines in [1, 3, 500, 1280, 3840] {
+            // Each line takes as long as any other; whoever is free first takes the next block.
+            let mut busy_until = [0usize; 16];
+            let mut first = 0;
+            while first < lines {
+                let count = lines_at_a_time(lines - first);
+                assert!(count > 0 && count <= Strips::MOST && first + count <= lines);
+                *busy_until.iter_mut().min().unwrap() += count;
+                first += count;
+            }
+            let [least, most] = [busy_until.iter().min().unwrap(), busy_until.iter().max().unwrap()];
+            assert!(most - least <= 2 * FEWEST_LINES, "{lines} lines: {busy_until:?}");
+        }
     }
 }

@@ -25,10 +25,14 @@ pub(crate) struct Hit {
     pub(crate) facet: Facet,
 }
 
+/// A ray lies under the ground when it is lower by so many metres, and by this share of the distance: less is rounding.
+const LEAST_BELOW_M: f32 = 1e-3;
+const LEAST_BELOW: f32 = 1e-5;
+
 /// How a ray crossed a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Crossing {
-    /// It met the ground.
+    /// It met the ground, or came out of it.
     Hit(Hit),
     /// It left, or reached its limit, at this parameter.
     Left(f32),
@@ -178,7 +182,7 @@ impl Entered<'_> {
                 let corners = self.corners(at);
                 let highest = corners[0].max(corners[1]).max(corners[2].max(corners[3]));
                 if lowest <= highest
-                    && let Some(hit) = self.root(along, corners, low, s, out)
+                    && let Some(hit) = self.root::<false>(along, corners, low, [s, out])
                 {
                     return Crossing::Hit(hit);
                 }
@@ -215,9 +219,66 @@ impl Entered<'_> {
         }
     }
 
-    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell whose corner is `low`.
+    /// Whether a ray lies under the ground at a parameter at which it is over the tile.
+    pub(crate) fn is_below(&self, along: &Along, s: f32) -> bool {
+        let [columns, rows] = self.tile.cells;
+        let at = self.at(along, s).clamp(Vec2::ZERO, Vec2::new(columns as f32, rows as f32));
+        let cell = [(at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1)];
+        let low = Vec2::new(cell[0] as f32, cell[1] as f32);
+        let facets = Facet::of_cell(low, self.corners(cell).map(|height| height - self.eye_height));
+        let by = at - low;
+        let facet = &facets[usize::from(by.x < by.y)];
+        along.rise * s < facet.height + facet.slope.dot(at) - LEAST_BELOW * s - LEAST_BELOW_M
+    }
+
+    /// Follows a ray that is under the ground from `from` until it comes out of it, leaves, or is past `until`.
+    pub(crate) fn emerge(&self, along: &Along, from: f32, until: f32, samples: &mut u64) -> Crossing {
+        let cells = self.tile.cells;
+        let size = Vec2::new(cells[0] as f32, cells[1] as f32);
+        let end = exit(along.per_s, -self.at_0, size - self.at_0).min(until).max(from);
+        let highest = |from: f32, to: f32| (along.rise * from).max(along.rise * to) + self.eye_height;
+        if highest(from, end) < self.tile.lowest_m {
+            return Crossing::Left(end);
+        }
+        let start = self.at(along, from).clamp(Vec2::ZERO, size);
+        let mut at = [(start.x as u32).min(cells[0] - 1), (start.y as u32).min(cells[1] - 1)];
+        let mut s = from;
+        loop {
+            *samples += 1;
+            let low = Vec2::new(at[0] as f32, at[1] as f32);
+            let leaves = [0, 1].map(|axis| match along.per_s[axis] {
+                d if d > 0.0 => (low[axis] + 1.0 - self.at_0[axis]) / d,
+                d if d < 0.0 => (low[axis] - self.at_0[axis]) / d,
+                _ => f32::INFINITY,
+            });
+            let out = leaves[0].min(leaves[1]).min(end).max(s);
+            let corners = self.corners(at);
+            if highest(s, out) >= corners.into_iter().fold(f32::INFINITY, f32::min)
+                && let Some(hit) = self.root::<true>(along, corners, low, [s, out])
+            {
+                return Crossing::Hit(hit);
+            }
+            s = out;
+            let axis = usize::from(leaves[1] < leaves[0]);
+            let next = if along.per_s[axis] > 0.0 { at[axis].checked_add(1) } else { at[axis].checked_sub(1) };
+            match next.filter(|next| s < end && *next < cells[axis]) {
+                Some(next) => at[axis] = next,
+                None => return Crossing::Left(end),
+            }
+        }
+    }
+
+    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell whose corner is `low`, or with
+    /// `IS_BELOW` not under them.
     #[inline(always)]
-    pub(crate) fn root(&self, along: &Along, corners: [f32; 4], low: Vec2, from: f32, to: f32) -> Option<Hit> {
+    pub(crate) fn root<const IS_BELOW: bool>(
+        &self,
+        along: &Along,
+        corners: [f32; 4],
+        low: Vec2,
+        [from, to]: [f32; 2],
+    ) -> Option<Hit> {
+        let is_met = |above: f32| if IS_BELOW { above >= 0.0 } else { above <= 0.0 };
         let facets = Facet::of_cell(low, corners.map(|height| height - self.eye_height));
         let place = self.at(along, from) - low;
         let (across, per_s) = (place.x - place.y, along.per_s.x - along.per_s.y);
@@ -229,10 +290,10 @@ impl Entered<'_> {
         for facet in order.map(|n| facets[n]) {
             let end = if begin < change { to.min(change) } else { to };
             let [per_s, at_eye] = facet.above(along, self.at_0);
-            if per_s * begin + at_eye <= 0.0 {
+            if is_met(per_s * begin + at_eye) {
                 return Some(Hit { s: begin, facet });
             }
-            if per_s * end + at_eye <= 0.0 {
+            if is_met(per_s * end + at_eye) {
                 return Some(Hit { s: (-at_eye / per_s).clamp(begin, end), facet });
             }
             if change >= to {

@@ -42,6 +42,14 @@ pub(crate) struct Frame<'a> {
     pub(crate) sky: u32,
     /// Highest ground, metres from the eye.
     pub(crate) highest: f32,
+    /// Whether facets are seen from below: an eye beside the world may look under its edge.
+    pub(crate) has_undersides: bool,
+}
+
+/// Whether an eye is beside the world, not over it.
+pub(crate) fn is_beside_world(ground: &Ground, view: &View) -> bool {
+    let (eye, unit) = (view.eye_in_world(), ground.shape().lattice_unit_m);
+    (0..2).any(|axis| !(0.0..=f64::from(ground.shape().extent[axis]) * unit).contains(&eye[axis]))
 }
 
 /// Places all tiles; returns their bounds.

@@ -9,7 +9,7 @@
 //!          cast: from the bottom up, each ray from where the last one hit  (cast)
 //!          mipmap: one exact ray per pixel                  (mipmap, projected, trace, strip, paint)
 //!                ▼
-//!          Picture: colour and depth
+//!          Picture: colour and depth ─▶ outlines of tiles, if wanted        (outline)
 //! ```
 //!
 //! A [`ground::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots, or tiles of a
@@ -25,6 +25,7 @@ mod frame;
 pub mod ground;
 pub mod lines;
 mod mipmap;
+mod outline;
 mod paint;
 pub mod picture;
 mod projected;

@@ -6,6 +6,9 @@
 //! the ground ([`crate::trace`]). Elsewhere, where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
 //! every parameter, not for samples alone) a ray starts behind that stretch; and where it starts over the facet that the ray
 //! below hit, and meets that facet, nothing else has to be looked at.
+//!
+//! The ground is a surface: it has no sides where tiles end. A ray that comes over it lower than its edge is under it, and meets
+//! facets from below, or none, as the mesh draws them (`docs/rendering.md`, culling). It proves nothing for others.
 
 use crate::cast::{Coherence, Counts, LineOptions};
 use crate::facets::{Crossing, Entered, Facet, Hit};
@@ -27,6 +30,15 @@ struct Known {
     ray: Ray,
     entry: f32,
     reach: f32,
+}
+
+/// Where a ray is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Side {
+    /// Over no tile: nothing is known.
+    Outside,
+    Above,
+    Below,
 }
 
 impl Frame<'_> {
@@ -54,6 +66,7 @@ impl Frame<'_> {
         while k < strip.pixels.len() {
             let ray = self.view.ray(strip.pixel(k));
             let entry = self.entry(&ray);
+            let were_under = counts.under;
             let below = (1..=tried).filter_map(|back| known[(next + MOST_KNOWN - back) % MOST_KNOWN]);
             // Cells may reach beyond the border; without such cells it ends by itself.
             let border = if is_cut { self.departure(&ray) } else { f32::INFINITY };
@@ -64,14 +77,14 @@ impl Frame<'_> {
                     // Where the lower ray was not over the ground yet it says nothing.
                     let gap = below.entry.min(start).min(border);
                     if entry < gap {
-                        hit = self.first_hit(&ray, entry, gap, &mut current, &mut counts);
+                        hit = self.first_hit(&ray, entry, [entry, gap], &mut current, &mut counts);
                     }
                     let mut is_doubted = false;
                     for [from, to] in doubts {
                         let (from, to) = (from.max(entry.max(gap)), to.min(start).min(border));
                         if from < to && hit.is_none() {
                             is_doubted = true;
-                            hit = self.first_hit(&ray, from, to, &mut current, &mut counts);
+                            hit = self.first_hit(&ray, entry, [from, to], &mut current, &mut counts);
                         }
                     }
                     counts.doubted += u64::from(is_doubted);
@@ -84,13 +97,15 @@ impl Frame<'_> {
                 }
             };
             if hit.is_none() {
-                let same = facet.filter(|(tile, _)| *tile == current.index && tried > 0);
+                // Under the ground nothing is proven.
+                let start = if counts.under == were_under { start } else { entry };
+                let same = facet.filter(|(tile, _)| *tile == current.index && tried > 0 && start > entry);
                 let again = same.and_then(|(_, facet)| {
                     counts.samples += 1;
                     let s = current.meets(&current.along(&ray), &facet, start).filter(|s| *s <= border)?;
                     Some(Hit { s, facet })
                 });
-                hit = again.or_else(|| self.first_hit(&ray, start, border, &mut current, &mut counts));
+                hit = again.or_else(|| self.first_hit(&ray, entry, [start, border], &mut current, &mut counts));
             }
             let reach = match hit {
                 Some(hit) => {
@@ -105,11 +120,12 @@ impl Frame<'_> {
                     self.departure(&ray)
                 }
             };
-            facet = hit.map(|hit| (current.index, hit.facet));
-            known[next] = Some(Known { ray, entry, reach });
+            let was_above = counts.under == were_under;
+            facet = hit.filter(|_| was_above).map(|hit| (current.index, hit.facet));
+            known[next] = was_above.then_some(Known { ray, entry, reach });
             next = (next + 1) % MOST_KNOWN;
             k += 1;
-            if !is_followed {
+            if !is_followed || !was_above {
                 continue;
             }
             if !column.is_some_and(|column| column.holds(k - 1)) {
@@ -132,17 +148,18 @@ impl Frame<'_> {
         counts
     }
 
-    /// Where, from `from` on and before `until`, a ray meets the ground. `current` is the tile that it is likely in, and that it
-    /// hit.
+    /// Where, from `from` on and before `until`, a ray meets the ground. Up to `from` it is in the air, but for what is before its
+    /// `entry` into the ground's bounds. `current` is the tile that it is likely in, and that it hit.
     fn first_hit<'f>(
         &'f self,
         ray: &Ray,
-        from: f32,
-        until: f32,
+        entry: f32,
+        [from, until]: [f32; 2],
         current: &mut Entered<'f>,
         counts: &mut Counts,
     ) -> Option<Hit> {
         let mut s = from;
+        let mut side = if from <= entry { Side::Outside } else { Side::Above };
         let mut is_here = current.is_under(&current.along(ray), s);
         // A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
         for _ in 0..1 << 16 {
@@ -155,19 +172,58 @@ impl Frame<'_> {
                     Place::Tile(tile) => *current = self.enter_exact(tile)?,
                     Place::HoleUntil(until) => {
                         s = past(until.max(s));
+                        side = Side::Outside;
                         continue;
                     }
                     Place::Left => return None,
                 }
                 if let Some(skip) = self.skip_nodes(ray, s) {
+                    side = Side::Above;
                     s = past(skip);
                     continue;
                 }
             }
             is_here = false;
-            match current.cross(&current.along(ray), s, until, &mut counts.samples) {
+            let along = current.along(ray);
+            if side == Side::Outside {
+                side = if current.is_below(&along, s) { Side::Below } else { Side::Above };
+                counts.under += u64::from(side == Side::Below);
+            }
+            if side == Side::Below {
+                match current.emerge(&along, s, until, &mut counts.samples) {
+                    Crossing::Hit(hit) if self.has_undersides => return Some(hit),
+                    Crossing::Hit(hit) => {
+                        side = Side::Above;
+                        s = past(hit.s);
+                    }
+                    Crossing::Left(out) => s = past(out.max(s)),
+                }
+                continue;
+            }
+            match current.cross(&along, s, until, &mut counts.samples) {
                 Crossing::Hit(hit) => return Some(hit),
                 Crossing::Left(out) => s = past(out.max(s)),
+            }
+        }
+        None
+    }
+
+    /// What a ray sees that comes over the ground lower than its edge, if it does: a tile and a parameter, or sky.
+    pub(crate) fn seen_from_under(&self, ray: &Ray, counts: &mut Counts) -> Option<Option<(u32, f32)>> {
+        let (entry, border) = (self.entry(ray), self.departure(ray));
+        let mut s = entry;
+        for _ in 0..1 << 16 {
+            match self.find(ray, s) {
+                Place::Tile(tile) => {
+                    let mut current = self.enter_exact(tile)?;
+                    if !current.is_below(&current.along(ray), s) {
+                        return None;
+                    }
+                    let hit = self.first_hit(ray, s, [s, border], &mut current, counts);
+                    return Some(hit.map(|hit| (current.index, hit.s)));
+                }
+                Place::HoleUntil(until) if until < border => s = past(until.max(s)),
+                Place::HoleUntil(_) | Place::Left => return None,
             }
         }
         None

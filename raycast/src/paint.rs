@@ -19,7 +19,7 @@ const TEXELS_PER_TAP: f32 = 2.0;
 const LONGEST_SHARE: f32 = 0.01;
 /// Mips that are used of a layer; coarser ones are a texel wide.
 const MOST_MIPS: usize = 16;
-/// Facets that are seen face their rays at least this much.
+/// Facets that are seen face their rays, or are turned from them, at least this much.
 const LEAST_FACING: f32 = 1e-6;
 
 /// Pixels of a line that are painted before the next line's.
@@ -264,8 +264,9 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     for n in 0..count {
         let (east, north) = (slopes_east[n], slopes_north[n]);
         let d = view.direction_at(columns[n], rows[n]);
-        // The facet's normal is (-east, -north, 1). It faces the ray, which comes from above.
-        let facing = (d.z - east * d.x - north * d.y).min(-LEAST_FACING);
+        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world, from below.
+        let facing = d.z - east * d.x - north * d.y;
+        let facing = facing.abs().max(LEAST_FACING).copysign(facing);
         let scale = texels[n] / nearness[n];
         let limit = LONGEST_SHARE * scale;
         let across = |x: f32, y: f32, z: f32| {

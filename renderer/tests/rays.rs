@@ -81,10 +81,48 @@ fn exact_rays_see_the_surface_of_the_mesh() {
     }
 }
 
+/// Under the edge of the ground, over it, and both in one picture; from beside the world, and from a corner.
+#[test]
+fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
+    let rolled = Camera { roll_rad: 1.0, ..camera([-150.0, 300.0, 20.0], 80.0, 0.0, SIZE) };
+    let views = [
+        camera([600.0, -120.0, -70.0], 5.0, 8.0, SIZE),
+        camera([600.0, -300.0, 10.0], 0.0, -3.0, SIZE),
+        camera([600.0, -200.0, 150.0], -20.0, -20.0, SIZE),
+        camera([-100.0, -100.0, -300.0], 45.0, 35.0, SIZE),
+        rolled,
+    ];
+    for (extent, q) in [([128, 128], 1), ([128, 128], 0), ([101, 83], 1)] {
+        let recording = recording(extent, q, &views);
+        let [mesh, processor, device, voxels] =
+            [mesh(), rays(RaysChoice::Mipmap), compute(), rays(RaysChoice::Coherent)]
+                .map(|options| draw(&options, &recording).unwrap());
+        for (index, mesh) in mesh.iter().enumerate() {
+            keep(mesh, &format!("beside-{}-{q}-{index}-mesh", extent[0]));
+            for (name, frame) in [("mipmap", &processor[index]), ("compute", &device[index])] {
+                let name = format!("beside-{}-{q}-{index}-{name}", extent[0]);
+                keep(frame, &name);
+                let (a, b) = (metres(mesh), metres(frame));
+                let is_close = |(a, b): &(&f32, &f32)| a == b || (*a - *b).abs() < 1e-3 * *a;
+                let other = a.iter().zip(&b).filter(|pair| !is_close(pair)).count();
+                // Edges, as elsewhere; and cells that the border cuts.
+                let most = if extent[0] == 128 { a.len() / 100 } else { a.len() / 25 };
+                assert!(other < most, "{name}: {other} of {} pixels see something else", a.len());
+                let far = |(a, b): (&u8, &u8)| a.abs_diff(*b) > 24;
+                let colors = mesh.pixels.rgba().iter().zip(frame.pixels.rgba()).filter(|pair| far(*pair)).count();
+                assert!(colors < 4 * most, "{name}: {colors} channels have another value");
+            }
+            let skies = [mesh, &voxels[index]].map(sky_pixels);
+            assert!(skies[0].abs_diff(skies[1]) < 600, "{extent:?}, view {index}, voxels: {skies:?}");
+        }
+        assert!(mesh.iter().all(|frame| sky_pixels(frame) > 2000), "the views are what they are called");
+    }
+}
+
 #[test]
 fn a_device_casts_the_rays_that_the_processor_casts() {
     let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
-    // Nearly level; straight down; rolled; and up into the sky. (Beside the world rays see its side as a wall.)
+    // Nearly level; straight down; rolled; and up into the sky.
     let views = [
         camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
         camera([600.0, 640.0, 900.0], 80.0, -90.0, SIZE),
@@ -131,6 +169,40 @@ fn a_device_outlines_the_leaves_of_rays() {
 }
 
 #[test]
+fn outlines_of_rays_lie_where_those_of_the_mesh_do() {
+    let views = [camera([320.0, 320.0, 700.0], 0.0, -90.0, SIZE), camera([300.0, -100.0, 250.0], 8.0, -30.0, SIZE)];
+    let recording = recording([64, 64], 1, &views);
+    let overlay = |options: EngineOptions| EngineOptions { has_tree_overlay: true, ..options };
+    let is_outline = |frame: &Finished| -> Vec<bool> {
+        frame.pixels.rgba().chunks_exact(4).map(|c| c[0] > 180 && c[2] < 80).collect()
+    };
+    let mesh = draw(&overlay(mesh()), &recording).unwrap();
+    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent] {
+        let [one, three] =
+            [1, 3].map(|workers| draw(&EngineOptions { workers, ..overlay(rays(choice)) }, &recording).unwrap());
+        for (index, (mesh, rays)) in mesh.iter().zip(&one).enumerate() {
+            keep(mesh, &format!("outlines-{index}-mesh"));
+            keep(rays, &format!("outlines-{index}-{choice:?}"));
+            assert!(rays.pixels.rgba() == three[index].pixels.rgba(), "{choice:?}, view {index}: workers show");
+            let [a, b] = [mesh, rays].map(is_outline);
+            let is_near = |other: &[bool], at: usize| {
+                let [x, y] = [at % SIZE[0] as usize, at / SIZE[0] as usize];
+                let around = |at: usize, end: u32| at.saturating_sub(1)..(at + 2).min(end as usize);
+                around(y, SIZE[1]).any(|y| around(x, SIZE[0]).any(|x| other[y * SIZE[0] as usize + x]))
+            };
+            for (name, these, others) in [("mesh", &a, &b), ("rays", &b, &a)] {
+                let all = these.iter().filter(|is_line| **is_line).count();
+                let alone = (0..these.len()).filter(|at| these[*at] && !is_near(others, *at)).count();
+                let words = format!("{choice:?}, view {index}: {alone} of {all} outline pixels of {name} are alone");
+                // Where slopes are steep voxels lie elsewhere.
+                let share = if choice == RaysChoice::Coherent { 4 } else { 50 };
+                assert!(all > 300 && alone * share < all, "{words}");
+            }
+        }
+    }
+}
+
+#[test]
 fn voxels_lie_within_a_voxel_of_the_mesh() {
     let recording = recording([128, 128], 0, &[camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE)]);
     let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());
@@ -158,11 +230,9 @@ fn pictures_of_rays_do_not_depend_on_the_number_of_workers() {
 fn rays_refuse_what_only_the_mesh_does() {
     let source = RecordedSource::new(recording([16, 16], 0, &[camera([80.0, 80.0, 300.0], 0.0, -80.0, SIZE)]), 1);
     let usual = rays(RaysChoice::Mipmap);
-    for options in [
-        EngineOptions { has_tree_overlay: true, ..usual.clone() },
-        EngineOptions { samples: 4, ..usual.clone() },
-        EngineOptions { size: [60_000, 10], ..usual.clone() },
-    ] {
+    for options in
+        [EngineOptions { samples: 4, ..usual.clone() }, EngineOptions { size: [60_000, 10], ..usual.clone() }]
+    {
         let error = Engine::new(options, &source).unwrap_err();
         assert!(matches!(error, EngineError::MeshOnly { .. } | EngineError::PictureSize { .. }), "{error}");
     }
@@ -187,12 +257,18 @@ fn a_height_that_is_no_number_is_refused() {
 #[test]
 fn more_frames_of_rays_take_no_more_allocations() {
     let recording = recording([16, 16], 0, &[camera([80.0, 10.0, 150.0], 5.0, -35.0, SIZE)]);
-    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent, RaysChoice::Compute] {
+    for (choice, has_tree_overlay) in [
+        (RaysChoice::Mipmap, false),
+        (RaysChoice::Mipmap, true),
+        (RaysChoice::Coherent, false),
+        (RaysChoice::Compute, false),
+    ] {
         let allocations = |laps: u64| {
             let mut source = RecordedSource::new(Arc::clone(&recording), laps);
             let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
             let info = allocation_counter::measure(|| {
-                run(rays(choice), &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+                let options = EngineOptions { has_tree_overlay, ..rays(choice) };
+                run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
             });
             info.count_total
         };

@@ -157,9 +157,8 @@ fn wrong_requests_are_told_in_one_sentence() {
         ("an empty picture", still().args(["--size", "0x0", "-o", &out()]), 2),
         ("a picture larger than the device", still().args(["--size", "60000x60000", "-o", &out()]), 2),
         ("rays larger than they can be", still().args(["--technique=rays", "--size=60000x60000", "-o", &out()]), 2),
-        ("rays with outlines", still().args(["--technique=rays", "--overlay=tree", "-o", &out()]), 2),
         ("rays with samples", still().args(["--technique=rays", "--samples=4", "-o", &out()]), 2),
-        ("a device's rays for no rays", still().args(["--rays=compute", "-o", &out()]), 2),
+        ("a device's rays of a mesh", still().args(["--technique=mesh", "--rays=compute", "-o", &out()]), 2),
         (
             "samples of a device's rays",
             still().args(["--technique=rays", "--rays=compute", "--samples=4", "-o", &out()]),

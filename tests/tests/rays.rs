@@ -65,10 +65,16 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     let device = without_vulkan(shot.command(&folder)).args(["--technique", "rays", "--rays", "compute"]).run();
     device.assert_told(1);
     assert!(device.stderr.contains("no Vulkan device was found"), "{}", device.stderr);
-    // What only a mesh can show is missed in a sentence.
-    let overlay = without_vulkan(shot.command(&folder)).args(["--overlay", "tree"]).run();
-    overlay.assert_told(2);
-    assert!(overlay.stderr.contains("--technique mesh"), "{}", overlay.stderr);
+    // The leaves are outlined without a device too.
+    without_vulkan(shot.command(&folder)).args(["--technique", "rays", "--overlay", "tree"]).succeed();
+    assert!(alone != fs::read(folder.join("a.png")).unwrap());
+    // What rays cannot do is said when nobody asked for them.
+    let samples = without_vulkan(shot.command(&folder)).args(["--samples", "4"]).run();
+    samples.assert_told(0);
+    assert!(samples.stderr.contains("one ray is cast per pixel"), "{}", samples.stderr);
+    // Who says how rays are cast wants rays.
+    without_vulkan(shot.command(&folder)).args(["--rays", "mipmap"]).succeed();
+    assert_eq!((&read_report(&folder)["technique"], alone), (&"rays".into(), fs::read(folder.join("a.png")).unwrap()));
     let doctor = without_vulkan(Terravision::verb("doctor").args(["--memory", "64MiB"])).run();
     let words = String::from_utf8_lossy(&doctor.stdout);
     assert!(words.contains("flights draw by rays"), "{words}");
@@ -126,8 +132,12 @@ fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
 fn a_realtime_flight_of_rays_comes_to_its_end_and_says_how_it_was_cast() {
     let folder = TestFolder::new("rays-realtime");
     write_roll(&folder, 20);
-    fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
+    let finished = fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
     let report = read_report(&folder);
     assert_eq!((&report["technique"], &report["frames"]), (&"rays".into(), &20.into()), "{report}");
-    assert!(!report["driver"].as_str().unwrap().is_empty(), "{report}");
+    // What was chosen, or that nothing was, is said once.
+    let driver = report["driver"].as_str().unwrap();
+    assert!(driver.contains("tried on one frame") || driver.starts_with("not tried yet"), "{report}");
+    let told: Vec<&str> = finished.stderr.lines().filter(|line| line.contains("--rays auto")).collect();
+    assert!(told.len() == 1 && told[0].ends_with(driver), "{told:?}, {driver}");
 }

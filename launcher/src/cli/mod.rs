@@ -74,7 +74,7 @@ pub enum Command {
     Still(Box<StillArgs>),
     /// Write the poses of a camera path, one per frame, as a JSON path that can be edited and flown
     Path(Box<PathArgs>),
-    /// Measure the stages, the queues between them, and ingest
+    /// Measure the stages, the queues between them, rays against the mesh, and ingest
     #[command(disable_help_flag = true)]
     Bench(PassedOn),
 }
@@ -122,8 +122,10 @@ pub struct PictureArgs {
     pub technique: Option<TechniqueArg>,
     /// How rays are cast [default: mipmap; in real time: auto]
     ///
-    /// 'auto' takes 'compute' where there is a GPU, else the faster of 'mipmap' and 'coherent', after a trial of both on the
-    /// first frames; in exact mode, whose pictures must not depend on a machine's speed, it is always 'mipmap'.
+    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU (untried: it may be slower
+    /// than the processor); else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
+    /// from then on the faster one, which is told. In exact mode, whose pictures must not depend on a machine's speed, it is
+    /// always 'mipmap'.
     #[arg(long, value_enum, value_name = "HOW")]
     pub rays: Option<RaysArg>,
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]

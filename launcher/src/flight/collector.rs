@@ -4,6 +4,7 @@ use crate::path::MAX_FRAMES;
 use std::collections::BTreeMap;
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::node::NodeId;
+use terravision_common::run::{TechniqueChoice, UNDECIDED_RAYS};
 use terravision_common::shm::Stage;
 
 /// Spans of which each frame has a sum: all names.
@@ -71,6 +72,7 @@ pub struct Collector {
     pub round_trips_ms: Vec<f32>,
     device: Vec<u8>,
     driver: Vec<u8>,
+    is_driver_whole: bool,
     technique: Vec<u8>,
     is_technique_known: bool,
     failure: Vec<u8>,
@@ -93,6 +95,7 @@ impl Collector {
             round_trips_ms: Vec::new(),
             device: Vec::new(),
             driver: Vec::new(),
+            is_driver_whole: false,
             technique: Vec::new(),
             is_technique_known: false,
             failure: Vec::new(),
@@ -126,6 +129,14 @@ impl Collector {
     #[must_use]
     pub fn driver(&self) -> String {
         String::from_utf8_lossy(&self.driver).into_owned()
+    }
+
+    /// How rays are cast, when they are and it was told; as an error, when that may change.
+    #[must_use]
+    pub fn rays(&self) -> Option<Result<String, String>> {
+        let is_told = self.is_driver_whole && self.technique().as_deref() == Some(TechniqueChoice::Rays.name());
+        let words = self.driver();
+        is_told.then_some(if words.starts_with(UNDECIDED_RAYS) { Err(words) } else { Ok(words) })
     }
 
     /// Name of the technique that drew, once it was told.
@@ -162,7 +173,7 @@ impl Collector {
                 return;
             }
             EventKind::DriverName => {
-                event.collect_text(&mut self.driver);
+                self.is_driver_whole = event.collect_text(&mut self.driver);
                 return;
             }
             EventKind::TechniqueName => {

@@ -38,7 +38,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
-use terravision_common::run::{RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{RaysChoice, RunConfig, SinkConfig, TechniqueChoice};
 use terravision_common::shm::{
     Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
 };
@@ -259,6 +259,9 @@ impl Run {
         let is_live = plan.live.is_some();
         // What draws is left to the renderer, who knows the devices; that it is not the usual is worth a word.
         let mut may_tell_of_rays = plan.config.render.technique == TechniqueChoice::Auto;
+        // So is, in real time, what casts rays.
+        let samples = plan.config.render.samples;
+        let mut may_tell_of_choice = plan.config.render.rays == RaysChoice::Auto && plan.config.realtime.is_some();
         let times = self.ring.as_ref().map(FrameRing::pose_times);
         let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;
         let Self { control, events, collector, memory, window, metrics, .. } = self;
@@ -269,7 +272,11 @@ impl Run {
         let encoder = stream.as_ref().and_then(StreamKeeper::encoder_pid);
         let ending = supervisor::watch(&mut stages, control, &is_broken_off, &mut restarts, &mut |stages| {
             drain(events, collector, metrics.as_ref(), control);
-            may_tell_of_rays = may_tell_of_rays && !tell_of_rays(collector, progress);
+            may_tell_of_rays = may_tell_of_rays && !tell_of_rays(collector, samples, progress);
+            if let Some(Ok(words)) = collector.rays().filter(|_| may_tell_of_choice) {
+                may_tell_of_choice = false;
+                tell_of_choice(collector, &words, progress);
+            }
             memory.sample(stages, encoder);
             window.sample(control);
             progress.show(control.written_frames());
@@ -285,7 +292,10 @@ impl Run {
         words.iter().for_each(|sentence| progress.warn(sentence));
         drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
         if may_tell_of_rays {
-            tell_of_rays(&self.collector, progress);
+            tell_of_rays(&self.collector, samples, progress);
+        }
+        if let Some(Ok(words) | Err(words)) = self.collector.rays().filter(|_| may_tell_of_choice) {
+            tell_of_choice(&self.collector, &words, progress);
         }
         // Against the clock, a flight of poses has the frames that were drawn until it was ended.
         let drawn = (is_live && flown.is_none()).then(|| self.control.written_frames());
@@ -339,7 +349,7 @@ impl Run {
 }
 
 /// Tells the user when rays are cast because there is no device. Whether it is known what draws.
-fn tell_of_rays(collector: &Collector, progress: &Progress) -> bool {
+fn tell_of_rays(collector: &Collector, samples: u32, progress: &Progress) -> bool {
     let Some(technique) = collector.technique() else { return false };
     if technique == TechniqueChoice::Rays.name() {
         progress.warn(&format!(
@@ -347,8 +357,16 @@ fn tell_of_rays(collector: &Collector, progress: &Progress) -> bool {
              what is missing",
             collector.device()
         ));
+        if samples > 1 {
+            progress.warn(&format!("one ray is cast per pixel, in place of {samples} samples; a mesh has them"));
+        }
     }
     true
+}
+
+/// Tells the user what was chosen to cast rays, where that was left open.
+fn tell_of_choice(collector: &Collector, words: &str, progress: &Progress) {
+    progress.say(&format!("--rays auto: {}, {words}", collector.device()));
 }
 
 fn drain(

@@ -1,9 +1,8 @@
 //! Checks of single arguments and of the path against the world.
 
 use crate::cli::supervision::SupervisionArgs;
-use crate::cli::technique::RaysArg;
 use crate::cli::values::FrameRange;
-use crate::cli::{CourseArgs, Mode, Overlay, PictureArgs, RealtimeArgs, Switch};
+use crate::cli::{CourseArgs, Mode, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
 use crate::path::orbit::{self, Extent};
@@ -139,20 +138,16 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
 
 /// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
 pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
-    let technique = picture.technique.map_or(TechniqueChoice::Auto, TechniqueChoice::from);
-    let is_compute = picture.rays == Some(RaysArg::Compute);
-    if is_compute && technique != TechniqueChoice::Rays {
-        return Err(Failure::bad_input(anyhow!("--rays compute is for --technique rays, which was not asked for")));
-    }
-    if technique == TechniqueChoice::Rays && picture.overlay == Some(Overlay::Tree) && !is_compute {
-        return Err(Failure::bad_input(anyhow!(
-            "--technique rays: the leaves of the quad tree (--overlay tree) can be drawn by a device only: over a mesh, or with \
-             --rays compute"
-        )));
-    }
+    // Who says how rays are cast wants rays.
+    let technique = match (picture.technique, picture.rays) {
+        (Some(technique), _) => TechniqueChoice::from(technique),
+        (None, Some(_)) => TechniqueChoice::Rays,
+        (None, None) => TechniqueChoice::Auto,
+    };
     if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
         return Err(Failure::bad_input(anyhow!(
-            "--technique rays: one ray is cast per pixel; --samples 4 is for --technique mesh"
+            "--technique rays: one ray is cast per pixel; --samples {} is for --technique mesh",
+            picture.samples.unwrap_or_default()
         )));
     }
     if technique == TechniqueChoice::Mesh && picture.rays.is_some() {

@@ -26,7 +26,11 @@ impl TexelQuestion {
     /// # Errors
     /// Bad input: what is asked for never goes together.
     pub(super) fn new(picture: &PictureArgs) -> Result<Self, Failure> {
-        let is_rays = picture.technique == Some(TechniqueArg::Rays) && picture.rays != Some(RaysArg::Compute);
+        let is_rays = match (picture.technique, picture.rays) {
+            (_, Some(RaysArg::Compute)) => false,
+            (None, rays) => rays.is_some(),
+            (Some(technique), _) => technique == TechniqueArg::Rays,
+        };
         let question = || Ok(DeviceQuestion::ask(&own_folder()?));
         match picture.texture_compression {
             CompressionArg::On if is_rays => Err(Failure::bad_input(anyhow!(

@@ -115,7 +115,8 @@ pub(crate) struct Tile {
     pub(crate) layers: u32,
     /// Height of its lowest layer, voxels above height 0 in world coordinates.
     pub(crate) lowest_layer: i32,
-    /// No ground of it is higher, metres above the datum.
+    /// No ground of it is lower or higher, metres above the datum.
+    pub(crate) lowest_m: f32,
     pub(crate) top_m: f32,
     pub(crate) is_accurate: bool,
     pub(crate) color: ColorPlace,
@@ -262,6 +263,7 @@ impl Ground {
             blocks_at: 0,
             layers: 0,
             lowest_layer: 0,
+            lowest_m,
             top_m,
             is_accurate: spec.is_accurate,
             color: spec.color,

@@ -16,6 +16,9 @@ const IS_TILE: u32 = 0x80000000u;
 const FINE_LEVELS: u32 = 3u;
 // No ray takes more steps; a bound that no rounding can keep from being reached.
 const MOST_STEPS: u32 = 65536u;
+// A ray lies under the ground when it is lower by so many metres, and by this share of the distance: less is rounding.
+const LEAST_BELOW_M: f32 = 1e-3;
+const LEAST_BELOW: f32 = 1e-5;
 @group(0) @binding(0) var<storage, read> elevations: array<f32>;
 @group(0) @binding(2) var<storage, read> nodes: array<Node>;
 @group(0) @binding(3) var<storage, read_write> maxima: array<f32>;
@@ -111,8 +114,12 @@ fn leave(reciprocal: vec2<f32>, low: vec2<f32>, high: vec2<f32>) -> f32 {
 
 const SKY = Hit(0.0, 0u, vec2(0.0, 0.0));
 
-// Where a ray from `start` to `until` meets a cell whose corner is `low`.
-fn meet_cell(tile: Tile, index: u32, corners: vec4<f32>, place: vec2<f32>, per_s: vec2<f32>, rise: f32, start: f32, until: f32) -> Hit {
+fn corners_of(tile: Tile, at: vec2<u32>) -> vec4<f32> {
+    return vec4(post(tile, at), post(tile, at + vec2(1u, 0u)), post(tile, at + vec2(0u, 1u)), post(tile, at + 1u));
+}
+
+// Where a ray from `start` to `until` meets a cell's facets from above, `side` being 1, or from below, -1.
+fn meet_cell(side: f32, tile: Tile, index: u32, corners: vec4<f32>, place: vec2<f32>, per_s: vec2<f32>, rise: f32, start: f32, until: f32) -> Hit {
     let across = place.x - place.y;
     let across_per_s = per_s.x - per_s.y;
     // Where it changes from one half to the other, if it does.
@@ -130,8 +137,8 @@ fn meet_cell(tile: Tile, index: u32, corners: vec4<f32>, place: vec2<f32>, per_s
         let above = rise * start - corners.x - dot(slope, place);
         let at_begin = above + above_per_s * (begin - start);
         let at_end = above + above_per_s * (end - start);
-        if at_begin <= 0.0 { return Hit(begin, index, slope * tile.cells_per_m); }
-        if at_end <= 0.0 {
+        if side * at_begin <= 0.0 { return Hit(begin, index, slope * tile.cells_per_m); }
+        if side * at_end <= 0.0 {
             return Hit(clamp(start - above / above_per_s, begin, end), index, slope * tile.cells_per_m);
         }
         if change >= until { break; }
@@ -159,9 +166,9 @@ fn cross_tile(index: u32, direction: vec3<f32>, reciprocal: vec2<f32>, start: f3
         let out = max(min(min(leaves.x, leaves.y), until), s);
         let lowest = min(direction.z * s, direction.z * out);
         if level == 0u {
-            let corners = vec4(post(tile, at), post(tile, at + vec2(1u, 0u)), post(tile, at + vec2(0u, 1u)), post(tile, at + 1u));
+            let corners = corners_of(tile, at);
             if lowest <= max(max(corners.x, corners.y), max(corners.z, corners.w)) {
-                let hit = meet_cell(tile, index, corners, per_s * s + at_eye - low, per_s, direction.z, s, out);
+                let hit = meet_cell(1.0, tile, index, corners, per_s * s + at_eye - low, per_s, direction.z, s, out);
                 if hit.depth > 0.0 { return hit; }
             }
         } else if lowest <= maximum(tile, log, level, at) {
@@ -189,6 +196,55 @@ fn cross_tile(index: u32, direction: vec3<f32>, reciprocal: vec2<f32>, start: f3
     return SKY;
 }
 
+// Whether a ray lies under a tile's ground.
+fn is_below(index: u32, direction: vec3<f32>, s: f32) -> bool {
+    let tile = tiles[index];
+    let place = clamp((direction.xy * s - tile.corner) * tile.cells_per_m, vec2(0.0), vec2<f32>(tile.cells));
+    let at = min(vec2<u32>(place), tile.cells - 1u);
+    let by = place - vec2<f32>(at);
+    let corners = corners_of(tile, at);
+    var slope = vec2(corners.w - corners.z, corners.z - corners.x);
+    if by.x >= by.y { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
+    return direction.z * s < corners.x + dot(slope, by) - LEAST_BELOW * s - LEAST_BELOW_M;
+}
+
+// Where a ray that is under a tile's ground comes out of it.
+fn leave_ground(index: u32, direction: vec3<f32>, reciprocal: vec2<f32>, start: f32, until: f32) -> Hit {
+    let tile = tiles[index];
+    let per_s = direction.xy * tile.cells_per_m;
+    let s_per_cell = reciprocal / tile.cells_per_m;
+    let at_eye = -tile.corner * tile.cells_per_m;
+    let is_up = per_s > vec2(0.0);
+    let place = clamp(per_s * start + at_eye, vec2(0.0), vec2<f32>(tile.cells));
+    var at = min(vec2<u32>(place), tile.cells - 1u);
+    var s = start;
+    for (var step = 0u; step < MOST_STEPS; step++) {
+        let low = vec2<f32>(at);
+        let leaves = (select(low, low + 1.0, is_up) - at_eye) * s_per_cell;
+        let out = max(min(min(leaves.x, leaves.y), until), s);
+        let corners = corners_of(tile, at);
+        if max(direction.z * s, direction.z * out) >= min(min(corners.x, corners.y), min(corners.z, corners.w)) {
+            let hit = meet_cell(-1.0, tile, index, corners, per_s * s + at_eye - low, per_s, direction.z, s, out);
+            if hit.depth > 0.0 { return hit; }
+        }
+        s = out;
+        if s >= until { break; }
+        if leaves.y < leaves.x {
+            if is_up.y { at.y += 1u; } else { at.y -= 1u; }
+        } else {
+            if is_up.x { at.x += 1u; } else { at.x -= 1u; }
+        }
+        // Below 0 it wraps around.
+        if any(at >= tile.cells) { break; }
+    }
+    return SKY;
+}
+
+// Where a ray is: over no tile, so that nothing is known, above the ground, or under it.
+const OUTSIDE: u32 = 0u;
+const ABOVE: u32 = 1u;
+const BELOW: u32 = 2u;
+
 fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
     // No direction is level along an axis: reciprocals are finite.
     let direction = select(direction_of_pixel, vec3(1e-20), abs(direction_of_pixel) < vec3(1e-20));
@@ -196,6 +252,7 @@ fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
     let ways = min(frame.bounds_low * reciprocal, frame.bounds_high * reciprocal);
     var s = max(max(ways.x, ways.y), 0.0);
     let far = leave(reciprocal, frame.bounds_low, frame.bounds_high);
+    var side = OUTSIDE;
     for (var step = 0u; step < MOST_STEPS; step++) {
         if s >= far { break; }
         let point = direction.xy * s;
@@ -210,8 +267,24 @@ fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
             link = node.children[select(0u, 1u, is_far.x) + select(0u, 2u, is_far.y)];
         }
         let out = max(leave(reciprocal, low, high), s);
-        if link != EMPTY {
-            let hit = cross_tile(link & ~IS_TILE, direction, reciprocal, s, min(out, far));
+        if link == EMPTY {
+            side = OUTSIDE;
+            s = past(out);
+            continue;
+        }
+        let index = link & ~IS_TILE;
+        // The ground has no sides where tiles end: a ray that comes over it lower than its edge is under it.
+        if side == OUTSIDE { side = select(ABOVE, BELOW, is_below(index, direction, s)); }
+        if side == BELOW {
+            let hit = leave_ground(index, direction, reciprocal, s, min(out, far));
+            if hit.depth > 0.0 {
+                if frame.has_undersides == 1u { return hit; }
+                side = ABOVE;
+                s = past(hit.depth);
+                continue;
+            }
+        } else {
+            let hit = cross_tile(index, direction, reciprocal, s, min(out, far));
             if hit.depth > 0.0 { return hit; }
         }
         s = past(out);

@@ -36,8 +36,9 @@ fn seen(position: vec4<f32>) -> Seen {
     let direction = direction_of(pixel);
     out.point = direction.xy * out.hit.depth;
     let normal = vec3(-out.hit.slope, 1.0);
-    // It faces the ray, which comes from above.
-    let facing = min(dot(normal, direction), -LEAST_FACING);
+    // Rays come from above, or, beside the world, from below.
+    let toward = dot(normal, direction);
+    let facing = select(-1.0, 1.0, toward > 0.0) * max(abs(toward), LEAST_FACING);
     let column = frame.per_column - direction * (dot(normal, frame.per_column) / facing);
     let row = frame.per_row - direction * (dot(normal, frame.per_row) / facing);
     out.per_column = column.xy * out.hit.depth;

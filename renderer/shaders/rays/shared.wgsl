@@ -18,6 +18,8 @@ struct Frame {
     root_side: f32,
     // Of `model`: 0 makes the finer maxima from posts, 1 the coarser ones from those.
     turn: u32,
+    // Whether facets are seen from below, 0 or 1.
+    has_undersides: u32,
 }
 
 struct Tile {

@@ -5,17 +5,19 @@ use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::pixels::{Pixels, Raster};
 use crate::source::{FrameSource, SourceShape};
-use crate::technique::{BlockReader, NEAR_M};
+use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, monotonic_nanos};
-use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
 use terravision_raycast::ground::{Filter, Ground, GroundError};
 use terravision_raycast::view::Sampling;
 use terravision_raycast::world::ground_shape;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
-/// Frames by which each method is tried before the faster one is taken. The first of each warms up and does not count.
-const TRIALS: u32 = 3;
+/// Frames before both methods are tried on one: they take memory, and are slower than later ones.
+const WARM_UP: u32 = 2;
+/// How long a frame that lacks no tile is waited for, to try on.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Longest side of a picture, pixels: that of the software device.
 const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
@@ -31,6 +33,8 @@ pub struct RaysEngine {
     picture: Picture,
     /// Of each tile of the ground its colours; empty between frames, kept for its memory.
     layers: Vec<&'static [u8]>,
+    /// Of each tile the colour of its outline, where outlines are wanted.
+    outlines: Vec<u32>,
     finished: Option<Finished>,
     choice: Choice,
     options: EngineOptions,
@@ -39,54 +43,64 @@ pub struct RaysEngine {
 /// Which method, and how far that is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Choice {
-    Fixed(Method),
-    /// Times of both methods so far.
-    Trying {
-        tried: u32,
-        nanos: [u64; 2],
+    Asked(Method),
+    /// [`METHODS`]' first, until the other has been tried. When the first frame began, and how many there were.
+    Open {
+        first_nanos: Option<u64>,
+        drawn: u32,
+    },
+    /// What won, and how long each of [`METHODS`] took for the same frame.
+    Tried {
+        method: Method,
+        took: [Duration; 2],
     },
 }
 
-/// The methods that are compared.
+/// The methods that are compared. The first draws until they have been.
 const METHODS: [Method; 2] = [Method::Mipmap, Method::Coherent];
 
 impl Choice {
     fn of(rays: RaysChoice) -> Self {
         match rays {
             // Without a device the processor casts the same rays.
-            RaysChoice::Mipmap | RaysChoice::Compute => Self::Fixed(Method::Mipmap),
-            RaysChoice::Coherent => Self::Fixed(Method::Coherent),
-            RaysChoice::Auto => Self::Trying { tried: 0, nanos: [0; 2] },
+            RaysChoice::Mipmap | RaysChoice::Compute => Self::Asked(Method::Mipmap),
+            RaysChoice::Coherent => Self::Asked(Method::Coherent),
+            RaysChoice::Auto => Self::Open { first_nanos: None, drawn: 0 },
         }
     }
 
     fn method(&self) -> Method {
         match self {
-            Self::Fixed(method) => *method,
-            Self::Trying { tried, .. } => METHODS[*tried as usize % METHODS.len()],
+            Self::Asked(method) | Self::Tried { method, .. } => *method,
+            Self::Open { .. } => METHODS[0],
         }
     }
 
-    /// A frame took so long; whether the choice has been made with it.
-    fn learn(&mut self, took: Duration) -> bool {
-        let Self::Trying { tried, nanos } = self else { return false };
-        let way = *tried as usize % METHODS.len();
-        if *tried as usize >= METHODS.len() {
-            nanos[way] += took.as_nanos() as u64;
-        }
-        *tried += 1;
-        let is_over = *tried == TRIALS * METHODS.len() as u32;
-        if is_over {
-            *self = Self::Fixed(METHODS[usize::from(nanos[1] < nanos[0])]);
-        }
-        is_over
+    /// A frame that began then has been drawn; whether both methods are to be tried on it, unseen. Not while tiles are being
+    /// loaded, when frames are as cheap as none later, unless that takes long.
+    fn is_trial_due(&mut self, began_nanos: u64, is_settled: bool) -> bool {
+        let Self::Open { first_nanos, drawn } = self else { return false };
+        let first = *first_nanos.get_or_insert(began_nanos);
+        *drawn += 1;
+        *drawn > WARM_UP && (is_settled || began_nanos.saturating_sub(first) >= PATIENCE.as_nanos() as u64)
     }
 
-    fn words(&self) -> &'static str {
+    fn decide(&mut self, took: [Duration; 2]) {
+        *self = Self::Tried { method: METHODS[usize::from(took[1] < took[0])], took };
+    }
+
+    fn words(&self) -> String {
+        let of = |method: Method| match method {
+            Method::Mipmap => "mipmap: one exact ray a pixel",
+            _ => "coherent: voxels along lines of pixels",
+        };
         match self {
-            Self::Fixed(Method::Mipmap) => "mipmap: one exact ray a pixel",
-            Self::Fixed(_) => "coherent: voxels along lines of pixels",
-            Self::Trying { .. } => "auto",
+            Self::Asked(method) => of(*method).to_owned(),
+            Self::Open { .. } => format!("{UNDECIDED} {}", of(METHODS[0])),
+            Self::Tried { method, took } => {
+                let [mipmap, coherent] = took.map(|took| 1e3 * took.as_secs_f64());
+                format!("{}; tried on one frame: mipmap {mipmap:.1} ms, coherent {coherent:.1} ms", of(*method))
+            }
         }
     }
 }
@@ -97,9 +111,6 @@ impl RaysEngine {
     /// # Errors
     /// Something that rays cannot do is asked for, or the system gives no threads.
     pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
-        if options.has_tree_overlay {
-            return Err(EngineError::MeshOnly { what: "the leaves of the quad tree over the picture" });
-        }
         if options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
         }
@@ -116,6 +127,7 @@ impl RaysEngine {
             blocks: BlockReader::new(&world),
             picture: Picture::new(options.size),
             layers: Vec::with_capacity(4096),
+            outlines: Vec::with_capacity(4096),
             finished: None,
             choice: Choice::of(options.rays),
             options,
@@ -127,7 +139,7 @@ impl RaysEngine {
     pub fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
-        Described { technique: TechniqueChoice::Rays.name(), device, driver: self.choice.words().to_owned() }
+        Described { technique: TechniqueChoice::Rays.name(), device, driver: self.choice.words() }
     }
 
     /// A buffer for a picture.
@@ -158,8 +170,37 @@ impl RaysEngine {
         pixels: Pixels,
     ) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
+        let prepared_nanos = self.cast(self.choice.method(), frame, source)?;
+        let pixels = self.hand_over(pixels);
+        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
+        self.finished = Some(finished);
+        if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
+            let took = self.try_both(frame, source)?;
+            self.choice.decide(took);
+            for event in Event::text(EventKind::DriverName, &self.choice.words()) {
+                source.event(&event);
+            }
+        }
+        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
+    }
+
+    /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody sees these. The frame is that much
+    /// late, and the next one.
+    fn try_both(&mut self, frame: &Frame, source: &mut dyn FrameSource) -> Result<[Duration; 2], EngineError> {
+        // The other one's memory.
+        self.cast(METHODS[1], frame, source)?;
+        let mut took = [Duration::ZERO; 2];
+        for (method, took) in METHODS.into_iter().zip(&mut took) {
+            let started_nanos = monotonic_nanos();
+            self.cast(method, frame, source)?;
+            *took = Duration::from_nanos(monotonic_nanos() - started_nanos);
+        }
+        Ok(took)
+    }
+
+    /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
+    fn cast(&mut self, method: Method, frame: &Frame, source: &mut dyn FrameSource) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
-        let method = self.choice.method();
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
         ground.clear(frame.marker.camera.eye_in_world[2]);
         self.blocks.forget();
@@ -185,21 +226,18 @@ impl RaysEngine {
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
+        if self.options.has_tree_overlay {
+            self.outlines.clear();
+            self.outlines.extend(frame.tiles.iter().map(outline_of));
+            self.caster.outline(ground, &frame.marker.camera, &self.outlines, &self.picture);
+        }
         for (index, tile) in frame.tiles.iter().enumerate() {
             // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
             if source.color(tile.color_slot, tile.color_generation).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }
         }
-        let pixels = self.hand_over(pixels);
-        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
-        if self.choice.learn(Duration::from_nanos(finished.finished_nanos - started_nanos)) {
-            for event in Event::text(EventKind::DriverName, self.choice.words()) {
-                source.event(&event);
-            }
-        }
-        self.finished = Some(finished);
-        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
+        Ok(prepared_nanos)
     }
 
     /// Copies the picture to where sinks read it.
@@ -239,20 +277,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_faster_method_is_taken_after_both_were_tried_alike() {
-        let mut choice = Choice::of(RaysChoice::Auto);
-        let mut methods = Vec::new();
-        for turn in 1..=6 {
-            methods.push(choice.method());
-            let millis = match choice.method() {
-                Method::Mipmap if turn > 2 => 9,
-                Method::Mipmap => 1,
-                _ => 7,
-            };
-            assert_eq!(choice.learn(Duration::from_millis(millis)), turn == 6);
+    fn both_methods_are_tried_once_and_the_faster_one_is_taken() {
+        let millis = |n: [u64; 2]| n.map(Duration::from_millis);
+        for (took, winner) in [([9, 7], Method::Coherent), ([7, 9], Method::Mipmap), ([7, 7], Method::Mipmap)] {
+            let mut choice = Choice::of(RaysChoice::Auto);
+            assert!(choice.words().starts_with(UNDECIDED) && choice.method() == Method::Mipmap);
+            // Nothing is tried while memory is taken and tiles are loaded.
+            assert!(!choice.is_trial_due(0, true) && !choice.is_trial_due(1_000_000, true));
+            assert!(!choice.is_trial_due(2_000_000, false) && choice.is_trial_due(3_000_000, true));
+            choice.decide(millis(took));
+            assert_eq!(choice.method(), winner);
+            assert!(!choice.is_trial_due(u64::MAX, true));
+            assert!(
+                !choice.words().starts_with(UNDECIDED) && choice.words().contains("mipmap 7.0 ms") == (took[0] == 7)
+            );
         }
-        assert_eq!(methods, [METHODS, METHODS, METHODS].concat());
-        assert_eq!(choice, Choice::Fixed(Method::Coherent), "{choice:?}");
-        assert!(!choice.learn(Duration::ZERO));
+        let mut never_settled = Choice::of(RaysChoice::Auto);
+        assert!((0..9).all(|n| !never_settled.is_trial_due(n * 100_000_000, false)));
+        assert!(never_settled.is_trial_due(1_000_000_000, false));
+    }
+
+    #[test]
+    fn what_was_asked_for_is_never_tried() {
+        for (rays, method) in [(RaysChoice::Mipmap, Method::Mipmap), (RaysChoice::Coherent, Method::Coherent)] {
+            let mut choice = Choice::of(rays);
+            assert!((0..9).all(|n| !choice.is_trial_due(n * 1_000_000_000, true)) && choice.method() == method);
+        }
     }
 }

@@ -89,7 +89,7 @@ impl Needs {
 }
 
 /// Bytes of push constants that the passes use.
-pub(super) const PUSH_CONSTANT_BYTES: u32 = 80;
+pub(super) const PUSH_CONSTANT_BYTES: u32 = 96;
 
 /// One thing that a device lacks.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Exact rays by a Vulkan device: the same surface and the same walk as the processor's (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
-use super::view::NEAR_M;
+use super::view::{NEAR_M, is_over_world};
 use super::{ArrayPlaces, Technique, outline_of};
 use crate::engine::EngineError;
 use crate::frame::{Frame, FrameError, TileFault};
@@ -86,6 +86,7 @@ impl Technique for ComputeRays {
         let eye = camera.eye().truncate();
         place_nodes(&self.tree, world, eye, &mut self.nodes);
         self.view = ray_view(camera, [ground[0] - eye, ground[1] - eye]);
+        self.view.has_undersides = u32::from(!is_over_world(camera, world));
         self.view.root = code(self.tree.root());
         self.view.root_low = (-eye).as_vec2().to_array();
         self.view.root_side = world.node_side_m(world.root().q()) as f32;
@@ -145,6 +146,8 @@ fn ray_view(camera: &Camera, ground: [DVec2; 2]) -> RayView {
         root_low: [0.0; 2],
         root_side: 0.0,
         turn: 0,
+        has_undersides: 0,
+        reserved: [0; 3],
     }
 }
 

@@ -1,6 +1,6 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
-use super::view::{from_cell, view_parameters};
+use super::view::{from_cell, is_over_world, view_parameters};
 use super::{ArrayPlaces, Technique, outline_of};
 use crate::engine::EngineError;
 use crate::frame::Frame;
@@ -103,8 +103,7 @@ impl Technique for MeshTechnique {
 /// any ray, so the lower one (the far slopes of ridges, from behind) need not be drawn: a fifth of the time in mountains.
 /// An eye beside the world may look under its edge.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
-    let is_over = |axis: usize| (0.0..=world.extent_m()[axis]).contains(&camera.eye_in_world[axis]);
-    if is_over(0) && is_over(1) { Sides::Upper } else { Sides::Both }
+    if is_over_world(camera, world) { Sides::Upper } else { Sides::Both }
 }
 
 fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: u32) -> TileParameters {

@@ -63,7 +63,7 @@ const OUTLINES: [[u8; 3]; 8] = [
 ];
 
 /// Colour of a tile's outline, RGBA8.
-fn outline_of(tile: &TileSlot) -> u32 {
+pub(crate) fn outline_of(tile: &TileSlot) -> u32 {
     let [r, g, b] = OUTLINES[usize::from(leaf_level(tile)) % OUTLINES.len()];
     u32::from_le_bytes([r, g, b, 255])
 }

@@ -40,6 +40,12 @@ pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64;
     (view, cell)
 }
 
+/// Whether the eye is over the world. One beside it may look under its edge, and sees both sides of facets.
+pub(super) fn is_over_world(camera: &Camera, world: &World) -> bool {
+    let is_over = |axis: usize| (0.0..=world.extent_m()[axis]).contains(&camera.eye_in_world[axis]);
+    is_over(0) && is_over(1)
+}
+
 /// A lattice coordinate from the eye's cell. Frames are checked so that it fits; beyond, it saturates.
 pub(super) fn from_cell(lattice: u32, cell: i64) -> i32 {
     (i64::from(lattice) - cell).clamp(i32::MIN.into(), i32::MAX.into()) as i32

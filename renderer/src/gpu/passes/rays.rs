@@ -43,6 +43,10 @@ pub struct RayView {
     pub root_side: f32,
     /// Which maxima are made; set by [`RaysPass::prepare`].
     pub turn: u32,
+    /// Whether facets are seen from below, 0 or 1.
+    pub has_undersides: u32,
+    /// Zero.
+    pub reserved: [u32; 3],
 }
 
 /// `Tile` of `rays/shared.wgsl`: one block.
@@ -93,7 +97,7 @@ impl RayNode {
     pub const IS_TILE: u32 = 1 << 31;
 }
 
-const _: () = assert!(size_of::<RayView>() == 80 && size_of::<RayTile>() == 64 && size_of::<RayNode>() == 32);
+const _: () = assert!(size_of::<RayView>() == 96 && size_of::<RayTile>() == 64 && size_of::<RayNode>() == 32);
 const _: () = assert!(size_of::<RayView>() <= crate::gpu::requirements::PUSH_CONSTANT_BYTES as usize);
 
 /// Bytes of what a pixel sees (`Hit` of `rays/shared.wgsl`).
