@@ -136,6 +136,8 @@ impl Caster {
             colors,
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
+            datum: -from_datum,
+            fall: ground.shape().filter.unwrap_or_default().fall(),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
         };
         let coherence = match method {

@@ -42,6 +42,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) sky: u32,
     /// Highest ground, metres from the eye.
     pub(crate) highest: f32,
+    /// The ground's datum, metres above the eye.
+    pub(crate) datum: f32,
+    /// How fast densities fall across the surface, per voxel.
+    pub(crate) fall: f32,
 }
 
 /// Places all tiles; returns their bounds.

@@ -56,7 +56,6 @@ pub(super) struct Scratch {
     tops: Vec<u16>,
     /// Of each column the upward part of the normal.
     ups: Vec<f32>,
-    column: Vec<u8>,
     /// Of each post of a row, or each cell: two values.
     rows: [Vec<f32>; 2],
 }
@@ -149,20 +148,20 @@ impl Ground {
         }
         scratch.tops.clear();
         scratch.ups.clear();
-        scratch.column.resize(layers, 0);
         for j in 0..rows {
             for i in 0..columns {
                 let at = (j + radius) * stride + i + radius;
                 let column = Column { heights: &scratch.around, stride, at };
                 scratch.ups.push(column.normal_up());
-                let voxels = if is_accurate {
+                if is_accurate {
                     let at = densities_at + (j * columns + i) * layers;
-                    &mut self.densities[at..at + layers]
+                    let voxels = &mut self.densities[at..at + layers];
+                    column.fill(filter, voxels);
+                    scratch.tops.push(top(voxels));
                 } else {
-                    &mut scratch.column
-                };
-                column.fill(filter, voxels);
-                scratch.tops.push(top(voxels));
+                    // Heights themselves are the surface.
+                    scratch.tops.push(scratch.around[at].max(0.0) as u16);
+                }
             }
         }
         self.push_spans(&model, &scratch, filter);
@@ -237,6 +236,7 @@ impl Ground {
                 let corners = [at, at + 1, at + stride, at + stride + 1].map(|at| scratch.around[at]);
                 let slope = facets_slope(corners);
                 let voxel_slope = match filter {
+                    _ if !tile.is_accurate => bilinear_slope(corners),
                     Filter::OrientedBox => voxel_slope(corners, [least_up, most_up]),
                     // Plateaus of density between a high and a low column become walls.
                     Filter::Gaussian => f32::INFINITY,
@@ -400,12 +400,16 @@ fn facets_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     (south * south + east * east).max(north * north + west * west).sqrt()
 }
 
-/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals at its corners.
-fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
-    let [sw, se, nw, ne] = corners;
+/// A slope that the surface that is bilinear between a cell's posts does not exceed, up per cell.
+fn bilinear_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     let east = (se - sw).abs().max((ne - nw).abs());
     let north = (nw - sw).abs().max((ne - se).abs());
-    let slope = (east * east + north * north).sqrt();
+    (east * east + north * north).sqrt()
+}
+
+/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals at its corners.
+fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
+    let slope = bilinear_slope(corners);
     let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
     let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
     let range = highest - lowest;
