@@ -2,16 +2,17 @@
 
 use crate::cast::{Coherence, Counts, LineOptions};
 use crate::frame::{Frame, Placed, place};
-use crate::ground::Ground;
+use crate::ground::{Ground, Tile};
 use crate::lines::Lines;
 use crate::picture::Picture;
 use crate::projected::Projected;
 use crate::steepness::Steepness;
 use crate::strip::{Line, Strips};
-use crate::view::{Planes, Sampling, View};
+use crate::view::{Planes, Sampling, View, Voxels};
 use crate::workers::{Workers, WorkersError};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use glam::Vec2;
 use terravision_common::camera::Camera;
 
 /// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
@@ -111,17 +112,18 @@ impl Caster {
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);
         let from_datum = (view.eye_in_world().z - ground.datum_m()) as f32;
-        let voxel_m = ground.tiles().iter().map(|tile| tile.spacing_m).fold(f32::INFINITY, f32::min);
         // No ground is further off than the furthest corner of its bounds.
         let far = bounds.min.abs().max(bounds.max.abs()).length();
-        let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
-        self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
+        let has_ground = ground.tile_count() > 0 && far.is_finite();
         // Without voxels there are heights alone.
         let method = match options.method {
             Method::PlainMipmap => Method::PlainMipmap,
             method if ground.has_voxels() => method,
             _ => Method::Mipmap,
         };
+        let placed = self.placed.iter().zip(ground.tiles());
+        let voxels = placed.map(|(placed, tile)| voxels_of(&view, placed, tile, ground.range_m(), from_datum));
+        self.planes.set(&view, &options.sampling, voxels, if has_ground { far } else { 0.0 });
         if method == Method::Mipmap {
             self.projected.set(ground, &view, &self.placed, &self.workers);
         }
@@ -195,4 +197,16 @@ impl Caster {
     pub fn workers(&self) -> &Workers {
         &self.workers
     }
+}
+
+/// Where along rays the voxels of a tile are. `range_m`: of heights above a datum, which the eye is `eye_m` above.
+fn voxels_of(view: &View, placed: &Placed, tile: &Tile, range_m: [f32; 2], eye_m: f32) -> Voxels {
+    let guide = view.guide();
+    let corner = placed.corner.truncate();
+    let size = Vec2::new(tile.cells[0] as f32, tile.cells[1] as f32) * tile.spacing_m;
+    let ends = |axis: usize| [guide[axis] * corner[axis], guide[axis] * (corner[axis] + size[axis])];
+    let heights = range_m.map(|height| guide.z * (height - eye_m));
+    let nearest_first = |[a, b]: [f32; 2]| [a.min(b), a.max(b)];
+    let [x, y, z] = [ends(0), ends(1), heights].map(nearest_first);
+    Voxels { range: [x[0] + y[0] + z[0], x[1] + y[1] + z[1]], side_m: tile.spacing_m }
 }

@@ -178,8 +178,8 @@ impl RaysEngine {
         let prepared_nanos = monotonic_nanos();
         let sampling = Sampling {
             interval_voxels: INTERVAL_VOXELS,
-            // Facets are measured by the side of the square of their area; a voxel is as wide as two of them.
-            voxel_px: (frame.marker.r_z_px * std::f64::consts::SQRT_2) as f32,
+            // Nobody sees more.
+            voxel_px: 1.0,
         };
         let options = CastOptions { method, is_approximate: false, sampling, sky_rgb: self.options.sky_rgb };
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
