@@ -10,14 +10,19 @@ use crate::steepness::Steepness;
 use crate::strip::{Line, Strips};
 use crate::view::{Planes, Sampling, View, Voxels};
 use crate::workers::{Workers, WorkersError};
+use glam::Vec2;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use glam::Vec2;
 use terravision_common::camera::Camera;
 
 /// Neighbouring lines that one worker takes at a time: their pixels share cache lines, which two workers should not
 /// write to at once.
 const LINES_AT_A_TIME: usize = Strips::MOST;
+
+/// Share of the fall of densities across a surface with which they fall along a ray, at most: up to 45 degrees between the two.
+/// With 1 rays look at a twentieth more samples and find the same; with a half they miss a twentieth of what is found, with a third
+/// a quarter (pixels that are sky to them and ground to the mesh, in a view with hills before the sky).
+const FALL_TRUSTED: f32 = 0.7;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -139,7 +144,7 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             datum: -from_datum,
-            fall: ground.shape().filter.unwrap_or_default().fall(),
+            fall: FALL_TRUSTED * ground.shape().filter.unwrap_or_default().fall(),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
         };
         let coherence = match method {

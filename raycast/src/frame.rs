@@ -44,7 +44,7 @@ pub(crate) struct Frame<'a> {
     pub(crate) highest: f32,
     /// The ground's datum, metres above the eye.
     pub(crate) datum: f32,
-    /// How fast densities fall across the surface, per voxel.
+    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is looked for.
     pub(crate) fall: f32,
 }
 

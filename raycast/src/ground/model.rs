@@ -138,13 +138,15 @@ impl Ground {
         for height in &mut scratch.around {
             *height = (in_voxels(*height) - f64::from(lowest_layer)) as f32;
         }
-        let is_accurate = tile.is_accurate && layers <= MOST_LAYERS;
         let (spans_at, blocks_at) = (self.spans.len(), self.blocks.len());
         let densities_at = self.densities.len();
+        let bytes = columns * rows * layers;
+        let has_room = bytes <= self.most_voxel_bytes.saturating_sub(densities_at);
+        let is_accurate = tile.is_accurate && layers <= MOST_LAYERS && has_room;
         let model =
             Tile { lowest_layer, is_accurate, layers: layers as u32, spans_at, blocks_at, densities_at, ..tile };
         if is_accurate {
-            self.densities.resize(densities_at + columns * rows * layers, 0);
+            self.densities.resize(densities_at + bytes, 0);
         }
         scratch.tops.clear();
         scratch.ups.clear();

@@ -9,7 +9,7 @@ use crate::technique::{BlockReader, NEAR_M};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
-use terravision_raycast::ground::{Filter, Ground, GroundError};
+use terravision_raycast::ground::{Detail, Filter, Ground, GroundError};
 use terravision_raycast::view::Sampling;
 use terravision_raycast::world::ground_shape;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
@@ -20,6 +20,11 @@ const TRIALS: u32 = 3;
 const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
 const INTERVAL_VOXELS: f32 = 0.6;
+/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which is a level. The others are drawn
+/// by their heights; the picture is as near to the truth, and costs half (docs/techniques.md).
+const ACCURATE_REACH: f64 = 2.0;
+/// Bytes of voxels at most. What a usual frame has is a hundredth of it; cliffs on many near tiles are what takes more.
+const MOST_VOXEL_BYTES: usize = 64 << 20;
 
 /// Draws frames by casting rays.
 #[derive(Debug)]
@@ -168,7 +173,11 @@ impl RaysEngine {
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
-        ground.finish();
+        ground.finish_for(&Detail {
+            eye_in_world: frame.marker.camera.eye_in_world.into(),
+            reach: ACCURATE_REACH,
+            most_bytes: MOST_VOXEL_BYTES,
+        });
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
