@@ -22,6 +22,9 @@ pub(crate) const LOG_BLOCK: u32 = 4;
 
 /// log2 of the cells along a side of a block that is steep or not.
 const LOG_STEEP: u32 = 2;
+/// A step between two tiles that counts as a wall, in the finer one's voxels. Nearly every edge of two levels has a step; taking all of
+/// them for walls doubles what rays cost, for what less than a pixel of a line would see.
+const LEAST_WALL: f32 = 0.5;
 /// A slope up to which ground is not worth telling apart, metres up per metre.
 pub(super) const GENTLE: f32 = 0.75;
 
@@ -168,6 +171,7 @@ impl Ground {
         }
         self.push_spans(&model, &scratch, filter);
         self.push_blocks(&model);
+        self.push_border_walls(&model);
         self.tiles[index] = model;
         self.scratch = scratch;
     }
@@ -254,6 +258,55 @@ impl Ground {
                 }
             }
         }
+    }
+
+    /// Where a tile's border does not lie on that of a neighbour with fewer posts there is a wall between the two.
+    fn push_border_walls(&mut self, tile: &Tile) {
+        let first = self.steep.len();
+        let [columns, rows] = tile.cells;
+        // Of each side its first post, the step to the next one, how many there are, and which way is out.
+        let sides = [
+            ([0, 0], 0, columns, [0.0, -0.5]),
+            ([0, rows], 0, columns, [0.0, 0.5]),
+            ([0, 0], 1, rows, [-0.5, 0.0]),
+            ([columns, 0], 1, rows, [0.5, 0.0]),
+        ];
+        for (start, axis, count, out) in sides {
+            for step in 0..=count {
+                let mut post: [u32; 2] = start;
+                post[axis] += step;
+                let Some([own, other]) = self.heights_at_border(tile, post, out) else { continue };
+                if (own - other).abs() <= LEAST_WALL * tile.spacing_m {
+                    continue;
+                }
+                let top_m = own.max(other) + tile.spacing_m;
+                // Exact rays are cast on grounds without voxels.
+                let steep = Steep { slope: 0.0, voxel_slope: f32::INFINITY, top_m };
+                // The cells on both sides of the post.
+                for before in [1, 0] {
+                    let mut cell = post;
+                    cell[axis] = cell[axis].saturating_sub(before);
+                    let cell = [cell[0].min(columns - 1), cell[1].min(rows - 1)];
+                    self.note_steep(tile, first, cell.map(|n| n as usize), steep);
+                }
+            }
+        }
+    }
+
+    /// Heights of a post on a tile's border: its own, and that of the coarser tile that lies half a lattice unit further out.
+    fn heights_at_border(&self, tile: &Tile, post: [u32; 2], out: [f64; 2]) -> Option<[f32; 2]> {
+        let point = [0, 1].map(|axis| f64::from(tile.origin[axis] + (post[axis] << tile.log_spacing)));
+        // A post at the end of the side belongs to the tile beside this one.
+        let inward = [0, 1].map(|axis| if post[axis] == tile.cells[axis] { -0.5 } else { 0.5 });
+        let outside =
+            [0, 1].map(|axis| point[axis] + if out[axis] == 0.0 { inward[axis] } else { out[axis] });
+        let Found::Tile(other) = self.tree.find(outside) else { return None };
+        let other = &self.tiles[other as usize];
+        if other.log_spacing <= tile.log_spacing {
+            return None;
+        }
+        let own = self.heights(tile)[post[1] as usize * tile.posts()[0] + post[0] as usize];
+        Some([own, self.height_in(other, point)])
     }
 
     /// The slopes of a tile without voxels.
