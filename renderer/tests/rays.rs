@@ -145,11 +145,12 @@ fn voxels_lie_within_a_voxel_of_the_mesh() {
         keep(mesh, &format!("voxels-{index}-mesh"));
         keep(rays, &format!("voxels-{index}"));
         let pairs: Vec<(f32, f32)> = metres(mesh).into_iter().zip(metres(rays)).collect();
+        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are not. Without a look between samples
+        // it is 30 to 43.
         let torn = pairs.iter().filter(|(a, b)| a.is_finite() != b.is_finite()).count();
-        assert!(torn * 400 < pairs.len(), "view {index}: {torn} pixels are sky in one picture and land in the other");
+        assert!(torn < 35, "view {index}: {torn} pixels are sky in one picture and land in the other");
         let mut errors: Vec<f32> = pairs.iter().filter(|(a, _)| a.is_finite()).map(|(a, b)| (a - b).abs()).collect();
         errors.sort_by(f32::total_cmp);
-        println!("view {index}: torn {torn}, of land {}, median {}", errors.len(), errors[errors.len() / 2]);
         assert!(errors[errors.len() / 2] < 1.0, "view {index}: median {}", errors[errors.len() / 2]);
     }
     assert!(frames[0].iter().skip(1).all(|frame| sky_pixels(frame) > 1000), "hills are before the sky");
