@@ -46,7 +46,7 @@ pub enum Method {
 pub struct CastOptions {
     /// How rays are cast.
     pub method: Method,
-    /// Whether the boundary array alone decides, in tiles with voxels too.
+    /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its samples: the paper's approximate mode.
     pub is_approximate: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,

@@ -298,8 +298,7 @@ impl Ground {
         let point = [0, 1].map(|axis| f64::from(tile.origin[axis] + (post[axis] << tile.log_spacing)));
         // A post at the end of the side belongs to the tile beside this one.
         let inward = [0, 1].map(|axis| if post[axis] == tile.cells[axis] { -0.5 } else { 0.5 });
-        let outside =
-            [0, 1].map(|axis| point[axis] + if out[axis] == 0.0 { inward[axis] } else { out[axis] });
+        let outside = [0, 1].map(|axis| point[axis] + if out[axis] == 0.0 { inward[axis] } else { out[axis] });
         let Found::Tile(other) = self.tree.find(outside) else { return None };
         let other = &self.tiles[other as usize];
         if other.log_spacing <= tile.log_spacing {
