@@ -80,7 +80,7 @@ fn main() {
             fill();
             let models = start.elapsed();
             let mut caster = Caster::new(1).expect("this thread is there");
-            let sampling = Sampling { interval_voxels: 0.6, voxel_px: cell_px as f32 };
+            let sampling = Sampling { interval_voxels: 0.6, voxel_px: 1.0f32.min(cell_px as f32) };
             let options = CastOptions { method, sampling, ..CastOptions::default() };
             let picture = Picture::new(SIZE);
             let layers = tiles.layers();

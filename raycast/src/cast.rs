@@ -108,7 +108,21 @@ struct Sample {
     inside: Option<f32>,
     /// That of the sample before, if it was looked at.
     outside: Option<f32>,
+    /// Where between the sample before, in the air, and this one, which may be in the air too, the surface is passed.
+    crossing: Option<[Point; 2]>,
 }
+
+/// A point of a ray: its parameter and the density there.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    s: f32,
+    density: f32,
+}
+
+/// Halvings of a sampling interval in which a ray may pass through the top of a hill: ground of less than an eighth of it is missed.
+const HALVINGS: u32 = 3;
+/// Of a ray's way to where it leaves the ground, so that rounding leaves this point over the ground.
+const JUST_BEFORE: f32 = 1.0 - 1e-6;
 
 impl Frame<'_> {
     /// Casts the rays of a line's pixels, bottom up.
@@ -143,7 +157,8 @@ impl Frame<'_> {
             let result = match below {
                 Some((below, doubts)) => {
                     // Where the lower ray was not over the ground yet it says nothing.
-                    let gap = below.entry.min(below.reach).min(end);
+                    let before = below.entry.min(below.reach).min(end);
+                    let gap = if entry < before { (before + 1).min(end) } else { before };
                     let start = below.reach.max(entry);
                     let mut found = End::Left(gap);
                     if entry < gap {
@@ -157,7 +172,7 @@ impl Frame<'_> {
                         }
                         // A plane more on both sides: rounding.
                         let from = self.planes.at_or_after(from).saturating_sub(1).max(entry).max(gap);
-                        let to = (self.planes.at_or_after(to) + 1).min(start).min(end);
+                        let to = (self.planes.at_or_after(to) + 1).min(start + 1).min(end);
                         if from < to {
                             is_doubted = true;
                             let found_here = self.walk::<APPROXIMATE, true>(&ray, from, to, &mut current, &mut counts);
@@ -184,12 +199,19 @@ impl Frame<'_> {
                     }
                 }
             };
+            let result = match result {
+                End::Left(plane) => match self.at_border::<APPROXIMATE>(&ray, plane, &current, &mut counts) {
+                    Some(sample) => End::Hit(sample),
+                    None => result,
+                },
+                End::Hit(_) => result,
+            };
             let reach = match result {
                 End::Hit(sample) => {
-                    let (plane, s) = self.refined::<APPROXIMATE>(&ray, sample, &current, &mut counts);
+                    let (reach, s) = self.refined::<APPROXIMATE>(&ray, sample, &current, &mut counts);
                     counts.hits += 1;
-                    self.picture.put(pixel, self.shade(current.index, &ray, s), s * ray.depth);
-                    plane
+                    self.picture.put(pixel, self.shade(self.tile_at(&ray, s, &current), &ray, s), s * ray.depth);
+                    reach
                 }
                 End::Left(plane) => {
                     self.picture.put(pixel, self.sky, f32::NAN);
@@ -197,7 +219,7 @@ impl Frame<'_> {
                     if plane >= end && !self.ground.is_cut() {
                         planes
                     } else {
-                        plane.min(self.planes.at_or_after(self.departure(&ray)))
+                        plane.min(self.planes.at_or_after(self.departure(&ray))).saturating_sub(1)
                     }
                 }
             };
@@ -243,7 +265,9 @@ impl Frame<'_> {
     #[inline(always)]
     fn end_of_rising(&self, ray: &Ray) -> u32 {
         if ray.direction.z > 0.0 {
-            self.planes.at_or_after(self.highest.max(0.0) / ray.direction.z)
+            // One more, for what lies before it.
+            let after = self.planes.at_or_after(self.highest.max(0.0) / ray.direction.z) + 1;
+            after.min(self.planes.s().len() as u32)
         } else if ray.direction.z == 0.0 && self.highest < 0.0 {
             0
         } else {
@@ -251,10 +275,10 @@ impl Frame<'_> {
         }
     }
 
-    /// The first plane at which a falling ray is not above all ground.
+    /// The last plane at which a falling ray is above all ground.
     fn start_below_top(&self, ray: &Ray) -> u32 {
         if ray.direction.z < 0.0 && self.highest < 0.0 {
-            self.planes.at_or_after(self.highest / ray.direction.z)
+            self.planes.at_or_after(self.highest / ray.direction.z).saturating_sub(1)
         } else {
             0
         }
@@ -267,6 +291,7 @@ impl Frame<'_> {
         Some(Current {
             index,
             spans: self.ground.spans(tile),
+            heights: self.ground.heights(tile),
             densities: self.ground.densities(tile),
             blocks: self.ground.blocks(tile),
             cells: tile.cells,
@@ -274,6 +299,7 @@ impl Frame<'_> {
             is_accurate: tile.is_accurate,
             per_m: placed.per_m,
             at_0: -placed.corner * placed.per_m,
+            datum: (self.datum - placed.corner.z) * placed.per_m,
         })
     }
 
@@ -301,12 +327,15 @@ impl Frame<'_> {
         let mut k = from as usize;
         let mut is_found = false;
         let mut outside = None;
+        // None: no plane is before the first one.
+        let mut looked_at = usize::MAX - 1;
         loop {
             // A copy, so that it stays in registers.
             let tile = *current;
             let per_s = ray.direction * tile.per_m;
             let [columns, rows] = tile.cells;
-            let is_graded = !APPROXIMATE && tile.is_accurate;
+            let has_voxels = !APPROXIMATE && tile.is_accurate;
+            let fall_per_s = self.fall * per_s.length();
             let mut looked_at_block = u32::MAX;
             loop {
                 let Some(&s) = planes.get(k) else { return End::Left(end) };
@@ -324,7 +353,16 @@ impl Frame<'_> {
                 is_found = false;
                 let span = tile.span(i, j);
                 counts.samples += 1;
+                let is_next = looked_at + 1 == k;
+                looked_at = k;
                 if at.z >= f32::from(span.highest) + 1.0 {
+                    if let Some(before) = outside
+                        && is_next
+                        && let Some(sample) =
+                            self.between::<APPROXIMATE>(ray, k, [Some(before), None], fall_per_s, current, counts)
+                    {
+                        return End::Hit(sample);
+                    }
                     k += 1;
                     if SKIPS {
                         let block = (j >> LOG_BLOCK) * columns.div_ceil(1 << LOG_BLOCK) + (i >> LOG_BLOCK);
@@ -336,13 +374,23 @@ impl Frame<'_> {
                     outside = None;
                     continue;
                 }
-                if !is_graded || at.z < f32::from(span.lowest) {
-                    return End::Hit(Sample { plane: k as u32, inside: None, outside });
+                if at.z < f32::from(span.lowest) {
+                    return End::Hit(Sample { plane: k as u32, inside: None, outside, crossing: None });
                 }
-                counts.densities += 1;
-                let density = tile.density([i, j], [low_u, low_v], at);
+                let density = if has_voxels {
+                    counts.densities += 1;
+                    tile.density([i, j], [low_u, low_v], at)
+                } else {
+                    tile.density_by_height([i, j], [low_u, low_v], at)
+                };
                 if density > THRESHOLD {
-                    return End::Hit(Sample { plane: k as u32, inside: Some(density), outside });
+                    return End::Hit(Sample { plane: k as u32, inside: Some(density), outside, crossing: None });
+                }
+                if is_next
+                    && let Some(sample) =
+                        self.between::<APPROXIMATE>(ray, k, [outside, Some(density)], fall_per_s, current, counts)
+                {
+                    return End::Hit(sample);
                 }
                 outside = Some(density);
                 k += 1;
@@ -396,8 +444,123 @@ impl Frame<'_> {
         k.max(self.planes.at_or_after(s).saturating_sub(1) as usize)
     }
 
-    /// Where a ray passes the surface before a sample that is in the ground: the first such plane, and the parameter between
-    /// it and the one before, by the two densities.
+    /// Whether a ray passes through ground between plane `k` and the one before, both in the air: over the top of a hill that is
+    /// narrower there than a sampling interval, or else silhouettes show the planes as steps. `densities`: of both, one of
+    /// them at least.
+    #[inline(always)]
+    fn between<const APPROXIMATE: bool>(
+        &self,
+        ray: &Ray,
+        k: usize,
+        densities: [Option<f32>; 2],
+        fall_per_s: f32,
+        current: &Current<'_>,
+        counts: &mut Counts,
+    ) -> Option<Sample> {
+        // That mode is measured against the paper's, which has nothing of the kind.
+        if APPROXIMATE {
+            return None;
+        }
+        let s = [self.planes.s()[k - 1], self.planes.s()[k]];
+        let fall = fall_per_s * (s[1] - s[0]);
+        // What is not known is in the air.
+        let [from, to] = densities.map(|density| density.unwrap_or(THRESHOLD));
+        if from + to + fall <= 2.0 * THRESHOLD {
+            return None;
+        }
+        self.between_near::<APPROXIMATE>(ray, k, densities, fall, current, counts)
+    }
+
+    #[inline(never)]
+    fn between_near<const APPROXIMATE: bool>(
+        &self,
+        ray: &Ray,
+        k: usize,
+        densities: [Option<f32>; 2],
+        fall: f32,
+        current: &Current<'_>,
+        counts: &mut Counts,
+    ) -> Option<Sample> {
+        let mut points = [Point { s: 0.0, density: 0.0 }; 2];
+        for (at, point) in points.iter_mut().enumerate() {
+            let s = self.planes.s()[k - 1 + at];
+            let density = densities[at].or_else(|| self.density_at::<APPROXIMATE>(ray, s, current))?;
+            *point = Point { s, density };
+        }
+        let crossing = self.crossing::<APPROXIMATE>(ray, points, fall, HALVINGS, current, counts)?;
+        Some(Sample { plane: k as u32, inside: None, outside: None, crossing: Some(crossing) })
+    }
+
+    /// The first place between two points in the air at which a ray enters the ground, as a point before and one after it.
+    /// `fall`: by how much densities fall, or rise, from one point to the other, at most.
+    fn crossing<const APPROXIMATE: bool>(
+        &self,
+        ray: &Ray,
+        [from, to]: [Point; 2],
+        fall: f32,
+        halvings: u32,
+        current: &Current<'_>,
+        counts: &mut Counts,
+    ) -> Option<[Point; 2]> {
+        if halvings == 0 || from.density + to.density + fall <= 2.0 * THRESHOLD {
+            return None;
+        }
+        counts.samples += 1;
+        let s = 0.5 * (from.s + to.s);
+        let middle = Point { s, density: self.density_at::<APPROXIMATE>(ray, s, current)? };
+        if middle.density > THRESHOLD {
+            return Some([from, middle]);
+        }
+        let mut half =
+            |points| self.crossing::<APPROXIMATE>(ray, points, 0.5 * fall, halvings - 1, current, &mut *counts);
+        half([from, middle]).or_else(|| half([middle, to]))
+    }
+
+    /// Whether a ray that has met no sample in the ground before `plane` is in the ground where it leaves it: planes do not lie on
+    /// the border.
+    #[inline(always)]
+    fn at_border<const APPROXIMATE: bool>(
+        &self,
+        ray: &Ray,
+        plane: u32,
+        current: &Current<'_>,
+        counts: &mut Counts,
+    ) -> Option<Sample> {
+        let s = self.departure(ray) * JUST_BEFORE;
+        if !(s.is_finite() && s * ray.direction.z < self.highest) {
+            return None;
+        }
+        let after = self.planes.at_or_after(s);
+        if after > plane || after == 0 {
+            return None;
+        }
+        counts.samples += 1;
+        let before = self.planes.s()[after as usize - 1];
+        let point = |s: f32| self.density_at::<APPROXIMATE>(ray, s, current).map(|density| Point { s, density });
+        let points = [point(before)?, point(s)?];
+        let crossing = if points[1].density > THRESHOLD {
+            Some(points)
+        } else {
+            let fall = self.fall * ray.direction.length() * current.per_m * (s - before);
+            self.crossing::<APPROXIMATE>(ray, points, fall, HALVINGS, current, counts)
+        };
+        crossing.map(|crossing| Sample { plane: after, inside: None, outside: None, crossing: Some(crossing) })
+    }
+
+    /// The tile at a parameter of a ray, which is this one or beside it.
+    #[inline(always)]
+    fn tile_at(&self, ray: &Ray, s: f32, current: &Current<'_>) -> u32 {
+        if current.is_over(current.at(ray.direction * current.per_m, s)) {
+            return current.index;
+        }
+        match self.find(ray, s) {
+            Place::Tile(tile) => tile,
+            Place::HoleUntil(_) | Place::Left => current.index,
+        }
+    }
+
+    /// Where a ray passes the surface before a sample that is in the ground: the plane before, which is in the air, and the parameter
+    /// between it and the next one, by the two densities.
     #[inline(always)]
     fn refined<const APPROXIMATE: bool>(
         &self,
@@ -408,6 +571,9 @@ impl Frame<'_> {
     ) -> (u32, f32) {
         let planes = self.planes.s();
         let mut plane = sample.plane as usize;
+        if let Some([from, to]) = sample.crossing {
+            return (sample.plane - 1, surface_between(from, to));
+        }
         let density = |plane: usize| self.density_at::<APPROXIMATE>(ray, planes[plane], current);
         let mut here = sample.inside;
         let mut before = sample.outside;
@@ -415,13 +581,10 @@ impl Frame<'_> {
             before = before.or_else(|| density(plane - 1));
             let Some(outside) = before else { break };
             if outside <= THRESHOLD {
-                let [from, to] = [planes[plane - 1], planes[plane]];
-                if APPROXIMATE || !current.is_accurate {
-                    return (plane as u32, to);
-                }
                 let inside = here.or_else(|| density(plane)).unwrap_or(255.0);
-                let share = (THRESHOLD - outside) / (inside - outside).max(1e-3);
-                return (plane as u32, from + (to - from) * share.clamp(0.0, 1.0));
+                let from = Point { s: planes[plane - 1], density: outside };
+                let to = Point { s: planes[plane], density: inside };
+                return (plane as u32 - 1, surface_between(from, to));
             }
             counts.steps_back += 1;
             plane -= 1;
@@ -430,8 +593,7 @@ impl Frame<'_> {
         (plane as u32, planes[plane])
     }
 
-    /// Density at a parameter of a ray that is in a tile or near it; 0 and 255 where the boundary array alone decides, `None`
-    /// where no ground is.
+    /// Density at a parameter of a ray that is in a tile or near it; `None` where no ground is.
     #[inline(always)]
     fn density_at<const APPROXIMATE: bool>(&self, ray: &Ray, s: f32, current: &Current<'_>) -> Option<f32> {
         let at = current.at(ray.direction * current.per_m, s);
@@ -456,8 +618,15 @@ impl Frame<'_> {
     fn density_in<const APPROXIMATE: bool>(current: &Current<'_>, at: Vec3) -> f32 {
         let ((i, low_u), (j, low_v)) = (cell(at.x), cell(at.y));
         if APPROXIMATE || !current.is_accurate {
-            return if at.z >= f32::from(current.span(i, j).highest) + 1.0 { 0.0 } else { 255.0 };
+            return current.density_by_height([i, j], [low_u, low_v], at);
         }
         current.density([i, j], [low_u, low_v], at)
     }
+}
+
+/// The parameter of the surface between a point in the air and one in the ground.
+#[inline(always)]
+fn surface_between(from: Point, to: Point) -> f32 {
+    let share = (THRESHOLD - from.density) / (to.density - from.density).max(1e-3);
+    from.s + (to.s - from.s) * share.clamp(0.0, 1.0)
 }

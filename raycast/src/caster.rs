@@ -2,14 +2,15 @@
 
 use crate::cast::{Coherence, Counts, LineOptions};
 use crate::frame::{Frame, Placed, is_beside_world, place};
-use crate::ground::Ground;
+use crate::ground::{Ground, Tile};
 use crate::lines::Lines;
 use crate::picture::Picture;
 use crate::projected::Projected;
 use crate::steepness::Steepness;
 use crate::strip::{Line, Strips};
-use crate::view::{Planes, Sampling, View};
+use crate::view::{Planes, Sampling, View, Voxels};
 use crate::workers::{Workers, WorkersError};
+use glam::Vec2;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
@@ -26,6 +27,11 @@ fn lines_at_a_time(left: usize) -> usize {
 const SHARES: usize = 16;
 /// Fewest lines at a time: 4 pixels of 8 bytes, half a cache line.
 const FEWEST_LINES: usize = 4;
+
+/// Share of the fall of densities across a surface with which they fall along a ray, at most: up to 45 degrees between the two.
+/// With 1 rays look at a twentieth more samples and find the same; with a half they miss a twentieth of what is found, with a third
+/// a quarter (pixels that are sky to them and ground to the mesh, in a view with hills before the sky).
+const FALL_TRUSTED: f32 = 0.7;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -49,7 +55,7 @@ pub enum Method {
 pub struct CastOptions {
     /// How rays are cast.
     pub method: Method,
-    /// Whether the boundary array alone decides, in tiles with voxels too.
+    /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its samples: the paper's approximate mode.
     pub is_approximate: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,
@@ -120,18 +126,19 @@ impl Caster {
         let bounds = place(ground, &view, &mut self.placed);
         self.lines.set(picture.size(), camera.roll_rad);
         let from_datum = (view.eye_in_world().z - ground.datum_m()) as f32;
-        let voxel_m = ground.tiles().iter().map(|tile| tile.spacing_m).fold(f32::INFINITY, f32::min);
         // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
         let [lowest, highest] = ground.range_m().map(|height| (height - from_datum).abs());
         let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
-        let has_ground = ground.tile_count() > 0 && far.is_finite() && voxel_m > 0.0;
-        self.planes.set(&view, &options.sampling, voxel_m, if has_ground { far } else { 0.0 });
+        let has_ground = ground.tile_count() > 0 && far.is_finite();
         // Without voxels there are heights alone.
         let method = match options.method {
             Method::PlainMipmap => Method::PlainMipmap,
             method if ground.has_voxels() => method,
             _ => Method::Mipmap,
         };
+        let placed = self.placed.iter().zip(ground.tiles());
+        let voxels = placed.map(|(placed, tile)| voxels_of(&view, placed, tile, ground.range_m(), from_datum));
+        self.planes.set(&view, &options.sampling, voxels, if has_ground { far } else { 0.0 });
         if method == Method::Mipmap {
             self.projected.set(ground, &view, &self.placed, &self.workers);
         }
@@ -146,6 +153,8 @@ impl Caster {
             colors,
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
+            datum: -from_datum,
+            fall: FALL_TRUSTED * ground.shape().filter.unwrap_or_default().fall(),
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
             has_undersides: is_beside_world(ground, &view),
         };
@@ -208,6 +217,18 @@ impl Caster {
     pub fn workers(&self) -> &Workers {
         &self.workers
     }
+}
+
+/// Where along rays the voxels of a tile are. `range_m`: of heights above a datum, which the eye is `eye_m` above.
+fn voxels_of(view: &View, placed: &Placed, tile: &Tile, range_m: [f32; 2], eye_m: f32) -> Voxels {
+    let guide = view.guide();
+    let corner = placed.corner.truncate();
+    let size = Vec2::new(tile.cells[0] as f32, tile.cells[1] as f32) * tile.spacing_m;
+    let ends = |axis: usize| [guide[axis] * corner[axis], guide[axis] * (corner[axis] + size[axis])];
+    let heights = range_m.map(|height| guide.z * (height - eye_m));
+    let nearest_first = |[a, b]: [f32; 2]| [a.min(b), a.max(b)];
+    let [x, y, z] = [ends(0), ends(1), heights].map(nearest_first);
+    Voxels { range: [x[0] + y[0] + z[0], x[1] + y[1] + z[1]], side_m: tile.spacing_m }
 }
 
 #[cfg(test)]

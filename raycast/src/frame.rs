@@ -42,6 +42,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) sky: u32,
     /// Highest ground, metres from the eye.
     pub(crate) highest: f32,
+    /// The ground's datum, metres above the eye.
+    pub(crate) datum: f32,
+    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is looked for.
+    pub(crate) fall: f32,
     /// Whether facets are seen from below: an eye beside the world may look under its edge.
     pub(crate) has_undersides: bool,
 }

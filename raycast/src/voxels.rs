@@ -1,6 +1,6 @@
 //! A tile of voxels as rays sample it.
 
-use crate::ground::Span;
+use crate::ground::{Span, THRESHOLD};
 use glam::Vec3;
 
 /// The tile that a line's rays are in: the same for many of them.
@@ -8,6 +8,8 @@ use glam::Vec3;
 pub(crate) struct Current<'a> {
     pub(crate) index: u32,
     pub(crate) spans: &'a [Span],
+    /// Of posts, metres above the ground's datum.
+    pub(crate) heights: &'a [f32],
     pub(crate) densities: &'a [u8],
     pub(crate) blocks: &'a [u16],
     pub(crate) cells: [u32; 2],
@@ -16,6 +18,8 @@ pub(crate) struct Current<'a> {
     pub(crate) per_m: f32,
     /// The eye's place in cells and layers.
     pub(crate) at_0: Vec3,
+    /// Layers of the ground's datum.
+    pub(crate) datum: f32,
 }
 
 /// A number's whole part, as a number and as an index: past any cell count for a negative number. A whole number may give
@@ -26,6 +30,10 @@ pub(crate) fn cell(at: f32) -> (u32, f32) {
     let rounded = (at - 0.5) + 12_582_912.0;
     (rounded.to_bits().wrapping_sub(0x4b40_0000), rounded - 12_582_912.0)
 }
+
+/// How fast [`Current::density_by_height`] falls: so fast that up to a slope of 45 degrees it falls no faster across the surface
+/// than densities of voxels do.
+const DENSITY_PER_LAYER: f32 = 60.0;
 
 impl Current<'_> {
     /// Place of a point of a ray in cells and layers.
@@ -42,6 +50,22 @@ impl Current<'_> {
     #[inline(always)]
     pub(crate) fn span(&self, i: u32, j: u32) -> Span {
         self.spans.get(j as usize * self.cells[0] as usize + i as usize).copied().unwrap_or_default()
+    }
+
+    /// A density for a place in the cell `(i, j)` of a tile without voxels, whose corner is `low`: the threshold on the surface
+    /// that is bilinear between the cell's posts, and linear in the height above it.
+    #[inline(always)]
+    pub(crate) fn density_by_height(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
+        let (fu, fv) = (at.x - low[0], at.y - low[1]);
+        let south = j as usize * (self.cells[0] as usize + 1) + i as usize;
+        let north = south + self.cells[0] as usize + 1;
+        let pair = |at: usize| match self.heights.get(at..at + 2) {
+            Some(&[west, east]) => west + (east - west) * fu,
+            _ => f32::NEG_INFINITY,
+        };
+        let (south, north) = (pair(south), pair(north));
+        let height = (south + (north - south) * fv) * self.per_m + self.datum;
+        THRESHOLD + DENSITY_PER_LAYER * (height - at.z)
     }
 
     /// Trilinear density at a place in the cell `(i, j)`, whose corner is `low`.

@@ -204,13 +204,28 @@ fn outlines_of_rays_lie_where_those_of_the_mesh_do() {
 
 #[test]
 fn voxels_lie_within_a_voxel_of_the_mesh() {
-    let recording = recording([128, 128], 0, &[camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE)]);
+    // Down; and level, along hills before the sky, which samples of rays pass through the tops of.
+    let views = [
+        camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE),
+        camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
+        camera([60.0, 640.0, 100.0], 95.0, -2.0, SIZE),
+        Camera { roll_rad: 0.6, ..camera([1200.0, 1100.0, 110.0], 220.0, -4.0, SIZE) },
+    ];
+    let recording = recording([128, 128], 0, &views);
     let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());
-    let mut errors: Vec<f32> =
-        metres(&frames[0][0]).iter().zip(metres(&frames[1][0])).map(|(a, b)| (a - b).abs()).collect();
-    errors.retain(|error| error.is_finite());
-    errors.sort_by(f32::total_cmp);
-    assert!(errors[errors.len() / 2] < 5.0, "median {}", errors[errors.len() / 2]);
+    for (index, (mesh, rays)) in frames[0].iter().zip(&frames[1]).enumerate() {
+        keep(mesh, &format!("voxels-{index}-mesh"));
+        keep(rays, &format!("voxels-{index}"));
+        let pairs: Vec<(f32, f32)> = metres(mesh).into_iter().zip(metres(rays)).collect();
+        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are not. Without a look between samples
+        // it is 30 to 43.
+        let torn = pairs.iter().filter(|(a, b)| a.is_finite() != b.is_finite()).count();
+        assert!(torn < 35, "view {index}: {torn} pixels are sky in one picture and land in the other");
+        let mut errors: Vec<f32> = pairs.iter().filter(|(a, _)| a.is_finite()).map(|(a, b)| (a - b).abs()).collect();
+        errors.sort_by(f32::total_cmp);
+        assert!(errors[errors.len() / 2] < 1.0, "view {index}: median {}", errors[errors.len() / 2]);
+    }
+    assert!(frames[0].iter().skip(1).all(|frame| sky_pixels(frame) > 1000), "hills are before the sky");
 }
 
 #[test]

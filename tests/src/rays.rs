@@ -15,7 +15,7 @@ use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 pub struct RaySettings {
     /// Coherent voxel samples, or exact rays.
     pub method: Method,
-    /// Metres from the eye within which tiles have voxels; the others are drawn by the boundary array.
+    /// Metres from the eye within which tiles have voxels; the others are drawn by their heights.
     pub accurate_m: f64,
     /// Wanted size of an elevation cell on screen, pixels.
     pub cell_px: f64,
@@ -33,7 +33,7 @@ impl RaySettings {
         Self { method: Method::Coherent, accurate_m: f64::INFINITY, cell_px: 1.0, texel_px: 0.7, filter }
     }
 
-    /// The boundary array alone.
+    /// No voxels: the boundary array, and heights within it.
     #[must_use]
     pub const fn approximate() -> Self {
         Self { accurate_m: -1.0, ..Self::accurate() }
@@ -86,7 +86,7 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let models = start.elapsed();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut caster = Caster::new(threads).unwrap_or_else(|error| panic!("{error}"));
-    let sampling = Sampling { interval_voxels: 0.6, voxel_px: settings.cell_px as f32 };
+    let sampling = Sampling { interval_voxels: 0.6, voxel_px: 1.0f32.min(settings.cell_px as f32) };
     let options = CastOptions { method: settings.method, is_approximate: false, sampling, sky_rgb };
     let layers = tiles.layers();
     let picture = Picture::new([camera.width, camera.height]);

@@ -144,11 +144,11 @@ pub struct PictureArgs {
     pub exaggeration: f64,
     /// A preset of --facet-px and --samples
     ///
-    /// 'default' draws facets of 10 pixels, one sample a pixel. 'best' draws facets of 3 pixels with four samples a
+    /// 'default' draws facets of 10 pixels (7 for voxels, '--technique rays --rays coherent'), one sample a pixel. 'best' draws facets of 3 pixels with four samples a
     /// pixel: nearer to the true picture at several times the cost. A flag given as well wins over the preset.
     #[arg(long, value_enum, default_value_t = Quality::Default)]
     pub quality: Quality,
-    /// Wanted size of the terrain's facets on screen, pixels [default: 10, best: 3]
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3]
     ///
     /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
     #[arg(long, value_name = "PIXELS")]

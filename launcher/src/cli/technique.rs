@@ -25,7 +25,7 @@ impl From<TechniqueArg> for TechniqueChoice {
 /// [`RaysChoice`] as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RaysArg {
-    /// Samples of voxels along lines of pixels, each ray from where the one below it hit
+    /// Samples along lines of pixels, each ray from where the one below it hit: of voxels in the nearest tiles, of heights beyond
     Coherent,
     /// One exact ray per pixel through maxima of the heights
     Mipmap,

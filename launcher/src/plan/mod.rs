@@ -10,8 +10,8 @@ pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    CourseArgs, FlyArgs, MeasurementArgs, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
-    StillArgs,
+    CourseArgs, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
+    ResourceArgs, StillArgs,
 };
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
@@ -35,7 +35,9 @@ use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
-use terravision_common::run::{OPEN_END, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{
+    OPEN_END, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
+};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
@@ -300,7 +302,12 @@ impl<'a> Draft<'a> {
             width: settings.width.unwrap_or(DEFAULT_SIZE.width),
             height: settings.height.unwrap_or(DEFAULT_SIZE.height),
         });
+        let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
+        let (asked, rays) = checks::technique(picture, is_realtime)?;
+        let (texels, technique) = texels.decide(asked)?;
         let (facet_px, samples) = match picture.quality {
+            // What rays through voxels cost grows with pixels: facets of half the area make up for what sampling loses.
+            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
         };
@@ -308,11 +315,9 @@ impl<'a> Draft<'a> {
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let r_c_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
         let realtime = self.realtime.and_then(|args| realtime(args, [r_z_px, r_c_px]).transpose()).transpose()?;
-        let (technique, rays) = checks::technique(picture, realtime.is_some())?;
-        let samples = if technique == TechniqueChoice::Rays { 1 } else { samples };
+        let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
-        let (texels, technique) = texels.decide(technique)?;
         let layout = Layout::for_run(world, resources.memory.0, texels).map_err(|error| match error {
             ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
                 "--memory {}: the tile pools of this world need at least {}",

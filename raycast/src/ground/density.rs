@@ -22,6 +22,16 @@ pub const BOX_HALF_WIDTH: f32 = 1.5;
 pub const SIGMA: f32 = 0.7;
 
 impl Filter {
+    /// How fast densities fall across a surface without cliffs, per voxel.
+    #[must_use]
+    pub(crate) fn fall(self) -> f32 {
+        match self {
+            Self::OrientedBox => THRESHOLD / BOX_HALF_WIDTH,
+            // Of a step: the Gaussian's own height.
+            Self::Gaussian => 255.0 / (SIGMA * (2.0 * std::f32::consts::PI).sqrt()),
+        }
+    }
+
     /// Posts around a column that its densities depend on.
     #[must_use]
     pub fn radius(self) -> usize {

@@ -15,6 +15,7 @@ pub(crate) use tree::Found;
 pub use tree::{Link, Node, Occupied, Tree};
 
 use crate::color::{ColorLayout, ColorPlace};
+use glam::DVec3;
 
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +53,7 @@ pub struct TileSpec<'a> {
     pub datum_m: f64,
     /// Its colours.
     pub color: ColorPlace,
-    /// Whether it gets voxels of its own. Without, it is drawn by the boundary array alone.
+    /// Whether it may get voxels of its own. Without, the boundary array and its heights alone say where ground is.
     pub is_accurate: bool,
 }
 
@@ -92,6 +93,22 @@ pub enum GroundError {
         /// Lower left corner.
         origin: [u32; 2],
     },
+}
+
+/// Which tiles of a ground get voxels of those that may.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detail {
+    /// The eye, world coordinates.
+    pub eye_in_world: DVec3,
+    /// Tiles that are more than this many times as far from the eye as the nearest one, and further than it is wide, get none.
+    pub reach: f64,
+    /// Bytes of all voxels at most: where they are spent, further tiles get none.
+    pub most_bytes: usize,
+}
+
+impl Detail {
+    /// All tiles that may.
+    pub const ALL: Self = Self { eye_in_world: DVec3::ZERO, reach: f64::INFINITY, most_bytes: usize::MAX };
 }
 
 /// Boundary cells reach no more voxels above the highest post.
@@ -142,6 +159,9 @@ pub struct Ground {
     maxima: Vec<f32>,
     blocks: Vec<u16>,
     scratch: model::Scratch,
+    /// Tiles by their distance from the eye, the nearest first.
+    order: Vec<(f64, u32)>,
+    most_voxel_bytes: usize,
     steep: Vec<SteepBlock>,
     lowest_m: f32,
     highest_m: f32,
@@ -165,6 +185,8 @@ impl Ground {
             maxima: Vec::new(),
             blocks: Vec::new(),
             scratch: model::Scratch::default(),
+            order: Vec::new(),
+            most_voxel_bytes: usize::MAX,
             steep: Vec::new(),
             lowest_m: 0.0,
             highest_m: 0.0,
@@ -273,9 +295,56 @@ impl Ground {
 
     /// Makes the models of all tiles that were added: densities, boundary arrays, maxima.
     pub fn finish(&mut self) {
-        for index in 0..self.tiles.len() {
-            self.make_model(index);
+        self.finish_for(&Detail::ALL);
+    }
+
+    /// As [`Ground::finish`], with voxels for the nearest tiles alone. Which those are depends on the tiles and `detail` alone.
+    pub fn finish_for(&mut self, detail: &Detail) {
+        if !self.has_voxels() {
+            (0..self.tiles.len()).for_each(|index| self.make_model(index));
+            return;
         }
+        self.most_voxel_bytes = detail.most_bytes;
+        self.order.clear();
+        for (tile, index) in self.tiles.iter().zip(0..) {
+            self.order.push((self.distance_m(tile, detail.eye_in_world), index));
+        }
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let limit = self.order.first().map_or(0.0, |(nearest, index)| {
+            let tile = &self.tiles[*index as usize];
+            let side = f64::from(tile.cells[0].max(tile.cells[1])) * f64::from(tile.spacing_m);
+            (detail.reach * nearest).max(side)
+        });
+        for at in 0..self.order.len() {
+            let (distance, index) = self.order[at];
+            // Not a number where an endless reach meets no distance: everything is within.
+            self.tiles[index as usize].is_accurate &= detail.reach.is_infinite() || distance <= limit;
+            self.make_model(index as usize);
+        }
+    }
+
+    /// How far a tile's ground is from the eye at least, metres.
+    fn distance_m(&self, tile: &Tile, eye: DVec3) -> f64 {
+        let unit = self.shape.lattice_unit_m;
+        let beside = |axis: usize| {
+            let low = f64::from(tile.origin[axis]) * unit;
+            let high = low + f64::from(tile.cells[axis]) * f64::from(tile.spacing_m);
+            (low - eye[axis]).max(eye[axis] - high).max(0.0)
+        };
+        let above = (eye.z - self.datum_m - f64::from(tile.top_m)).max(0.0);
+        DVec3::new(beside(0), beside(1), above).length()
+    }
+
+    /// Tiles that have voxels.
+    #[must_use]
+    pub fn accurate_count(&self) -> usize {
+        self.tiles.iter().filter(|tile| tile.is_accurate).count()
+    }
+
+    /// Bytes of all voxels.
+    #[must_use]
+    pub fn voxel_bytes(&self) -> usize {
+        self.densities.len()
     }
 
     /// Number of tiles.

@@ -22,6 +22,9 @@ pub(crate) const LOG_BLOCK: u32 = 4;
 
 /// log2 of the cells along a side of a block that is steep or not.
 const LOG_STEEP: u32 = 2;
+/// A step between two tiles that counts as a wall, in the finer one's voxels. Nearly every edge of two levels has a step; taking all of
+/// them for walls doubles what rays cost, for what less than a pixel of a line would see.
+const LEAST_WALL: f32 = 0.5;
 /// A slope up to which ground is not worth telling apart, metres up per metre.
 pub(super) const GENTLE: f32 = 0.75;
 
@@ -56,7 +59,6 @@ pub(super) struct Scratch {
     tops: Vec<u16>,
     /// Of each column the upward part of the normal.
     ups: Vec<f32>,
-    column: Vec<u8>,
     /// Of each post of a row, or each cell: two values.
     rows: [Vec<f32>; 2],
 }
@@ -139,34 +141,37 @@ impl Ground {
         for height in &mut scratch.around {
             *height = (in_voxels(*height) - f64::from(lowest_layer)) as f32;
         }
-        let is_accurate = tile.is_accurate && layers <= MOST_LAYERS;
         let (spans_at, blocks_at) = (self.spans.len(), self.blocks.len());
         let densities_at = self.densities.len();
+        let bytes = columns * rows * layers;
+        let has_room = bytes <= self.most_voxel_bytes.saturating_sub(densities_at);
+        let is_accurate = tile.is_accurate && layers <= MOST_LAYERS && has_room;
         let model =
             Tile { lowest_layer, is_accurate, layers: layers as u32, spans_at, blocks_at, densities_at, ..tile };
         if is_accurate {
-            self.densities.resize(densities_at + columns * rows * layers, 0);
+            self.densities.resize(densities_at + bytes, 0);
         }
         scratch.tops.clear();
         scratch.ups.clear();
-        scratch.column.resize(layers, 0);
         for j in 0..rows {
             for i in 0..columns {
                 let at = (j + radius) * stride + i + radius;
                 let column = Column { heights: &scratch.around, stride, at };
                 scratch.ups.push(column.normal_up());
-                let voxels = if is_accurate {
+                if is_accurate {
                     let at = densities_at + (j * columns + i) * layers;
-                    &mut self.densities[at..at + layers]
+                    let voxels = &mut self.densities[at..at + layers];
+                    column.fill(filter, voxels);
+                    scratch.tops.push(top(voxels));
                 } else {
-                    &mut scratch.column
-                };
-                column.fill(filter, voxels);
-                scratch.tops.push(top(voxels));
+                    // Heights themselves are the surface.
+                    scratch.tops.push(scratch.around[at].max(0.0) as u16);
+                }
             }
         }
         self.push_spans(&model, &scratch, filter);
         self.push_blocks(&model);
+        self.push_border_walls(&model);
         self.tiles[index] = model;
         self.scratch = scratch;
     }
@@ -237,6 +242,7 @@ impl Ground {
                 let corners = [at, at + 1, at + stride, at + stride + 1].map(|at| scratch.around[at]);
                 let slope = facets_slope(corners);
                 let voxel_slope = match filter {
+                    _ if !tile.is_accurate => bilinear_slope(corners),
                     Filter::OrientedBox => voxel_slope(corners, [least_up, most_up]),
                     // Plateaus of density between a high and a low column become walls.
                     Filter::Gaussian => f32::INFINITY,
@@ -252,6 +258,54 @@ impl Ground {
                 }
             }
         }
+    }
+
+    /// Where a tile's border does not lie on that of a neighbour with fewer posts there is a wall between the two.
+    fn push_border_walls(&mut self, tile: &Tile) {
+        let first = self.steep.len();
+        let [columns, rows] = tile.cells;
+        // Of each side its first post, the step to the next one, how many there are, and which way is out.
+        let sides = [
+            ([0, 0], 0, columns, [0.0, -0.5]),
+            ([0, rows], 0, columns, [0.0, 0.5]),
+            ([0, 0], 1, rows, [-0.5, 0.0]),
+            ([columns, 0], 1, rows, [0.5, 0.0]),
+        ];
+        for (start, axis, count, out) in sides {
+            for step in 0..=count {
+                let mut post: [u32; 2] = start;
+                post[axis] += step;
+                let Some([own, other]) = self.heights_at_border(tile, post, out) else { continue };
+                if (own - other).abs() <= LEAST_WALL * tile.spacing_m {
+                    continue;
+                }
+                let top_m = own.max(other) + tile.spacing_m;
+                // Exact rays are cast on grounds without voxels.
+                let steep = Steep { slope: 0.0, voxel_slope: f32::INFINITY, top_m };
+                // The cells on both sides of the post.
+                for before in [1, 0] {
+                    let mut cell = post;
+                    cell[axis] = cell[axis].saturating_sub(before);
+                    let cell = [cell[0].min(columns - 1), cell[1].min(rows - 1)];
+                    self.note_steep(tile, first, cell.map(|n| n as usize), steep);
+                }
+            }
+        }
+    }
+
+    /// Heights of a post on a tile's border: its own, and that of the coarser tile that lies half a lattice unit further out.
+    fn heights_at_border(&self, tile: &Tile, post: [u32; 2], out: [f64; 2]) -> Option<[f32; 2]> {
+        let point = [0, 1].map(|axis| f64::from(tile.origin[axis] + (post[axis] << tile.log_spacing)));
+        // A post at the end of the side belongs to the tile beside this one.
+        let inward = [0, 1].map(|axis| if post[axis] == tile.cells[axis] { -0.5 } else { 0.5 });
+        let outside = [0, 1].map(|axis| point[axis] + if out[axis] == 0.0 { inward[axis] } else { out[axis] });
+        let Found::Tile(other) = self.tree.find(outside) else { return None };
+        let other = &self.tiles[other as usize];
+        if other.log_spacing <= tile.log_spacing {
+            return None;
+        }
+        let own = self.heights(tile)[post[1] as usize * tile.posts()[0] + post[0] as usize];
+        Some([own, self.height_in(other, point)])
     }
 
     /// The slopes of a tile without voxels.
@@ -400,12 +454,16 @@ fn facets_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     (south * south + east * east).max(north * north + west * west).sqrt()
 }
 
-/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals at its corners.
-fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
-    let [sw, se, nw, ne] = corners;
+/// A slope that the surface that is bilinear between a cell's posts does not exceed, up per cell.
+fn bilinear_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     let east = (se - sw).abs().max((ne - nw).abs());
     let north = (nw - sw).abs().max((ne - se).abs());
-    let slope = (east * east + north * north).sqrt();
+    (east * east + north * north).sqrt()
+}
+
+/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals at its corners.
+fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
+    let slope = bilinear_slope(corners);
     let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
     let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
     let range = highest - lowest;

@@ -1,5 +1,5 @@
 use super::*;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 const SHAPE: GroundShape = GroundShape {
     side: 16,
@@ -113,6 +113,42 @@ fn maxima_are_the_highest_posts_of_their_blocks() {
             }
         }
     }
+}
+
+#[test]
+fn voxels_are_for_the_nearest_tiles_and_within_their_bytes() {
+    let mut ground = Ground::new(SHAPE);
+    let origins = [[32, 0], [0, 0], [16, 0], [48, 0]];
+    // The eye is 400 m above a flat ground, over the second tile; they are 160 m wide.
+    let eye_in_world = DVec3::new(80.0, 80.0, 400.0);
+    let mut finish = |detail: Detail| {
+        ground.clear(400.0);
+        for origin in origins {
+            ground.add(&TileSpec { datum_m: 0.0, ..spec(origin, &field(origin, |_, _| 0.0)) }).unwrap();
+        }
+        ground.finish_for(&detail);
+        let mut accurate: Vec<u32> =
+            ground.tiles().iter().filter(|tile| tile.is_accurate).map(|tile| tile.origin[0] / 16).collect();
+        accurate.sort_unstable();
+        assert_eq!(accurate.len(), ground.accurate_count());
+        assert!(ground.voxel_bytes() <= detail.most_bytes);
+        assert_eq!(ground.spans(&ground.tiles()[3]).len(), 16 * 16, "all have the boundary array");
+        (accurate, ground.voxel_bytes())
+    };
+    let all = Detail { eye_in_world, ..Detail::ALL };
+    let (accurate, bytes) = finish(all);
+    assert_eq!(accurate, [0, 1, 2, 3]);
+    // Distances: 370 m down to the top of the voxels; beside 0, 80, 240 and 400 m.
+    assert_eq!(finish(Detail { reach: 1.1, ..all }).0, [0, 1]);
+    assert_eq!(finish(Detail { reach: 1.3, ..all }).0, [0, 1, 2]);
+    assert_eq!(finish(Detail { reach: 0.0, ..all }).0, [] as [u32; 0], "no tile is as near as it is wide");
+    let near = Detail { eye_in_world: DVec3::new(80.0, 80.0, 50.0), reach: 0.0, ..all };
+    assert_eq!(finish(near).0, [0, 1], "as near as it is wide");
+    for tiles in 0..=4 {
+        let (accurate, _) = finish(Detail { most_bytes: tiles * bytes / 4, ..all });
+        assert_eq!(accurate, (0..tiles as u32).collect::<Vec<_>>(), "the nearest ones");
+    }
+    assert_eq!(finish(Detail { most_bytes: bytes / 4 - 1, ..all }), (vec![], 0));
 }
 
 #[test]

@@ -109,6 +109,59 @@ impl Field {
         ground.finish();
     }
 
+    /// The ground of this field in tiles of 16 cells of several levels, some of them thinned, drawn with voxels where `is_accurate`
+    /// says so of a tile's origin.
+    pub fn mixed(&self, seed: u64, filter: Filter, is_accurate: impl Fn([u32; 2]) -> bool) -> Ground {
+        const SIDE: usize = 16;
+        let shape = GroundShape {
+            side: SIDE as u32,
+            lattice_unit_m: UNIT_M,
+            levels: (self.cells.div_ceil(SIDE)).next_power_of_two().ilog2() as u8 + 1,
+            extent: [u32::MAX; 2],
+            color: ColorLayout { side: self.cells as u32, mips: 1 },
+            filter: Some(filter),
+        };
+        let mut ground = Ground::new(shape);
+        let posts = self.cells + 1;
+        let mut add = |[west, south]: [usize; 2], level: u8, log_spacing: u8| {
+            let cells = [west, south].map(|at| (self.cells - at).min(SIDE << level) >> log_spacing);
+            let rows = (0..=cells[1]).map(|j| (south + (j << log_spacing)) * posts + west);
+            let heights: Vec<f32> =
+                rows.flat_map(|row| (0..=cells[0]).map(move |i| self.heights[row + (i << log_spacing)])).collect();
+            let origin = [west as u32, south as u32];
+            ground
+                .add(&TileSpec {
+                    origin,
+                    level,
+                    log_spacing,
+                    cells: cells.map(|n| n as u32),
+                    heights: &heights,
+                    stride: cells[0] + 1,
+                    datum_m: 0.0,
+                    color: self.color_place(),
+                    is_accurate: is_accurate(origin),
+                })
+                .unwrap();
+        };
+        for south in (0..self.cells).step_by(2 * SIDE) {
+            for west in (0..self.cells).step_by(2 * SIDE) {
+                if noise(west as u64, south as u64, seed) < 0.5 {
+                    add([west, south], 1, if noise(west as u64, south as u64, seed + 1) < 0.5 { 1 } else { 2 });
+                    continue;
+                }
+                for [east, north] in [[0, 0], [SIDE, 0], [0, SIDE], [SIDE, SIDE]] {
+                    let origin = [west + east, south + north];
+                    if origin.into_iter().all(|at| at < self.cells) {
+                        let is_thin = noise(origin[0] as u64, origin[1] as u64, seed + 2) < 0.3;
+                        add(origin, 0, u8::from(is_thin));
+                    }
+                }
+            }
+        }
+        ground.finish();
+        ground
+    }
+
     fn color_place(&self) -> ColorPlace {
         ColorPlace::new(0, DVec2::new(0.0, self.cells as f64 * UNIT_M), UNIT_M)
     }

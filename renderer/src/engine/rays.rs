@@ -9,7 +9,7 @@ use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
-use terravision_raycast::ground::{Filter, Ground, GroundError};
+use terravision_raycast::ground::{Detail, Filter, Ground, GroundError};
 use terravision_raycast::view::Sampling;
 use terravision_raycast::world::ground_shape;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
@@ -22,6 +22,11 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
 const INTERVAL_VOXELS: f32 = 0.6;
+/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which is a level. The others are drawn
+/// by their heights: as near to the truth, for less (docs/techniques.md).
+const ACCURATE_REACH: f64 = 2.0;
+/// Bytes of voxels at most: those of 15,000 tiles of 16 x 16 cells of mountains. Cliffs take more.
+const MOST_VOXEL_BYTES: usize = 64 << 20;
 
 /// Draws frames by casting rays.
 #[derive(Debug)]
@@ -209,7 +214,11 @@ impl RaysEngine {
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
-        ground.finish();
+        ground.finish_for(&Detail {
+            eye_in_world: frame.marker.camera.eye_in_world.into(),
+            reach: ACCURATE_REACH,
+            most_bytes: MOST_VOXEL_BYTES,
+        });
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
@@ -219,8 +228,8 @@ impl RaysEngine {
         let prepared_nanos = monotonic_nanos();
         let sampling = Sampling {
             interval_voxels: INTERVAL_VOXELS,
-            // Facets are measured by the side of the square of their area; a voxel is as wide as two of them.
-            voxel_px: (frame.marker.r_z_px * std::f64::consts::SQRT_2) as f32,
+            // Nobody sees more.
+            voxel_px: 1.0,
         };
         let options = CastOptions { method, is_approximate: false, sampling, sky_rgb: self.options.sky_rgb };
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
