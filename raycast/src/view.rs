@@ -227,8 +227,8 @@ impl Planes {
         self.sides.clear();
         self.sides.resize(STRETCHES, f32::INFINITY);
         for Voxels { range: [from, to], side_m } in voxels {
-            let stretches = self.stretch(from)..=self.stretch(to);
-            self.sides[stretches].iter_mut().for_each(|side| *side = side.min(side_m));
+            let (first, last) = (self.stretch(from), self.stretch(to));
+            self.sides[first..=last.max(first)].iter_mut().for_each(|side| *side = side.min(side_m));
         }
         // Where nothing is any interval will do: that before it.
         let mut before = finest_m;
