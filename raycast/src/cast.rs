@@ -30,8 +30,10 @@ pub enum Coherence {
     Proven,
     /// From the ray below it, always: what forward-only methods do. Misses ground, for comparison only.
     ForwardOnly,
-    /// At the eye, or where the ray comes over the ground: plain ray casting.
+    /// Where the ray comes over the ground and below its top: plain ray casting.
     Plain,
+    /// Where the ray comes over the ground, however high above it: what the paper compares with.
+    FromEye,
 }
 
 /// What was done for a picture.
@@ -191,8 +193,11 @@ impl Frame<'_> {
                 }
                 None => {
                     counts.unproven += 1;
-                    let start = entry.max(self.start_below_top(&ray));
-                    if options.coherence == Coherence::Plain {
+                    let start = match options.coherence {
+                        Coherence::FromEye => entry,
+                        _ => entry.max(self.start_below_top(&ray)),
+                    };
+                    if matches!(options.coherence, Coherence::Plain | Coherence::FromEye) {
                         self.walk::<APPROXIMATE, false>(&ray, start, end, &mut current, &mut counts)
                     } else {
                         self.walk::<APPROXIMATE, true>(&ray, start, end, &mut current, &mut counts)
@@ -245,7 +250,7 @@ impl Frame<'_> {
     ) -> Option<(Known, Doubts)> {
         let back = |back: usize| known[(next + MOST_KNOWN - back) % MOST_KNOWN];
         match options.coherence {
-            Coherence::Plain => None,
+            Coherence::Plain | Coherence::FromEye => None,
             Coherence::ForwardOnly => back(1).map(|below| (below, Doubts::NONE)),
             Coherence::Proven => options.steepness.nearest_proof(ray, (1..=MOST_KNOWN).filter_map(back), |below| {
                 let s = self.planes.s();

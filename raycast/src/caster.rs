@@ -39,8 +39,10 @@ pub enum Method {
     /// Lines of voxel samples, each ray starting where the one below it hit.
     #[default]
     Coherent,
-    /// The same samples, every ray from the beginning.
+    /// The same samples, every ray from where it comes below the top of the ground.
     Plain,
+    /// The same samples, every ray from the eye: for comparison only.
+    FromEye,
     /// As [`Method::Coherent`], never proving anything: wrong beside cliffs, for comparison only.
     ForwardOnly,
     /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What a ground without voxels is
@@ -57,6 +59,8 @@ pub struct CastOptions {
     pub method: Method,
     /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its samples: the paper's approximate mode.
     pub is_approximate: bool,
+    /// Whether rays look between samples for hills that are narrower than a sampling interval. The paper's do not.
+    pub looks_between: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,
     /// Colour where no ground is.
@@ -68,6 +72,7 @@ impl Default for CastOptions {
         Self {
             method: Method::Coherent,
             is_approximate: false,
+            looks_between: true,
             sampling: Sampling { interval_voxels: 0.6, voxel_px: 1.0 },
             sky_rgb: [150, 190, 235],
         }
@@ -154,13 +159,18 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             datum: -from_datum,
-            fall: FALL_TRUSTED * ground.shape().filter.unwrap_or_default().fall(),
+            fall: if options.looks_between {
+                FALL_TRUSTED * ground.shape().filter.unwrap_or_default().fall()
+            } else {
+                f32::NEG_INFINITY
+            },
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
             has_undersides: is_beside_world(ground, &view),
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
             Method::Plain | Method::PlainMipmap => Coherence::Plain,
+            Method::FromEye => Coherence::FromEye,
             Method::ForwardOnly => Coherence::ForwardOnly,
         };
         if coherence == Coherence::Proven {

@@ -87,7 +87,7 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut caster = Caster::new(threads).unwrap_or_else(|error| panic!("{error}"));
     let sampling = Sampling { interval_voxels: 0.6, voxel_px: 1.0f32.min(settings.cell_px as f32) };
-    let options = CastOptions { method: settings.method, is_approximate: false, sampling, sky_rgb };
+    let options = CastOptions { method: settings.method, sampling, sky_rgb, ..CastOptions::default() };
     let layers = tiles.layers();
     let picture = Picture::new([camera.width, camera.height]);
     caster.draw(&ground, &layers, &camera, &options, &picture);

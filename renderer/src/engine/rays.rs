@@ -231,7 +231,7 @@ impl RaysEngine {
             // Nobody sees more.
             voxel_px: 1.0,
         };
-        let options = CastOptions { method, is_approximate: false, sampling, sky_rgb: self.options.sky_rgb };
+        let options = CastOptions { method, sampling, sky_rgb: self.options.sky_rgb, ..CastOptions::default() };
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
