@@ -141,8 +141,13 @@ impl Remote {
         futures_util::future::try_join(self.head(elevation), self.head(color)).await.map(drop)
     }
 
-    /// A tile as it is stored, its checksum verified.
-    pub(crate) async fn payload(self: &Arc<Self>, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
+    /// A tile as it is stored, its checksum verified. Without one that is vital there is no picture.
+    pub(crate) async fn payload(
+        self: &Arc<Self>,
+        layer: Layer,
+        node: NodeId,
+        is_vital: bool,
+    ) -> Result<Bytes, FetchError> {
         let tile = tile_place(&self.world, layer, node).ok_or(FetchError::Absent)?;
         let archive = &self.archives[layer as usize];
         let range = self.place_of(archive, tile).await?.ok_or(FetchError::Absent)?;
@@ -155,7 +160,8 @@ impl Remote {
             Layer::Elevation => extents(archive.file, &range, archive.record.bytes),
             Layer::Color => vec![Key { file: archive.file, range: range.clone() }],
         };
-        self.verified(archive, &keys, &range, |bytes| check_tile(layer, bytes).map(|()| bytes.clone())).await
+        let check = |bytes: &Bytes| check_tile(layer, bytes).map(|()| bytes.clone());
+        self.verified(archive, &keys, &range, is_vital, check).await
     }
 
     async fn place_of(
@@ -193,7 +199,7 @@ impl Remote {
             let root = inside.map(|root| layout.directory(&root)).transpose()?;
             Ok((first.clone(), layout, root))
         };
-        let (first, layout, root) = self.verified(archive, &[key], &range, parse).await?;
+        let (first, layout, root) = self.verified(archive, &[key], &range, true, parse).await?;
         let root = match root {
             Some(root) => root,
             None => self.directory(archive, &layout, layout.root()).await?,
@@ -222,7 +228,7 @@ impl Remote {
         range: Range<u64>,
     ) -> Result<Directory, FetchError> {
         let key = Key { file: archive.file, range: range.clone() };
-        self.verified(archive, &[key], &range, |bytes| Ok(layout.directory(bytes)?)).await
+        self.verified(archive, &[key], &range, true, |bytes| Ok(layout.directory(bytes)?)).await
     }
 
     /// Reads pieces until what lies in `range` passes the check; then they are worth keeping.
@@ -231,11 +237,12 @@ impl Remote {
         archive: &RemoteArchive,
         keys: &[Key],
         range: &Range<u64>,
+        is_vital: bool,
         check: impl Fn(&Bytes) -> Result<T, TileDamage>,
     ) -> Result<T, FetchError> {
         let mut attempt = 0;
         loop {
-            let pieces = try_join_all(keys.iter().map(|key| self.piece(key))).await?;
+            let pieces = try_join_all(keys.iter().map(|key| self.piece(key, is_vital))).await?;
             let damage = match check(&assemble(keys, &pieces, range)) {
                 Ok(checked) => {
                     keys.iter().zip(&pieces).for_each(|(key, piece)| self.keep(archive, key, piece));
@@ -264,7 +271,7 @@ impl Remote {
     }
 
     /// A piece, from where it is had soonest.
-    async fn piece(self: &Arc<Self>, key: &Key) -> Result<Arc<Piece>, FetchError> {
+    async fn piece(self: &Arc<Self>, key: &Key, is_vital: bool) -> Result<Arc<Piece>, FetchError> {
         if let Some(piece) = self.memory.get(key) {
             return Ok(piece);
         }
@@ -276,7 +283,7 @@ impl Remote {
                 if let Some(bytes) = blocking(move || cache.get(&wanted)).await.flatten() {
                     return Ok(Arc::new(Piece::new(bytes, true)));
                 }
-                let bytes = this.fetch(&key).await?;
+                let bytes = this.fetch(&key, is_vital).await?;
                 Ok(Arc::new(Piece::new(bytes, false)))
             }
         });
@@ -284,7 +291,7 @@ impl Remote {
     }
 
     /// A piece, from the network.
-    async fn fetch(&self, key: &Key) -> Result<Bytes, FetchError> {
+    async fn fetch(&self, key: &Key, is_vital: bool) -> Result<Bytes, FetchError> {
         if let Some(changed) = self.changed.get() {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
@@ -303,6 +310,7 @@ impl Remote {
             range: Some(key.range.clone()),
             most_bytes: key.range.end - key.range.start,
             retries: network.most_retries(),
+            is_vital,
         };
         network
             .read(&request, |answer| async move {
@@ -342,7 +350,7 @@ impl Remote {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
         let ask = |file, range: Option<Range<u64>>, most_bytes| {
-            let request = Request { file, range, most_bytes, retries: network.most_retries() };
+            let request = Request { file, range, most_bytes, retries: network.most_retries(), is_vital: true };
             async move { network.read(&request, |answer| async move { Ok(answer.bytes) }).await }
         };
         let manifest = ask(MANIFEST_FILE, None, MOST_MANIFEST_BYTES).await;

@@ -1,10 +1,10 @@
 //! Tiles that could not be had are left alone for a while.
 
 use crate::error::{Cause, FetchError};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use terravision_common::database::Layer;
+use terravision_common::database::{Layer, Tile};
 use terravision_common::node::NodeId;
 
 /// After its first failure a tile rests so long, twice as long after the next...
@@ -32,9 +32,21 @@ struct Rest {
 #[derive(Debug, Default)]
 pub(crate) struct Resting {
     tiles: Mutex<HashMap<(Layer, NodeId), Rest>>,
+    /// Without these there is no picture: they never rest for longer than the first time.
+    vital: HashSet<Tile>,
 }
 
 impl Resting {
+    /// Nothing rests; the tiles of `vital` never do for long.
+    pub(crate) fn new(vital: impl IntoIterator<Item = Tile>) -> Self {
+        Self { vital: vital.into_iter().collect(), ..Self::default() }
+    }
+
+    /// Whether there is no picture without a tile.
+    pub(crate) fn is_vital(&self, layer: Layer, node: NodeId) -> bool {
+        self.vital.contains(&Tile { layer, node })
+    }
+
     /// Why a tile is not to be asked for now.
     pub(crate) fn find(&self, layer: Layer, node: NodeId) -> Option<FetchError> {
         self.find_at(layer, node, Instant::now())
@@ -72,6 +84,7 @@ impl Resting {
         }
         let failures = tiles.get(&(layer, node)).map_or(0, |rest| rest.failures);
         let rest = match error.is_passing() {
+            _ if self.is_vital(layer, node) => FIRST_REST,
             true => FIRST_REST.saturating_mul(1 << failures.min(10)).min(LONGEST_REST),
             false => LONG_REST,
         };
@@ -132,5 +145,19 @@ mod tests {
         assert!(resting.find_at(Layer::Color, node, now).is_none());
         resting.note_at(Layer::Color, node, Some(&FetchError::failed(Cause::NotFound, "", "")), now);
         assert!(resting.find_at(Layer::Color, node, now + LONG_REST / 2).is_some());
+    }
+
+    #[test]
+    fn what_no_picture_can_be_without_never_rests_for_long() {
+        let node = NodeId::new(0, 0, 5).expect("a node");
+        let resting = Resting::new([Tile { layer: Layer::Color, node }]);
+        let now = Instant::now();
+        for cause in [Cause::NotFound, Cause::Server, Cause::Server, Cause::WebPage] {
+            for layer in [Layer::Color, Layer::Elevation] {
+                resting.note_at(layer, node, Some(&FetchError::failed(cause, "", "")), now);
+            }
+            assert!(resting.find_at(Layer::Color, node, now + FIRST_REST).is_none());
+            assert!(resting.find_at(Layer::Elevation, node, now + FIRST_REST).is_some());
+        }
     }
 }

@@ -19,6 +19,7 @@ use terravision_common::database::{
     decode_color, decode_elevation,
 };
 use terravision_common::node::NodeId;
+use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 use tokio::runtime::{Builder, Runtime};
 use tokio::task::JoinHandle;
@@ -236,7 +237,9 @@ impl Elsewhere {
         if options.index.is_none() && !options.is_offline {
             runtime.block_on(remote.open_archives())?;
         }
-        Ok(Self { index, remote, resting: Arc::default(), runtime: Some(runtime), _temporary: temporary })
+        let (vital, _) = top_levels(index.world());
+        let resting = Arc::new(Resting::new(vital));
+        Ok(Self { index, remote, resting, runtime: Some(runtime), _temporary: temporary })
     }
 
     async fn payload(&self, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
@@ -247,7 +250,7 @@ impl Elsewhere {
         let (remote, resting) = (Arc::clone(&self.remote), Arc::clone(&self.resting));
         // On the store's own threads, whoever waits: connections live where they were made.
         let task = runtime.spawn(async move {
-            let read = remote.payload(layer, node).await;
+            let read = remote.payload(layer, node, resting.is_vital(layer, node)).await;
             resting.note(layer, node, read.as_ref().err());
             read
         });

@@ -236,6 +236,36 @@ fn a_server_that_is_gone_for_a_while_is_waited_for() {
 }
 
 #[test]
+fn a_server_that_restarts_for_seconds_costs_no_tile_and_few_requests() {
+    for fault in [Some(Fault::Status(500, None)), Some(Fault::Drop), None] {
+        let (server, folder) = (serve(), TestFolder::new("store-restart"));
+        // As a flight has it, but for the cache.
+        let patient = StoreOptions { cache_dir: Some(folder.join("cache")), ..StoreOptions::default() };
+        let store = Store::open(&location(&server), &patient).unwrap();
+        let tiles = tiles(store.world());
+        match &fault {
+            Some(fault) => server.misbehave([Rule::new(fault.clone())]),
+            None => server.set_down(true),
+        }
+        drop(server.take_asked());
+        let found = std::thread::scope(|scope| {
+            let readings: Vec<_> = (0..4).map(|_| scope.spawn(|| read(&store, &tiles))).collect();
+            std::thread::sleep(Duration::from_secs(6));
+            let asked = server.take_asked().len();
+            let before = store.figures();
+            println!("{fault:?}: {asked} requests in 6 s, {before:?}");
+            // Two files, the first failures of all readers, then a probe after 0.2, 0.4 ... 2 s for each.
+            assert!(asked <= 64 && before.repeated <= 64, "{fault:?}: {asked} requests, {before:?}");
+            server.misbehave([]);
+            server.set_down(false);
+            readings.into_iter().map(|reading| reading.join().unwrap()).next_back().unwrap()
+        });
+        assert_same("restart", &tiles, &found);
+        println!("{fault:?}: {:?}", store.figures());
+    }
+}
+
+#[test]
 fn what_does_not_pass_ends_in_one_error_and_few_requests() {
     for (fault, cause) in [
         (Fault::Status(404, None), Cause::NotFound),
@@ -267,7 +297,9 @@ fn what_does_not_pass_ends_in_one_error_and_few_requests() {
 fn failures_do_not_multiply_requests() {
     let (server, folder) = (serve(), TestFolder::new("store-storm"));
     let limited = RetryOptions { share: 0.5, burst: 10, ..options(&folder).retries };
-    let store = Store::open(&location(&server), &StoreOptions { retries: limited, ..options(&folder) }).unwrap();
+    let deadline = Duration::from_secs(2);
+    let limited = StoreOptions { retries: limited, deadline, ..options(&folder) };
+    let store = Store::open(&location(&server), &limited).unwrap();
     server.misbehave([Rule::new(Fault::Status(500, None))]);
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
     drop(server.take_asked());
