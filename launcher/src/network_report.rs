@@ -239,6 +239,12 @@ mod tests {
         live.sort();
         assert_eq!(live.iter().map(|(cause, _)| cause.as_str()).collect::<Vec<_>>(), ["damaged", "timeout"]);
         assert_eq!((figures.collector.take_untold_failures().len(), failure_sentences(&figures).len()), (0, 2));
+        // What was told before the flight is no news either.
+        figures.collector.note_told(&["2 times: the cache is broken: /c".to_owned()]);
+        for event in Event::text(EventKind::Failure, "cache the cache is broken: /c") {
+            figures.collector.take(Stage::Prefetcher, event);
+        }
+        assert!(figures.collector.take_untold_failures().is_empty());
         let database =
             DatabaseConfig { location: "http://h/w.tv?key=1".to_owned(), ..DatabaseConfig::folder("x".as_ref()) };
         let report = NetworkReport::new(&RunConfig { database, ..config() }, &figures).unwrap();

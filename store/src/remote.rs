@@ -24,6 +24,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 use terravision_common::database::{
     ARCHIVE_HEADER_BYTES, ArchiveError, ArchiveLayout, ArchiveRecord, COLOR_FILE, Directory, ELEVATION_FILE, Layer,
     MANIFEST_FILE, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
@@ -40,6 +41,8 @@ const MEMORY_BYTES: usize = 16 << 20;
 const HEAD_BYTES: u64 = 16_384;
 /// Damaged bytes are read anew this many times.
 const DAMAGED_RETRIES: u32 = 5;
+/// After failed reads the manifest is asked for once in this time.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
 /// Pieces that wait to be written to the disk cache; more are not kept.
 const MOST_PENDING: usize = 256;
 
@@ -55,7 +58,8 @@ pub(crate) struct Remote {
     memory: Memory,
     flights: Flights<Key, Arc<Piece>>,
     changed: OnceLock<Arc<Fault>>,
-    verifying: tokio::sync::Mutex<()>,
+    /// Held while it is found out whether the database has changed; when a failed read last was the reason.
+    verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
     place: String,
     log: Arc<ErrorLog>,
@@ -114,7 +118,7 @@ impl Remote {
             memory: Memory::new(MEMORY_BYTES),
             flights: Flights::default(),
             changed: OnceLock::new(),
-            verifying: tokio::sync::Mutex::new(()),
+            verifying: tokio::sync::Mutex::default(),
             pending: Arc::default(),
             place,
             log,
@@ -265,7 +269,7 @@ impl Remote {
             };
             attempt += 1;
             if !is_repeated {
-                return Err(damaged(damage));
+                return Err(self.look_for_change(archive, damaged(damage)).await);
             }
         }
     }
@@ -312,14 +316,48 @@ impl Remote {
             retries: network.most_retries(),
             is_vital,
         };
-        network
+        let read = network
             .read(&request, |answer| async move {
                 match archive {
                     Some(archive) => self.same_file(network, archive, answer).await,
                     None => Ok(answer.bytes),
                 }
             })
-            .await
+            .await;
+        match (read, archive) {
+            (Err(error), Some(archive)) => Err(self.look_for_change(archive, error).await),
+            (read, _) => read,
+        }
+    }
+
+    /// Why a read has failed: often an archive that was replaced by a smaller one refuses ranges (416), or gives other bytes, and no
+    /// mark of its content tells. Then its manifest does, which is asked for now and then.
+    async fn look_for_change(&self, archive: &RemoteArchive, error: FetchError) -> FetchError {
+        let may_tell = matches!(
+            error.cause(),
+            Some(Cause::Refused | Cause::NotFound | Cause::BadAnswer | Cause::Interrupted | Cause::Damaged)
+        );
+        let Some(network) = self.network.as_ref().filter(|_| may_tell) else { return error };
+        let mut looked = self.verifying.lock().await;
+        if let Some(changed) = self.changed.get() {
+            return FetchError::Failed(Arc::clone(changed));
+        }
+        if looked.is_some_and(|at| at.elapsed() < LOOK_EVERY) {
+            return error;
+        }
+        *looked = Some(Instant::now());
+        let request =
+            Request { file: MANIFEST_FILE, range: None, most_bytes: MOST_MANIFEST_BYTES, retries: 0, is_vital: false };
+        let Ok(text) = network.read(&request, |answer| async move { Ok(answer.bytes) }).await else { return error };
+        // One that was damaged on its way tells nothing.
+        if text == self.manifest_text || Manifest::parse(&String::from_utf8_lossy(&text)).is_err() {
+            return error;
+        }
+        let changed = self.has_changed(archive, "its manifest is another one");
+        if let FetchError::Failed(fault) = &changed {
+            self.log.note(fault);
+        }
+        changed
     }
 
     /// The bytes of an answer, if they are of the file that the manifest describes.

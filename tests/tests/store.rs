@@ -462,6 +462,33 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
 }
 
 #[test]
+fn a_database_that_is_replaced_by_a_smaller_one_is_told_as_changed_on_a_server_and_in_a_folder() {
+    let folder = TestFolder::new("store-replaced");
+    let copy = folder.join("world.tv");
+    fs::create_dir_all(&copy).unwrap();
+    let put = |from: &Path, file: &str| {
+        fs::copy(from.join(file), copy.join(file)).unwrap();
+    };
+    let (large, small) = (synth_world(1024).database(), synth_world(256).database());
+    FILES.iter().for_each(|file| put(&large, file));
+    let server = LimitedServer::serve(folder.path());
+    let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
+    let places = [location(&server), Location::folder(&copy)];
+    let stores = places.map(|place| Store::open(&place, &no_cache).unwrap());
+    let tiles: Vec<_> = tiles(stores[0].world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
+    FILES.iter().for_each(|file| put(&small, file));
+    // A server without marks of content: 416 is all that it says.
+    server.misbehave([Rule::new(Fault::Status(416, None)).of("color.pmtiles")]);
+    for store in &stores {
+        let found = read(store, &tiles);
+        let changed = found.iter().filter_map(|read| read.as_ref().err()).filter(|e| e.cause() == Some(Cause::Changed));
+        assert!(changed.count() > 20, "{:?}", store.errors().folded());
+        let news = store.errors().take_news();
+        assert!(news.iter().any(|line| line.contains("open it anew") && line.contains("another one")), "{news:?}");
+    }
+}
+
+#[test]
 fn reads_that_nobody_waits_for_are_cancelled() {
     let (server, folder) = (serve(), TestFolder::new("store-cancel"));
     let store = Store::open(&location(&server), &options(&folder)).unwrap();

@@ -77,6 +77,7 @@ pub struct Collector {
     is_technique_known: bool,
     failure: Vec<u8>,
     told_failures: BTreeSet<String>,
+    told_before: Vec<String>,
     /// Events that made no sense.
     pub strange_events: u64,
     /// All events, when a trace is wanted.
@@ -101,6 +102,7 @@ impl Collector {
             is_technique_known: false,
             failure: Vec::new(),
             told_failures: BTreeSet::new(),
+            told_before: Vec::new(),
             strange_events: 0,
             trace: is_traced.then(Vec::new),
         }
@@ -144,7 +146,13 @@ impl Collector {
         let untold = self.failures.iter().filter(|(cause, _)| !self.told_failures.contains(*cause));
         let untold: Vec<_> = untold.filter_map(|(cause, told)| Some((cause.clone(), told.first()?.clone()))).collect();
         self.told_failures.extend(untold.iter().map(|(cause, _)| cause.clone()));
-        untold
+        let is_news = |sentence: &str| !self.told_before.iter().any(|told| told.ends_with(sentence));
+        untold.into_iter().filter(|(_, sentence)| is_news(sentence)).collect()
+    }
+
+    /// The user has been told these sentences before the flight: their failures are no news.
+    pub fn note_told(&mut self, sentences: &[String]) {
+        self.told_before.extend_from_slice(sentences);
     }
 
     /// Whether a cause of failure was told while the flight went on.

@@ -72,6 +72,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let ring = frame_ring(&plan)?;
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
     let mut run = Run::open(&plan, ring)?;
+    run.collector.note_told(&plan.warnings);
     if let Some(live) = &plan.live {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
     }
