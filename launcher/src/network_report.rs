@@ -186,7 +186,8 @@ pub fn main_failure(figures: &RunFigures) -> Option<String> {
 #[must_use]
 pub fn failure_sentences(figures: &RunFigures) -> Vec<String> {
     let sentence = |failure: FailureReport| {
-        let times = if failure.count == 1 { String::new() } else { format!("{} times: ", failure.count) };
+        let in_all = if figures.collector.is_failure_told(failure.cause) { " in all" } else { "" };
+        let times = if failure.count == 1 { String::new() } else { format!("{} times{in_all}: ", failure.count) };
         match failure.told.as_slice() {
             [] => format!("{times}{} (the words were lost on the way)", failure.cause),
             [told] => format!("{times}{told}"),

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::shm::SharedFrame;
@@ -226,7 +226,8 @@ fn what_goes_wrong_under_way_is_told_once_and_the_flight_goes_on() {
         let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
         println!("{fault:?}: {}", finished.stderr);
         finished.assert_told(3);
-        assert_eq!(finished.stderr.matches(words).count(), 1, "{fault:?}: {}", finished.stderr);
+        // When it happens first, and with its count at the end.
+        assert!((1..=2).contains(&finished.stderr.matches(words).count()), "{fault:?}: {}", finished.stderr);
         let report = read_report(&folder);
         let mut failures = report["network"]["failures"].as_array().unwrap().iter();
         assert!(failures.any(|failure| failure["told"].to_string().contains(words)), "{fault:?}: {report}");
@@ -263,7 +264,8 @@ fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
     end(&poses);
     let finished = flight.wait();
     finished.assert_told(3);
-    assert_eq!(finished.stderr.matches("is not the one that was opened").count(), 1, "{}", finished.stderr);
+    let told = finished.stderr.matches("is not the one that was opened").count();
+    assert!((1..=2).contains(&told), "{}", finished.stderr);
 }
 
 #[test]
@@ -301,14 +303,14 @@ fn no_way_to_a_database_is_told_in_one_sentence() {
     }
 }
 
-#[test]
-fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
+/// A server that speaks TLS with a certificate of `data/` and has nothing. Its URL, and the certificate's file.
+fn serve_tls(name: &str) -> (String, PathBuf) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
-    let certificate = data.join("self-signed.pem");
+    let certificate = data.join(format!("{name}.pem"));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("https://localhost:{}/world.tv", listener.local_addr().unwrap().port());
     let chain = vec![CertificateDer::from_pem_file(&certificate).unwrap()];
-    let key = PrivateKeyDer::from_pem_file(data.join("self-signed.key")).unwrap();
+    let key = PrivateKeyDer::from_pem_file(data.join(format!("{name}.key"))).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let config = rustls::ServerConfig::builder_with_provider(provider).with_safe_default_protocol_versions().unwrap();
     let config = Arc::new(config.with_no_client_auth().with_single_cert(chain, key).unwrap());
@@ -324,6 +326,12 @@ fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
             }
         }
     });
+    (url, certificate)
+}
+
+#[test]
+fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
+    let (url, certificate) = serve_tls("self-signed");
     let folder = TestFolder::new("remote-tls");
     let info =
         || Terravision::verb("info").args([url.as_str(), "--timeout", "10", "--cache"]).arg(folder.join("cache"));
@@ -333,4 +341,17 @@ fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
     let finished = info().env("SSL_CERT_FILE", &certificate).run();
     finished.assert_told(2);
     assert!(finished.stderr.contains("no finished terrain database"), "{}", finished.stderr);
+}
+
+#[test]
+fn a_certificate_of_an_authority_is_told_with_what_to_do() {
+    // As openssl req -x509 makes them unless told otherwise; to be named as trusted does not help.
+    let (url, certificate) = serve_tls("self-signed-authority");
+    let folder = TestFolder::new("remote-authority");
+    let info = Terravision::verb("info").args([url.as_str(), "--timeout", "10", "--cache"]).arg(folder.join("cache"));
+    let finished = info.env("SSL_CERT_FILE", &certificate).run();
+    finished.assert_told(2);
+    for words in ["certificate is not trusted", "CA:TRUE", "-addext basicConstraints=critical,CA:FALSE"] {
+        assert!(finished.stderr.contains(words), "{}", finished.stderr);
+    }
 }

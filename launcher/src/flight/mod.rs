@@ -109,6 +109,12 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
             if restarts > 0 {
                 let times = if restarts == 1 { "once".to_owned() } else { format!("{restarts} times") };
                 sentence += &format!(" (stages were started again {times} within a minute)");
+                // What is known of so troubled a flight is worth having; that it is not complete stands in it.
+                let report = Report::new(&plan.config, &figures);
+                let write = |file: TemporaryFile| file.finish_with(|writer| report.write(writer));
+                if let Some(Err(error)) = plan.report.map(write) {
+                    progress.warn(&error.to_string());
+                }
             }
             let error = anyhow!("{sentence}");
             return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
