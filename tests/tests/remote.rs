@@ -212,6 +212,45 @@ fn a_server_that_dies_under_way_ends_the_flight_in_time() {
     assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
 }
 
+/// Flies while an archive is away for seconds from the start; the index is in the cache.
+fn fly_through_an_outage(fault: &Fault, folder: &TestFolder, name: &str, more: &[&str]) -> Finished {
+    let server = serve();
+    let url = server.url("world.tv");
+    Terravision::verb("info").args([url.as_str(), "--cache"]).arg(folder.join("cache")).succeed();
+    server.misbehave([Rule::new(fault.clone()).of("color.pmtiles")]);
+    drop(server.take_asked());
+    let finished = std::thread::scope(|scope| {
+        let flight = scope.spawn(|| fly(&url, folder, name, more));
+        std::thread::sleep(Duration::from_secs(4));
+        let asked = server.take_asked().iter().filter(|asked| asked.path.ends_with("color.pmtiles")).count();
+        // Passing failures: eight in a row, those under way, then a probe now and then. Refused ones: once each, the top levels again.
+        assert!(asked < 150, "{fault:?}: {asked} requests");
+        server.misbehave([]);
+        flight.join().unwrap()
+    });
+    println!("{fault:?} {more:?}: {}", finished.stderr);
+    finished
+}
+
+#[test]
+fn a_server_that_is_away_at_the_start_is_waited_for_and_told() {
+    let folder = TestFolder::new("remote-outage");
+    local(&folder);
+    let finished = fly_through_an_outage(&Fault::Status(500, None), &folder, "exact", &[]);
+    finished.assert_code(0);
+    assert_same("outage", &folder, "exact");
+    assert!(finished.stderr.contains("the server failed (500 Internal Server Error)"), "{}", finished.stderr);
+    let realtime = ["--mode", "realtime", "--fps", "5", "--timeout", "1"];
+    for (fault, may_lose) in [(Fault::Status(500, None), false), (Fault::Drop, false), (Fault::WebPage, true)] {
+        let folder = TestFolder::new("remote-outage");
+        let finished = fly_through_an_outage(&fault, &folder, "realtime", &realtime);
+        // What is refused rests for minutes, but for what no picture can be without.
+        assert!(finished.code() == Some(0) || (may_lose && finished.code() == Some(3)), "{}", finished.stderr);
+        let words = "; the flight begins when the coarsest tiles are there";
+        assert_eq!(finished.stderr.matches(words).count(), 1, "{fault:?}: {}", finished.stderr);
+    }
+}
+
 #[test]
 fn what_goes_wrong_under_way_is_told_once_and_the_flight_goes_on() {
     for (fault, words) in [
