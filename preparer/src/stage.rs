@@ -55,14 +55,14 @@ pub enum PreparerError {
         source: FrameError,
     },
     /// Nothing can be drawn.
-    #[error("frame {frame} cannot be prepared: {source}; {advice}")]
+    #[error("frame {frame} cannot be prepared: {source}{advice}")]
     RootMissing {
         /// The frame.
         frame: u64,
         /// What is missing.
         #[source]
         source: RootMissing,
-        /// What a person can do.
+        /// What a person can do, behind a semicolon; may be empty.
         advice: &'static str,
     },
     /// The generator wrote what cannot be.
@@ -283,9 +283,10 @@ fn start_patience(config: &RunConfig) -> Option<Duration> {
 /// What a person can do when not even the root can be had.
 fn advice(config: &RunConfig) -> &'static str {
     match (config.database.is_remote(), config.database.is_offline) {
-        (true, true) => "fly once without --offline, so that the cache has it",
-        (true, false) => "the server does not give it",
-        (false, _) => "ingest the world again",
+        (true, true) => "; fly once without --offline, so that the cache has it",
+        // What the server answered is told by the launcher.
+        (true, false) => "",
+        (false, _) => "; ingest the world again",
     }
 }
 

@@ -32,17 +32,19 @@ struct Rest {
 #[derive(Debug, Default)]
 pub(crate) struct Resting {
     tiles: Mutex<HashMap<(Layer, NodeId), Rest>>,
-    /// Without these there is no picture: they never rest for longer than the first time.
+    /// The coarsest levels, which stand in for all that is missing: whatever the failure, they do not rest for long.
     vital: HashSet<Tile>,
+    /// Without it there is no picture: it never rests for longer than the first time.
+    root: Option<NodeId>,
 }
 
 impl Resting {
-    /// Nothing rests; the tiles of `vital` never do for long.
-    pub(crate) fn new(vital: impl IntoIterator<Item = Tile>) -> Self {
-        Self { vital: vital.into_iter().collect(), ..Self::default() }
+    /// Nothing rests; the tiles of `vital` and of the root never do for long.
+    pub(crate) fn new(root: NodeId, vital: impl IntoIterator<Item = Tile>) -> Self {
+        Self { vital: vital.into_iter().collect(), root: Some(root), ..Self::default() }
     }
 
-    /// Whether there is no picture without a tile.
+    /// Whether a tile is of the coarsest levels.
     pub(crate) fn is_vital(&self, layer: Layer, node: NodeId) -> bool {
         self.vital.contains(&Tile { layer, node })
     }
@@ -83,8 +85,8 @@ impl Resting {
             }
         }
         let failures = tiles.get(&(layer, node)).map_or(0, |rest| rest.failures);
-        let rest = match error.is_passing() {
-            _ if self.is_vital(layer, node) => FIRST_REST,
+        let rest = match error.is_passing() || self.is_vital(layer, node) {
+            _ if self.root == Some(node) => FIRST_REST,
             true => FIRST_REST.saturating_mul(1 << failures.min(10)).min(LONGEST_REST),
             false => LONG_REST,
         };
@@ -148,16 +150,19 @@ mod tests {
     }
 
     #[test]
-    fn what_no_picture_can_be_without_never_rests_for_long() {
-        let node = NodeId::new(0, 0, 5).expect("a node");
-        let resting = Resting::new([Tile { layer: Layer::Color, node }]);
+    fn what_stands_in_for_all_that_is_missing_does_not_rest_for_long_and_the_root_least() {
+        let [root, below] = [5, 4].map(|q| NodeId::new(0, 0, q).expect("a node"));
+        let tile = |node| Tile { layer: Layer::Color, node };
+        let resting = Resting::new(root, [root, below].map(tile));
         let now = Instant::now();
-        for cause in [Cause::NotFound, Cause::Server, Cause::Server, Cause::WebPage] {
-            for layer in [Layer::Color, Layer::Elevation] {
+        for cause in [Cause::NotFound, Cause::Server, Cause::WebPage, Cause::Denied] {
+            for (layer, node) in [(Layer::Color, root), (Layer::Color, below), (Layer::Elevation, below)] {
                 resting.note_at(layer, node, Some(&FetchError::failed(cause, "", "")), now);
             }
-            assert!(resting.find_at(Layer::Color, node, now + FIRST_REST).is_none());
-            assert!(resting.find_at(Layer::Elevation, node, now + FIRST_REST).is_some());
         }
+        let rests = |layer, node, rest| resting.find_at(layer, node, now + rest).is_some();
+        assert!(!rests(Layer::Color, root, FIRST_REST));
+        assert!(rests(Layer::Color, below, FIRST_REST * 7) && !rests(Layer::Color, below, FIRST_REST * 8));
+        assert!(rests(Layer::Elevation, below, LONG_REST / 2));
     }
 }

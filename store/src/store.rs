@@ -238,7 +238,7 @@ impl Elsewhere {
             runtime.block_on(remote.open_archives())?;
         }
         let (vital, _) = top_levels(index.world());
-        let resting = Arc::new(Resting::new(vital));
+        let resting = Arc::new(Resting::new(index.world().root(), vital));
         Ok(Self { index, remote, resting, runtime: Some(runtime), _temporary: temporary })
     }
 
