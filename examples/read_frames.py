@@ -2,9 +2,11 @@
 import mmap, os, struct, sys, time
 import numpy as np
 
-name, count = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else sys.maxsize
-with open(f"/dev/shm/terravision-{name}", "rb") as file:
-    ring = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
+name, count = sys.argv[1] if len(sys.argv) > 1 else sys.exit(__doc__), int(sys.argv[2]) if len(sys.argv) > 2 else sys.maxsize
+path, until = f"/dev/shm/terravision-{name}", time.monotonic() + 30
+while not os.path.exists(path):
+    time.sleep(0.01) if time.monotonic() < until else sys.exit(f"{path} is not there: does the flight run?")
+ring = mmap.mmap(os.open(path, os.O_RDONLY), 0, prot=mmap.PROT_READ)
 assert ring[:8] == b"TVFRAMES" and struct.unpack_from("<I", ring, 8) == (1,), "no frame ring of version 1"
 width, height, planes, slots, first, stride, color, depth, ground = struct.unpack_from("<4I5Q", ring, 64)
 seen = shown = 0

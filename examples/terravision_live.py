@@ -1,4 +1,5 @@
 """Frames from a flight, and poses to it, in shared memory. The layouts are those of docs/frame-ring.md."""
+import math
 import mmap
 import os
 import struct
@@ -51,15 +52,17 @@ class Frames:
             if struct.unpack_from("<Q", self.memory, slot)[0] == 2 * number:
                 return frame
 
-    def of_pose(self, t, timeout=60.0):
-        """Waits for the frame of the pose that was sent with this time."""
+    def of_pose(self, t, timeout=60.0, camera=None):
+        """Waits for the frame of the pose that was sent with this time; not for one that the camera's flight has refused."""
         until = time.monotonic() + timeout
         while time.monotonic() < until and not self.is_ended():
             frame = self.newest()
             if frame is not None and frame["t"] == t:
                 return frame
+            if camera is not None and camera.is_refused():
+                raise ValueError(f"the flight refused the pose of time {t}: {camera.why_refused()}")
             time.sleep(0.0005)
-        raise TimeoutError(f"no frame of the pose of time {t}")
+        raise TimeoutError(f"no frame of the pose of time {t}" + (": the flight has ended" if self.is_ended() else ""))
 
     def _plane(self, slot, offset, kind, channels):
         if not offset:
@@ -76,6 +79,7 @@ class Camera:
 
     def send(self, t, x, y, z, heading, pitch, roll=0.0, vfov=0.0, end=False):
         """Replaces the pose; t has to grow. vfov 0 is that of the flight."""
+        self.refused_before, self.sent = self.answers()[1], (x, y, z, heading, pitch, roll, vfov, t)
         odd = (struct.unpack_from("<Q", self.memory, 64)[0] + 1) | 1
         struct.pack_into("<Q", self.memory, 64, odd)
         struct.pack_into("<8dQ", self.memory, 72, x, y, z, heading, pitch, roll, vfov, t, end)
@@ -88,3 +92,19 @@ class Camera:
     def answers(self):
         """Poses accepted and refused so far, and the counter of the one looked at last."""
         return struct.unpack_from("<3Q", self.memory, 256)
+
+    def is_refused(self):
+        """Whether the flight has looked at the pose that was sent last, and refused it."""
+        _, refused, looked_at = self.answers()
+        return looked_at == struct.unpack_from("<Q", self.memory, 64)[0] and refused > self.refused_before
+
+    def why_refused(self):
+        """What can be seen from here; the flight itself says it on its standard error."""
+        x, y, z, heading, pitch, roll, vfov, _ = self.sent
+        if not all(map(math.isfinite, self.sent)):
+            return "a number is not finite"
+        if not -90 <= pitch <= 90:
+            return f"pitch {pitch} is not within -90 and 90"
+        if max(abs(heading), abs(roll)) > 1e6 or (vfov != 0 and not 1 <= vfov <= 170):
+            return "an angle is out of range"
+        return f"t is not newer than that of the poses before, or {x} {y} {z} is too far from the world (the flight says which)"

@@ -37,6 +37,9 @@ pub enum EventKind {
     /// A piece of a sentence about a failure while the database was read; see [`Event::text`]. The sentence begins with
     /// the name of the cause. One is sent for each cause and file.
     Failure = 18,
+    /// A tile that could not be had came after all (realtime): `node`, and `value` as in [`EventKind::TileUnavailable`], without a
+    /// cause.
+    TileCame = 19,
 }
 
 impl EventKind {
@@ -56,6 +59,7 @@ impl EventKind {
             16 => Self::FrameCamera,
             17 => Self::FrameLacked,
             18 => Self::Failure,
+            19 => Self::TileCame,
             _ => return None,
         })
     }

@@ -98,6 +98,12 @@ pub struct DatabaseConfig {
 }
 
 impl DatabaseConfig {
+    /// Whether a server has it: a tile that does not come may come later.
+    #[must_use]
+    pub fn is_remote(&self) -> bool {
+        self.location.contains("://") && !self.location.starts_with("file:")
+    }
+
     /// A database in a folder of this machine.
     #[must_use]
     pub fn folder(path: &Path) -> Self {

@@ -175,18 +175,29 @@ fn failures(figures: &RunFigures) -> Vec<FailureReport> {
         .collect()
 }
 
+/// The most frequent failure while the database was read: why, and where.
+#[must_use]
+pub fn main_failure(figures: &RunFigures) -> Option<String> {
+    let told = failures(figures).into_iter().filter(|failure| !failure.told.is_empty());
+    told.max_by_key(|failure| failure.count).and_then(|failure| failure.told.into_iter().next())
+}
+
 /// What went wrong while the database was read, a sentence for each cause: how often, why, and where.
 #[must_use]
 pub fn failure_sentences(figures: &RunFigures) -> Vec<String> {
     let sentence = |failure: FailureReport| {
-        let times = if failure.count == 1 { String::new() } else { format!("{} times: ", failure.count) };
+        let in_all = if figures.collector.is_failure_told(failure.cause) { " in all" } else { "" };
+        let times = if failure.count == 1 { String::new() } else { format!("{} times{in_all}: ", failure.count) };
         match failure.told.as_slice() {
             [] => format!("{times}{} (the words were lost on the way)", failure.cause),
             [told] => format!("{times}{told}"),
+            [told, _] => format!("{times}{told}, and at 1 other place"),
             [told, more @ ..] => format!("{times}{told}, and at {} other places", more.len()),
         }
     };
-    failures(figures).into_iter().map(sentence).collect()
+    // One that was told when it happened, and was the only one of its kind, is not told again.
+    let is_news = |failure: &FailureReport| failure.count > 1 || !figures.collector.is_failure_told(failure.cause);
+    failures(figures).into_iter().filter(is_news).map(sentence).collect()
 }
 
 #[cfg(test)]
@@ -218,11 +229,23 @@ mod tests {
         assert_eq!(
             failure_sentences(&figures),
             [
-                "7 times: no answer: http://h/a, and at 1 other places",
+                "7 times: no answer: http://h/a, and at 1 other place",
                 "2 times: name (the words were lost on the way)",
                 "what came is wrong: http://h/a",
             ]
         );
+        assert_eq!(main_failure(&figures).as_deref(), Some("no answer: http://h/a"));
+        // Told when they happened: at the end there are sums alone.
+        let mut live = figures.collector.take_untold_failures();
+        live.sort();
+        assert_eq!(live.iter().map(|(cause, _)| cause.as_str()).collect::<Vec<_>>(), ["damaged", "timeout"]);
+        assert_eq!((figures.collector.take_untold_failures().len(), failure_sentences(&figures).len()), (0, 2));
+        // What was told before the flight is no news either.
+        figures.collector.note_told(&["2 times: the cache is broken: /c".to_owned()]);
+        for event in Event::text(EventKind::Failure, "cache the cache is broken: /c") {
+            figures.collector.take(Stage::Prefetcher, event);
+        }
+        assert!(figures.collector.take_untold_failures().is_empty());
         let database =
             DatabaseConfig { location: "http://h/w.tv?key=1".to_owned(), ..DatabaseConfig::folder("x".as_ref()) };
         let report = NetworkReport::new(&RunConfig { database, ..config() }, &figures).unwrap();

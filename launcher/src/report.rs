@@ -170,7 +170,8 @@ impl Report {
                 },
             })
             .collect();
-        let unavailable_count = figures.tiles_unavailable.max(unavailable.len() as u64);
+        let counted = figures.tiles_unavailable.saturating_sub(collector.came_later);
+        let unavailable_count = counted.max(unavailable.len() as u64);
         let first_written = frames.iter().map(|frame| frame.written_nanos).find(|nanos| *nanos > 0);
         let first_written = first_written.unwrap_or(figures.ended_nanos);
         let is_complete = figures.written_frames == figures.asked_frames;

@@ -252,6 +252,13 @@ fn tell(control: &Control, events: &mut Events, news: News) {
             node: tile.node.pack(),
             ..Event::zeroed()
         },
+        News::Came { tile, at_nanos } => Event {
+            kind: EventKind::TileCame as u32,
+            start_nanos: at_nanos,
+            value: layer_number(tile.layer),
+            node: tile.node.pack(),
+            ..Event::zeroed()
+        },
     };
     events.tell(control, event);
 }

@@ -2,6 +2,7 @@
 
 use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
+use std::time::{Duration, Instant};
 use terravision_common::database::Layer;
 use terravision_common::shm::{Control, Layout, WaitError};
 use terravision_common::texels::TexelFormat;
@@ -81,6 +82,33 @@ impl TileWait {
         self.pending.extend_from_slice(&self.locked);
         self.settle(loader, 0, 0, control)?;
         Ok(())
+    }
+
+    /// Waits for as long as `patience` until the root's tiles are there, also when they could not be had at first. Whether they
+    /// are.
+    ///
+    /// # Errors
+    /// [`AwaitError`].
+    pub fn insist_on_root(
+        &mut self,
+        loader: &mut impl TileLoader,
+        patience: Duration,
+        control: &Control,
+    ) -> Result<bool, AwaitError> {
+        let end = Instant::now() + patience;
+        self.pending.clear();
+        self.pending.extend(self.locked.iter().filter(|tile| tile.node == self.world.root()));
+        loop {
+            loader.drain()?;
+            // All of them are wanted, whatever the first is.
+            let there = self.pending.iter().filter(|tile| loader.want(**tile, 0, 0, control) == TileState::Resident);
+            let is_there = there.count() == self.pending.len();
+            loader.ask(0, 0);
+            if is_there || Instant::now() >= end {
+                return Ok(is_there);
+            }
+            loader.wait(control)?;
+        }
     }
 
     /// Waits until each wanted tile is resident, and returns how many are unavailable instead.

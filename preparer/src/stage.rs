@@ -8,12 +8,14 @@ use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
 use crate::sharpness::sharp_share;
 use crate::there::take_what_is_there;
+use crate::truncation::RootMissing;
 use bytemuck::Zeroable;
 use std::sync::Arc;
+use std::time::Duration;
 use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
-use terravision_common::run::RunConfig;
+use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{
     Control, Counter, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
 };
@@ -24,6 +26,8 @@ use terravision_common::world::World;
 
 /// Slots that are kept before they go into the ring together.
 const SLOTS_AT_ONCE: usize = 1024;
+/// A flight against the clock waits for the root of a database on a server for so long at least.
+const START_PATIENCE: Duration = Duration::from_secs(60);
 
 /// Why the preparer gave up.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +53,17 @@ pub enum PreparerError {
         /// Why.
         #[source]
         source: FrameError,
+    },
+    /// Nothing can be drawn.
+    #[error("frame {frame} cannot be prepared: {source}{advice}")]
+    RootMissing {
+        /// The frame.
+        frame: u64,
+        /// What is missing.
+        #[source]
+        source: RootMissing,
+        /// What a person can do, behind a semicolon; may be empty.
+        advice: &'static str,
     },
     /// The generator wrote what cannot be.
     #[error("the tree of frame {frame} has a header that cannot be: {what}")]
@@ -156,6 +171,9 @@ impl<L: TileLoader> Preparer<L> {
         };
         preparer.resume(ports)?;
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
+        if let Some(patience) = start_patience(config) {
+            preparer.wait.insist_on_root(&mut preparer.loader, patience, &ports.control)?;
+        }
         Ok(preparer)
     }
 
@@ -210,8 +228,13 @@ impl<L: TileLoader> Preparer<L> {
         self.slots.clear();
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
         let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
-        let counts = made.map_err(|source| PreparerError::Frame { frame, source })?;
         let waited_nanos = output.waited_nanos;
+        let counts = made.map_err(|source| match source {
+            FrameError::RootMissing(source) => {
+                PreparerError::RootMissing { frame, source, advice: advice(&self.config) }
+            }
+            source => PreparerError::Frame { frame, source },
+        })?;
         drop(half);
         // Room in the rings is the renderer's to give.
         let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
@@ -248,6 +271,24 @@ impl<L: TileLoader> Preparer<L> {
     #[must_use]
     pub fn loader(&self) -> &L {
         &self.loader
+    }
+}
+
+/// How long a flight against the clock waits for the root at its start, although it could not be had: a server may be away for
+/// longer than one read may take. In exact mode what is drawn must not depend on when a tile came.
+fn start_patience(config: &RunConfig) -> Option<Duration> {
+    let DatabaseConfig { is_offline, request_timeout_ms, .. } = config.database;
+    let may_come = config.realtime.is_some() && config.database.is_remote() && !is_offline;
+    may_come.then(|| START_PATIENCE.max(Duration::from_millis(request_timeout_ms).saturating_mul(3)))
+}
+
+/// What a person can do when not even the root can be had.
+fn advice(config: &RunConfig) -> &'static str {
+    match (config.database.is_remote(), config.database.is_offline) {
+        (true, true) => "; fly once without --offline, so that the cache has it",
+        // What the server answered is told by the launcher.
+        (true, false) => "",
+        (false, _) => "; ingest the world again",
     }
 }
 

@@ -35,7 +35,7 @@ pub trait Tiles {
 
 /// The root's tiles are not there: nothing can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the {} tile of the root node {} cannot be had, and no picture can be drawn without it; ingest the world again", tile.layer, tile.node)]
+#[error("the {} tile of the root node {} cannot be had, and no picture can be drawn without it", tile.layer, tile.node)]
 pub struct RootMissing {
     /// The tile.
     pub tile: Tile,

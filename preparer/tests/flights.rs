@@ -73,8 +73,9 @@ fn a_frame_that_no_pool_can_hold_is_an_error_that_says_so() {
 fn without_the_tiles_of_the_root_there_is_no_picture() {
     let source = Source { is_root_missing: true, ..Source::new(0) };
     let error = Flight { source, ..Flight::new() }.fly().expect_err("no root");
-    let PreparerError::Frame { frame: 100, source } = error else { panic!("{error}") };
-    assert!(source.to_string().contains("colour tile of the root"), "{source}");
+    let PreparerError::RootMissing { frame: 100, .. } = error else { panic!("{error}") };
+    let told = error.to_string();
+    assert!(told.contains("colour tile of the root") && told.ends_with("; ingest the world again"), "{told}");
 }
 
 #[test]

@@ -78,7 +78,13 @@ pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, St
 
 /// The manifest on the server.
 pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Result<OpenManifest, StoreError> {
-    let request = Request { file: MANIFEST_FILE, range: None, most_bytes: MOST_MANIFEST_BYTES, retries: OPEN_RETRIES };
+    let request = Request {
+        file: MANIFEST_FILE,
+        range: None,
+        most_bytes: MOST_MANIFEST_BYTES,
+        retries: OPEN_RETRIES,
+        is_vital: true,
+    };
     let mut tried = 0;
     loop {
         tried += 1;
@@ -206,7 +212,13 @@ async fn read_nodes(
         let parts = starts.map(|start| {
             let range = start..(start + PART_BYTES).min(expected);
             let most_bytes = range.end - range.start;
-            let request = Request { file: NODES_FILE, range: Some(range), most_bytes, retries: network.most_retries() };
+            let request = Request {
+                file: NODES_FILE,
+                range: Some(range),
+                most_bytes,
+                retries: network.most_retries(),
+                is_vital: true,
+            };
             async move { network.read(&request, |answer| async move { Ok(answer) }).await }
         });
         let mut parts = stream::iter(parts).buffered(PARTS_AT_ONCE);

@@ -8,14 +8,17 @@
 //!                    └─ failure ───────┴───────────────────────┴───────────────────┴─▶ error
 //! ```
 //!
-//! The *budget* keeps requests that are asked again in proportion to those that are asked the first time. The *breaker*
-//! opens when nothing has come for as long as one read may take: from then on reads fail at once, but for a probe now
-//! and then.
+//! The *budget* keeps requests that are asked again in proportion to those that are asked the first time. It is for
+//! failures among successes. When requests for a file fail in a row, its *breaker* opens: all reads of the file wait, and one
+//! at a time asks, as a probe, until an answer comes. So a server that is away for a while costs a request now and then,
+//! nothing of the budget, and no read before its deadline. When nothing has come for as long as one read may take, reads fail
+//! at once, but for a probe now and then. Files have breakers of their own: a server that has one file need not have the other.
 
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
 use crate::options::{RetryOptions, StoreOptions};
 use crate::transport::{Answer, Transport};
+use std::collections::BTreeMap;
 use std::collections::hash_map::RandomState;
 use std::future::Future;
 use std::hash::{BuildHasher, Hasher};
@@ -26,10 +29,13 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-/// Failures in a row, without one success, that open the breaker.
-const BREAKER_FAILURES: u32 = 16;
-/// While the breaker is open one read in this time goes through.
+/// Failures in a row, without one success, that open the breaker. (Of requests a third of which are lost one in 15 000 opens it,
+/// and it closes with the next answer.)
+const BREAKER_FAILURES: u32 = 8;
+/// While the breaker is open one request in this time goes through, at first in less.
 const PROBE_EVERY: Duration = Duration::from_secs(2);
+/// Why nobody is asked when `Retry-After` ends later than the read.
+const LONG_PAUSE: &str = "the server asks for fewer requests, and for a longer pause than a read may wait";
 
 /// What is asked of a server.
 #[derive(Debug, Clone)]
@@ -42,6 +48,8 @@ pub(crate) struct Request {
     pub(crate) most_bytes: u64,
     /// Requests after the first, at most.
     pub(crate) retries: u32,
+    /// There is no picture without it: it is asked again whether the budget allows it or not.
+    pub(crate) is_vital: bool,
 }
 
 /// The network as readers of a database see it.
@@ -53,7 +61,8 @@ pub(crate) struct Network {
     retries: RetryOptions,
     permits: Semaphore,
     budget: Mutex<Budget>,
-    breaker: Mutex<Breaker>,
+    /// By file.
+    breakers: Mutex<BTreeMap<&'static str, Arc<Breaker>>>,
     repeated: AtomicU64,
     log: Arc<ErrorLog>,
 }
@@ -67,7 +76,7 @@ impl Network {
             retries: options.retries,
             permits: Semaphore::new(options.parallel_requests.max(1)),
             budget: Mutex::new(Budget::new(&options.retries)),
-            breaker: Mutex::default(),
+            breakers: Mutex::default(),
             repeated: AtomicU64::new(0),
             log,
         }
@@ -97,13 +106,21 @@ impl Network {
     {
         let end = Instant::now() + self.deadline;
         let place = self.transport.place(request.file);
-        lock(&self.breaker).pass(Instant::now(), self.deadline).map_err(FetchError::Failed)?;
+        let breaker = Arc::clone(lock(&self.breakers).entry(request.file).or_default());
         lock(&self.budget).first();
         let mut attempt = 0;
         loop {
-            let error = match self.attempt(request, end, &place).await {
+            if self.transport.wire().held_until().is_some_and(|until| until >= end) {
+                let error = FetchError::failed(Cause::Throttled, LONG_PAUSE, place);
+                self.note(&error);
+                return Err(error);
+            }
+            let turn = breaker.turn(end, self.deadline).await.map_err(FetchError::Failed)?;
+            let result = self.attempt(request, end, &place).await;
+            let error = match result {
                 Ok(answer) => {
-                    lock(&self.breaker).succeeded();
+                    breaker.succeeded();
+                    drop(turn);
                     match check(answer).await {
                         Ok(checked) => return Ok(checked),
                         Err(error) => error,
@@ -112,21 +129,26 @@ impl Network {
                 Err(fault) => {
                     let fault = Arc::new(fault);
                     if fault.cause.is_passing() {
-                        lock(&self.breaker).failed(Instant::now(), &fault);
+                        breaker.failed(&fault, &self.retries);
                     }
+                    drop(turn);
                     FetchError::Failed(fault)
                 }
             };
             self.note(&error);
-            let wait = backoff(&self.retries, attempt, random());
-            let is_held = self.transport.wire().held_until().is_some_and(|until| until >= end);
-            let is_late = is_held || Instant::now() + wait >= end;
-            attempt += 1;
-            if !error.is_passing() || attempt > request.retries || is_late || !lock(&self.budget).again() {
+            if !error.is_passing() || Instant::now() >= end || breaker.is_given_up(self.deadline) {
                 return Err(error);
             }
+            if !breaker.is_open() {
+                let wait = backoff(&self.retries, attempt, random());
+                attempt += 1;
+                let is_late = attempt > request.retries || Instant::now() + wait >= end;
+                if is_late || !(lock(&self.budget).again() || request.is_vital) {
+                    return Err(error);
+                }
+                tokio::time::sleep(wait).await;
+            }
             self.repeated.fetch_add(1, Ordering::Relaxed);
-            tokio::time::sleep(wait).await;
         }
     }
 
@@ -146,10 +168,7 @@ impl Network {
         let permit = loop {
             if let Some(until) = self.transport.wire().held_until() {
                 if until >= end {
-                    return Err(fault(
-                        Cause::Throttled,
-                        "the server asks for fewer requests, and for a longer pause than a read may wait".to_owned(),
-                    ));
+                    return Err(fault(Cause::Throttled, LONG_PAUSE.to_owned()));
                 }
                 sleep_until(until).await;
             }
@@ -222,37 +241,98 @@ impl Budget {
     }
 }
 
-/// Whether there is any sense in asking.
+/// Whether there is any sense in asking for a file.
 #[derive(Debug, Default)]
 struct Breaker {
+    row: Mutex<Row>,
+    /// Held by the one that asks while the breaker is open. The others queue for it.
+    probe: tokio::sync::Mutex<()>,
+}
+
+/// Failures without one success between them.
+#[derive(Debug, Default)]
+struct Row {
     failures: u32,
-    first_failure: Option<Instant>,
+    /// When the first of them was.
+    since: Option<Instant>,
     last: Option<Arc<Fault>>,
     next_probe: Option<Instant>,
 }
 
+impl Row {
+    fn is_open(&self) -> bool {
+        self.failures >= BREAKER_FAILURES
+    }
+
+    fn is_given_up(&self, now: Instant, patience: Duration) -> bool {
+        self.is_open() && self.since.is_some_and(|since| now - since >= patience)
+    }
+}
+
 impl Breaker {
-    fn succeeded(&mut self) {
-        *self = Self::default();
+    fn succeeded(&self) {
+        *lock(&self.row) = Row::default();
     }
 
-    fn failed(&mut self, now: Instant, fault: &Arc<Fault>) {
-        self.failures += 1;
-        self.first_failure.get_or_insert(now);
-        self.last = Some(Arc::clone(fault));
+    fn failed(&self, fault: &Arc<Fault>, options: &RetryOptions) {
+        let (mut row, now) = (lock(&self.row), Instant::now());
+        row.failures = row.failures.saturating_add(1);
+        row.since.get_or_insert(now);
+        row.last = Some(Arc::clone(fault));
+        let probes = row.failures.saturating_sub(BREAKER_FAILURES);
+        row.next_probe = Some(now + backoff(options, probes, random()).min(PROBE_EVERY));
     }
 
-    /// Whether a read may go ahead; the last failure, when there is no sense in it.
-    fn pass(&mut self, now: Instant, patience: Duration) -> Result<(), Arc<Fault>> {
-        let (Some(first), Some(last)) = (self.first_failure, &self.last) else { return Ok(()) };
-        if self.failures < BREAKER_FAILURES || now - first < patience {
-            return Ok(());
+    fn is_open(&self) -> bool {
+        lock(&self.row).is_open()
+    }
+
+    /// Whether nothing has come for as long as a read may take.
+    fn is_given_up(&self, patience: Duration) -> bool {
+        lock(&self.row).is_given_up(Instant::now(), patience)
+    }
+
+    /// Waits until a request may be made; while the breaker is open, as the only one, for as long as what is returned is kept.
+    ///
+    /// # Errors
+    /// The last failure, when the time is over, or when there is no sense in asking.
+    async fn turn(
+        &self,
+        end: Instant,
+        patience: Duration,
+    ) -> Result<Option<tokio::sync::MutexGuard<'_, ()>>, Arc<Fault>> {
+        let told = |row: &Row, fallback: Instant| (row.next_probe.unwrap_or(fallback), row.last.clone());
+        let (next, last) = {
+            let (row, now) = (lock(&self.row), Instant::now());
+            if !row.is_open() {
+                return Ok(None);
+            }
+            let (next, last) = told(&row, now);
+            if row.is_given_up(now, patience) {
+                // A probe is made by the first that comes when it is due; nobody waits for it.
+                return match (last, self.probe.try_lock()) {
+                    (_, Ok(probe)) if next <= now => Ok(Some(probe)),
+                    (Some(last), _) => Err(last),
+                    (None, _) => Ok(None),
+                };
+            }
+            (next, last)
+        };
+        let turn = async {
+            let probe = self.probe.lock().await;
+            // The probe before this one may have failed, or brought an answer.
+            let next = {
+                let row = lock(&self.row);
+                row.is_open().then(|| told(&row, next).0)?
+            };
+            sleep_until(next).await;
+            self.is_open().then_some(probe)
+        };
+        match (timeout_at(end, turn).await, last) {
+            (Ok(probe), _) => Ok(probe),
+            (Err(_late), Some(last)) => Err(last),
+            (Err(_late), None) => Ok(None),
         }
-        if self.next_probe.is_none_or(|probe| probe <= now) {
-            self.next_probe = Some(now + PROBE_EVERY);
-            return Ok(());
-        }
-        Err(Arc::clone(last))
     }
 }
 
@@ -288,21 +368,57 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_breaker_opens_after_long_silence_and_lets_probes_through() {
-        let patience = Duration::from_secs(60);
-        let start = Instant::now();
+    fn quick() -> RetryOptions {
+        let wait = Duration::from_millis;
+        RetryOptions { first_wait: wait(2), longest_wait: wait(20), ..RetryOptions::default() }
+    }
+
+    #[tokio::test]
+    async fn while_a_file_fails_in_a_row_one_asks_at_a_time_and_all_others_wait() {
+        let patience = Duration::from_millis(300);
         let fault = Arc::new(Fault { cause: Cause::Connect, why: "no".into(), place: "there".into() });
-        let mut breaker = Breaker::default();
-        for _ in 0..100 {
-            breaker.failed(start, &fault);
+        let breaker = Breaker::default();
+        let end = Instant::now() + patience;
+        for _ in 0..BREAKER_FAILURES {
+            assert!(breaker.turn(end, patience).await.expect("a turn").is_none(), "closed");
+            breaker.failed(&fault, &quick());
         }
-        assert!(breaker.pass(start + patience / 2, patience).is_ok(), "not yet");
-        let late = start + patience;
-        assert!(breaker.pass(late, patience).is_ok(), "a probe");
-        assert_eq!(breaker.pass(late, patience), Err(Arc::clone(&fault)));
-        assert!(breaker.pass(late + PROBE_EVERY, patience).is_ok(), "the next probe");
+        let mut probes = 0;
+        while !breaker.is_given_up(patience) {
+            let Ok(probe) = breaker.turn(end, patience).await else { break };
+            assert!(probe.is_some());
+            let other = breaker.turn(Instant::now() + Duration::from_millis(1), patience).await;
+            assert_eq!(other.expect_err("no other"), fault);
+            breaker.failed(&fault, &quick());
+            probes += 1;
+        }
+        assert!((1..40).contains(&probes), "{probes} probes");
+        // Silent for as long as a read may take: nobody waits any more.
+        tokio::time::sleep(Duration::from_millis(40)).await;
+        let late = Instant::now() + Duration::from_secs(600);
+        let probe = breaker.turn(late, patience).await.expect("a probe is due");
+        assert!(breaker.is_given_up(patience) && probe.is_some());
+        assert_eq!(breaker.turn(late, patience).await.expect_err("one at a time"), fault);
+        drop(probe);
         breaker.succeeded();
-        assert!(breaker.pass(late, patience).is_ok() && breaker.pass(late, patience).is_ok());
+        assert!(breaker.turn(late, patience).await.is_ok_and(|probe| probe.is_none()), "closed again");
+    }
+
+    #[tokio::test]
+    async fn whoever_waits_goes_on_when_a_probe_has_brought_an_answer() {
+        let patience = Duration::from_secs(60);
+        let fault = Arc::new(Fault { cause: Cause::Server, why: "500".into(), place: "there".into() });
+        let breaker = Breaker::default();
+        (0..BREAKER_FAILURES).for_each(|_| breaker.failed(&fault, &RetryOptions::default()));
+        let end = Instant::now() + patience;
+        let probe = breaker.turn(end, patience).await.expect("a turn");
+        let others = futures_util::future::join_all((0..100).map(|_| breaker.turn(end, patience)));
+        let answer = async {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            breaker.succeeded();
+            drop(probe);
+        };
+        let (others, ()) = futures_util::future::join(others, answer).await;
+        assert!(others.iter().all(|turn| matches!(turn, Ok(None))));
     }
 }

@@ -24,6 +24,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 use terravision_common::database::{
     ARCHIVE_HEADER_BYTES, ArchiveError, ArchiveLayout, ArchiveRecord, COLOR_FILE, Directory, ELEVATION_FILE, Layer,
     MANIFEST_FILE, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
@@ -40,6 +41,8 @@ const MEMORY_BYTES: usize = 16 << 20;
 const HEAD_BYTES: u64 = 16_384;
 /// Damaged bytes are read anew this many times.
 const DAMAGED_RETRIES: u32 = 5;
+/// After failed reads the manifest is asked for once in this time.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
 /// Pieces that wait to be written to the disk cache; more are not kept.
 const MOST_PENDING: usize = 256;
 
@@ -55,7 +58,8 @@ pub(crate) struct Remote {
     memory: Memory,
     flights: Flights<Key, Arc<Piece>>,
     changed: OnceLock<Arc<Fault>>,
-    verifying: tokio::sync::Mutex<()>,
+    /// Held while it is found out whether the database has changed; when a failed read last was the reason.
+    verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
     place: String,
     log: Arc<ErrorLog>,
@@ -114,7 +118,7 @@ impl Remote {
             memory: Memory::new(MEMORY_BYTES),
             flights: Flights::default(),
             changed: OnceLock::new(),
-            verifying: tokio::sync::Mutex::new(()),
+            verifying: tokio::sync::Mutex::default(),
             pending: Arc::default(),
             place,
             log,
@@ -141,8 +145,13 @@ impl Remote {
         futures_util::future::try_join(self.head(elevation), self.head(color)).await.map(drop)
     }
 
-    /// A tile as it is stored, its checksum verified.
-    pub(crate) async fn payload(self: &Arc<Self>, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
+    /// A tile as it is stored, its checksum verified. Without one that is vital there is no picture.
+    pub(crate) async fn payload(
+        self: &Arc<Self>,
+        layer: Layer,
+        node: NodeId,
+        is_vital: bool,
+    ) -> Result<Bytes, FetchError> {
         let tile = tile_place(&self.world, layer, node).ok_or(FetchError::Absent)?;
         let archive = &self.archives[layer as usize];
         let range = self.place_of(archive, tile).await?.ok_or(FetchError::Absent)?;
@@ -155,7 +164,8 @@ impl Remote {
             Layer::Elevation => extents(archive.file, &range, archive.record.bytes),
             Layer::Color => vec![Key { file: archive.file, range: range.clone() }],
         };
-        self.verified(archive, &keys, &range, |bytes| check_tile(layer, bytes).map(|()| bytes.clone())).await
+        let check = |bytes: &Bytes| check_tile(layer, bytes).map(|()| bytes.clone());
+        self.verified(archive, &keys, &range, is_vital, check).await
     }
 
     async fn place_of(
@@ -193,7 +203,7 @@ impl Remote {
             let root = inside.map(|root| layout.directory(&root)).transpose()?;
             Ok((first.clone(), layout, root))
         };
-        let (first, layout, root) = self.verified(archive, &[key], &range, parse).await?;
+        let (first, layout, root) = self.verified(archive, &[key], &range, true, parse).await?;
         let root = match root {
             Some(root) => root,
             None => self.directory(archive, &layout, layout.root()).await?,
@@ -222,7 +232,7 @@ impl Remote {
         range: Range<u64>,
     ) -> Result<Directory, FetchError> {
         let key = Key { file: archive.file, range: range.clone() };
-        self.verified(archive, &[key], &range, |bytes| Ok(layout.directory(bytes)?)).await
+        self.verified(archive, &[key], &range, true, |bytes| Ok(layout.directory(bytes)?)).await
     }
 
     /// Reads pieces until what lies in `range` passes the check; then they are worth keeping.
@@ -231,11 +241,12 @@ impl Remote {
         archive: &RemoteArchive,
         keys: &[Key],
         range: &Range<u64>,
+        is_vital: bool,
         check: impl Fn(&Bytes) -> Result<T, TileDamage>,
     ) -> Result<T, FetchError> {
         let mut attempt = 0;
         loop {
-            let pieces = try_join_all(keys.iter().map(|key| self.piece(key))).await?;
+            let pieces = try_join_all(keys.iter().map(|key| self.piece(key, is_vital))).await?;
             let damage = match check(&assemble(keys, &pieces, range)) {
                 Ok(checked) => {
                     keys.iter().zip(&pieces).for_each(|(key, piece)| self.keep(archive, key, piece));
@@ -258,13 +269,13 @@ impl Remote {
             };
             attempt += 1;
             if !is_repeated {
-                return Err(damaged(damage));
+                return Err(self.look_for_change(archive, damaged(damage)).await);
             }
         }
     }
 
     /// A piece, from where it is had soonest.
-    async fn piece(self: &Arc<Self>, key: &Key) -> Result<Arc<Piece>, FetchError> {
+    async fn piece(self: &Arc<Self>, key: &Key, is_vital: bool) -> Result<Arc<Piece>, FetchError> {
         if let Some(piece) = self.memory.get(key) {
             return Ok(piece);
         }
@@ -276,7 +287,7 @@ impl Remote {
                 if let Some(bytes) = blocking(move || cache.get(&wanted)).await.flatten() {
                     return Ok(Arc::new(Piece::new(bytes, true)));
                 }
-                let bytes = this.fetch(&key).await?;
+                let bytes = this.fetch(&key, is_vital).await?;
                 Ok(Arc::new(Piece::new(bytes, false)))
             }
         });
@@ -284,7 +295,7 @@ impl Remote {
     }
 
     /// A piece, from the network.
-    async fn fetch(&self, key: &Key) -> Result<Bytes, FetchError> {
+    async fn fetch(&self, key: &Key, is_vital: bool) -> Result<Bytes, FetchError> {
         if let Some(changed) = self.changed.get() {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
@@ -303,15 +314,50 @@ impl Remote {
             range: Some(key.range.clone()),
             most_bytes: key.range.end - key.range.start,
             retries: network.most_retries(),
+            is_vital,
         };
-        network
+        let read = network
             .read(&request, |answer| async move {
                 match archive {
                     Some(archive) => self.same_file(network, archive, answer).await,
                     None => Ok(answer.bytes),
                 }
             })
-            .await
+            .await;
+        match (read, archive) {
+            (Err(error), Some(archive)) => Err(self.look_for_change(archive, error).await),
+            (read, _) => read,
+        }
+    }
+
+    /// Why a read has failed: often an archive that was replaced by a smaller one refuses ranges (416), or gives other bytes, and no
+    /// mark of its content tells. Then its manifest does, which is asked for now and then.
+    async fn look_for_change(&self, archive: &RemoteArchive, error: FetchError) -> FetchError {
+        let may_tell = matches!(
+            error.cause(),
+            Some(Cause::Refused | Cause::NotFound | Cause::BadAnswer | Cause::Interrupted | Cause::Damaged)
+        );
+        let Some(network) = self.network.as_ref().filter(|_| may_tell) else { return error };
+        let mut looked = self.verifying.lock().await;
+        if let Some(changed) = self.changed.get() {
+            return FetchError::Failed(Arc::clone(changed));
+        }
+        if looked.is_some_and(|at| at.elapsed() < LOOK_EVERY) {
+            return error;
+        }
+        *looked = Some(Instant::now());
+        let request =
+            Request { file: MANIFEST_FILE, range: None, most_bytes: MOST_MANIFEST_BYTES, retries: 0, is_vital: false };
+        let Ok(text) = network.read(&request, |answer| async move { Ok(answer.bytes) }).await else { return error };
+        // One that was damaged on its way tells nothing.
+        if text == self.manifest_text || Manifest::parse(&String::from_utf8_lossy(&text)).is_err() {
+            return error;
+        }
+        let changed = self.has_changed(archive, "its manifest is another one");
+        if let FetchError::Failed(fault) = &changed {
+            self.log.note(fault);
+        }
+        changed
     }
 
     /// The bytes of an answer, if they are of the file that the manifest describes.
@@ -342,7 +388,7 @@ impl Remote {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
         let ask = |file, range: Option<Range<u64>>, most_bytes| {
-            let request = Request { file, range, most_bytes, retries: network.most_retries() };
+            let request = Request { file, range, most_bytes, retries: network.most_retries(), is_vital: true };
             async move { network.read(&request, |answer| async move { Ok(answer.bytes) }).await }
         };
         let manifest = ask(MANIFEST_FILE, None, MOST_MANIFEST_BYTES).await;

@@ -1,10 +1,10 @@
 //! Tiles that could not be had are left alone for a while.
 
 use crate::error::{Cause, FetchError};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use terravision_common::database::Layer;
+use terravision_common::database::{Layer, Tile};
 use terravision_common::node::NodeId;
 
 /// After its first failure a tile rests so long, twice as long after the next...
@@ -32,9 +32,23 @@ struct Rest {
 #[derive(Debug, Default)]
 pub(crate) struct Resting {
     tiles: Mutex<HashMap<(Layer, NodeId), Rest>>,
+    /// The coarsest levels, which stand in for all that is missing: whatever the failure, they do not rest for long.
+    vital: HashSet<Tile>,
+    /// Without it there is no picture: it never rests for longer than the first time.
+    root: Option<NodeId>,
 }
 
 impl Resting {
+    /// Nothing rests; the tiles of `vital` and of the root never do for long.
+    pub(crate) fn new(root: NodeId, vital: impl IntoIterator<Item = Tile>) -> Self {
+        Self { vital: vital.into_iter().collect(), root: Some(root), ..Self::default() }
+    }
+
+    /// Whether a tile is of the coarsest levels.
+    pub(crate) fn is_vital(&self, layer: Layer, node: NodeId) -> bool {
+        self.vital.contains(&Tile { layer, node })
+    }
+
     /// Why a tile is not to be asked for now.
     pub(crate) fn find(&self, layer: Layer, node: NodeId) -> Option<FetchError> {
         self.find_at(layer, node, Instant::now())
@@ -71,7 +85,8 @@ impl Resting {
             }
         }
         let failures = tiles.get(&(layer, node)).map_or(0, |rest| rest.failures);
-        let rest = match error.is_passing() {
+        let rest = match error.is_passing() || self.is_vital(layer, node) {
+            _ if self.root == Some(node) => FIRST_REST,
             true => FIRST_REST.saturating_mul(1 << failures.min(10)).min(LONGEST_REST),
             false => LONG_REST,
         };
@@ -132,5 +147,22 @@ mod tests {
         assert!(resting.find_at(Layer::Color, node, now).is_none());
         resting.note_at(Layer::Color, node, Some(&FetchError::failed(Cause::NotFound, "", "")), now);
         assert!(resting.find_at(Layer::Color, node, now + LONG_REST / 2).is_some());
+    }
+
+    #[test]
+    fn what_stands_in_for_all_that_is_missing_does_not_rest_for_long_and_the_root_least() {
+        let [root, below] = [5, 4].map(|q| NodeId::new(0, 0, q).expect("a node"));
+        let tile = |node| Tile { layer: Layer::Color, node };
+        let resting = Resting::new(root, [root, below].map(tile));
+        let now = Instant::now();
+        for cause in [Cause::NotFound, Cause::Server, Cause::WebPage, Cause::Denied] {
+            for (layer, node) in [(Layer::Color, root), (Layer::Color, below), (Layer::Elevation, below)] {
+                resting.note_at(layer, node, Some(&FetchError::failed(cause, "", "")), now);
+            }
+        }
+        let rests = |layer, node, rest| resting.find_at(layer, node, now + rest).is_some();
+        assert!(!rests(Layer::Color, root, FIRST_REST));
+        assert!(rests(Layer::Color, below, FIRST_REST * 7) && !rests(Layer::Color, below, FIRST_REST * 8));
+        assert!(rests(Layer::Elevation, below, LONG_REST / 2));
     }
 }

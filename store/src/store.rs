@@ -19,6 +19,7 @@ use terravision_common::database::{
     decode_color, decode_elevation,
 };
 use terravision_common::node::NodeId;
+use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 use tokio::runtime::{Builder, Runtime};
 use tokio::task::JoinHandle;
@@ -167,11 +168,11 @@ impl Store {
         match &self.backend {
             Backend::Local(database) => match tokio::runtime::Handle::try_current() {
                 Ok(runtime) => {
-                    let database = Arc::clone(database);
-                    let task = runtime.spawn_blocking(move || local_payload(&database, layer, node));
+                    let (database, log) = (Arc::clone(database), Arc::clone(&self.log));
+                    let task = runtime.spawn_blocking(move || local_payload(&database, layer, node, &log));
                     task.await.unwrap_or_else(|_| Err(closed()))
                 }
-                Err(_no_runtime) => local_payload(database, layer, node),
+                Err(_no_runtime) => local_payload(database, layer, node, &self.log),
             },
             Backend::Remote(elsewhere) => elsewhere.payload(layer, node).await,
         }
@@ -180,7 +181,7 @@ impl Store {
     /// [`Store::payload`] for threads of no async runtime.
     fn payload_blocking(&self, layer: Layer, node: NodeId) -> Result<Bytes, TileError> {
         let read = match &self.backend {
-            Backend::Local(database) => local_payload(database, layer, node),
+            Backend::Local(database) => local_payload(database, layer, node, &self.log),
             Backend::Remote(elsewhere) => match &elsewhere.runtime {
                 Some(runtime) => runtime.block_on(elsewhere.payload(layer, node)),
                 None => Err(closed()),
@@ -236,7 +237,9 @@ impl Elsewhere {
         if options.index.is_none() && !options.is_offline {
             runtime.block_on(remote.open_archives())?;
         }
-        Ok(Self { index, remote, resting: Arc::default(), runtime: Some(runtime), _temporary: temporary })
+        let (vital, _) = top_levels(index.world());
+        let resting = Arc::new(Resting::new(index.world().root(), vital));
+        Ok(Self { index, remote, resting, runtime: Some(runtime), _temporary: temporary })
     }
 
     async fn payload(&self, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
@@ -247,7 +250,7 @@ impl Elsewhere {
         let (remote, resting) = (Arc::clone(&self.remote), Arc::clone(&self.resting));
         // On the store's own threads, whoever waits: connections live where they were made.
         let task = runtime.spawn(async move {
-            let read = remote.payload(layer, node).await;
+            let read = remote.payload(layer, node, resting.is_vital(layer, node)).await;
             resting.note(layer, node, read.as_ref().err());
             read
         });
@@ -289,7 +292,28 @@ fn closed() -> FetchError {
     FetchError::failed(Cause::Closed, "the database was closed while it was read", "")
 }
 
-fn local_payload(database: &Database, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
+fn local_payload(database: &Database, layer: Layer, node: NodeId, log: &ErrorLog) -> Result<Bytes, FetchError> {
+    let read = read_local(database, layer, node);
+    match read {
+        Err(FetchError::Damaged { .. } | FetchError::Failed(_)) if has_changed(database) => {
+            let why =
+                "the database is not the one that was opened (its manifest is another one); open it anew".to_owned();
+            let fault = Fault { cause: Cause::Changed, why, place: database.path().display().to_string() };
+            log.note(&fault);
+            Err(FetchError::Failed(Arc::new(fault)))
+        }
+        read => read,
+    }
+}
+
+/// Whether another database lies in the folder by now.
+fn has_changed(database: &Database) -> bool {
+    let text = std::fs::read_to_string(database.path().join(MANIFEST_FILE)).ok();
+    let manifest = text.and_then(|text| Manifest::parse(&text).ok());
+    manifest.is_some_and(|manifest| manifest != *database.manifest())
+}
+
+fn read_local(database: &Database, layer: Layer, node: NodeId) -> Result<Bytes, FetchError> {
     let mut bytes = Vec::new();
     match database.read_payload(layer, node, &mut bytes) {
         Ok(()) => {}

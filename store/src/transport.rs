@@ -275,6 +275,31 @@ fn deepest<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
     chain(error).last().unwrap_or(error)
 }
 
+/// Why a server's certificate is not trusted, and what can be done.
+fn certificate_sentence(reason: &rustls::CertificateError) -> String {
+    use rustls::CertificateError as Reason;
+    let why = match reason {
+        Reason::Expired | Reason::ExpiredContext { .. } => "has expired".to_owned(),
+        Reason::NotValidYet | Reason::NotValidYetContext { .. } => "is not valid yet (is the clock right?)".to_owned(),
+        Reason::NotValidForName | Reason::NotValidForNameContext { .. } => {
+            "is for another name than that of the address".to_owned()
+        }
+        Reason::UnknownIssuer => "is not trusted: it was signed by nobody that this machine trusts; SSL_CERT_FILE names a \
+             file of certificates that are trusted"
+            .to_owned(),
+        Reason::BadSignature => "is not trusted: it was not signed by the one that it names".to_owned(),
+        Reason::Revoked => "was revoked".to_owned(),
+        // Only the words of this one tell what it is: it is no reason of rustls itself.
+        other if format!("{other:?}").contains("CaUsedAsEndEntity") => {
+            "is not trusted: it is that of an authority (CA:TRUE), and a server needs one of its own; openssl req -x509 makes it \
+             with -addext basicConstraints=critical,CA:FALSE, and SSL_CERT_FILE names it"
+                .to_owned()
+        }
+        other => format!("is not trusted ({other})"),
+    };
+    format!("the server's certificate {why}")
+}
+
 /// What kind of failure an error of the client is, and a clause about it.
 fn classify(error: &object_store::Error) -> (Cause, String) {
     if let Some(wire) = chain(error).find_map(|e| e.downcast_ref::<WireError>()) {
@@ -286,7 +311,7 @@ fn classify(error: &object_store::Error) -> (Cause, String) {
     }
     match chain(error).find_map(|e| e.downcast_ref::<rustls::Error>()) {
         Some(rustls::Error::InvalidCertificate(reason)) => {
-            return (Cause::Certificate, format!("the server's certificate is not trusted ({reason})"));
+            return (Cause::Certificate, certificate_sentence(reason));
         }
         Some(tls) => return (Cause::Certificate, format!("TLS with the server failed ({tls})")),
         None => {}

@@ -135,6 +135,30 @@ fn readers_that_are_killed_stopped_or_slow_change_nothing() {
 }
 
 #[test]
+fn examples_say_in_a_sentence_what_is_wrong() {
+    for script in ["fly_circle.py", "read_frames.py"] {
+        let told = example(script).run();
+        assert!(told.code() == Some(1) && told.stderr.contains(&format!("{script} NAME")), "{}", told.stderr);
+        assert!(!told.stderr.contains("Traceback"), "{}", told.stderr);
+    }
+    let circle = |name: &SharedName, x: &str| {
+        let arguments = [name.to_string(), x.to_owned(), "0".into(), "1".into(), "1000".into(), "2".into()];
+        example("fly_circle.py").args(arguments).run()
+    };
+    let (folder, name) = (TestFolder::new("examples"), shared_name("examples"));
+    for (has_depth, words) in
+        [(false, "fly with --depth"), (true, "the flight refused the pose of time 0: a number is not")]
+    {
+        let flight =
+            steered_flight(&folder, &name).args(["--idle-timeout", "1"]).args(has_depth.then_some("--depth")).spawn();
+        let told = circle(&name, "nan");
+        assert!(told.code() == Some(1) && told.stderr.contains(words), "{}", told.stderr);
+        assert_eq!(told.stderr.trim_end().lines().count(), 1, "{}", told.stderr);
+        drop(flight.wait());
+    }
+}
+
+#[test]
 fn random_bytes_over_the_header_harm_nobody_and_readers_refuse_the_ring() {
     let (folder, name) = (TestFolder::new("garbage"), shared_name("garbage"));
     let mut flight = steered_flight(&folder, &name).arg("--depth").spawn();

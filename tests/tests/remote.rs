@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::shm::SharedFrame;
@@ -212,6 +212,45 @@ fn a_server_that_dies_under_way_ends_the_flight_in_time() {
     assert!(finished.stderr.contains("color.pmtiles"), "{}", finished.stderr);
 }
 
+/// Flies while an archive is away for seconds from the start; the index is in the cache.
+fn fly_through_an_outage(fault: &Fault, folder: &TestFolder, name: &str, more: &[&str]) -> Finished {
+    let server = serve();
+    let url = server.url("world.tv");
+    Terravision::verb("info").args([url.as_str(), "--cache"]).arg(folder.join("cache")).succeed();
+    server.misbehave([Rule::new(fault.clone()).of("color.pmtiles")]);
+    drop(server.take_asked());
+    let finished = std::thread::scope(|scope| {
+        let flight = scope.spawn(|| fly(&url, folder, name, more));
+        std::thread::sleep(Duration::from_secs(4));
+        let asked = server.take_asked().iter().filter(|asked| asked.path.ends_with("color.pmtiles")).count();
+        // Passing failures: eight in a row, those under way, then a probe now and then. Refused ones: once each, the top levels again.
+        assert!(asked < 150, "{fault:?}: {asked} requests");
+        server.misbehave([]);
+        flight.join().unwrap()
+    });
+    println!("{fault:?} {more:?}: {}", finished.stderr);
+    finished
+}
+
+#[test]
+fn a_server_that_is_away_at_the_start_is_waited_for_and_told() {
+    let folder = TestFolder::new("remote-outage");
+    local(&folder);
+    let finished = fly_through_an_outage(&Fault::Status(500, None), &folder, "exact", &[]);
+    finished.assert_code(0);
+    assert_same("outage", &folder, "exact");
+    assert!(finished.stderr.contains("the server failed (500 Internal Server Error)"), "{}", finished.stderr);
+    let realtime = ["--mode", "realtime", "--fps", "5", "--timeout", "1"];
+    for (fault, may_lose) in [(Fault::Status(500, None), false), (Fault::Drop, false), (Fault::WebPage, true)] {
+        let folder = TestFolder::new("remote-outage");
+        let finished = fly_through_an_outage(&fault, &folder, "realtime", &realtime);
+        // What is refused rests for minutes, but for what no picture can be without.
+        assert!(finished.code() == Some(0) || (may_lose && finished.code() == Some(3)), "{}", finished.stderr);
+        let words = "; the flight begins when the coarsest tiles are there";
+        assert_eq!(finished.stderr.matches(words).count(), 1, "{fault:?}: {}", finished.stderr);
+    }
+}
+
 #[test]
 fn what_goes_wrong_under_way_is_told_once_and_the_flight_goes_on() {
     for (fault, words) in [
@@ -226,7 +265,8 @@ fn what_goes_wrong_under_way_is_told_once_and_the_flight_goes_on() {
         let finished = still(&server.url("world.tv"), &folder, &["--timeout", "2"]);
         println!("{fault:?}: {}", finished.stderr);
         finished.assert_told(3);
-        assert_eq!(finished.stderr.matches(words).count(), 1, "{fault:?}: {}", finished.stderr);
+        // When it happens first, and with its count at the end.
+        assert!((1..=2).contains(&finished.stderr.matches(words).count()), "{fault:?}: {}", finished.stderr);
         let report = read_report(&folder);
         let mut failures = report["network"]["failures"].as_array().unwrap().iter();
         assert!(failures.any(|failure| failure["told"].to_string().contains(words)), "{fault:?}: {report}");
@@ -263,7 +303,8 @@ fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
     end(&poses);
     let finished = flight.wait();
     finished.assert_told(3);
-    assert_eq!(finished.stderr.matches("is not the one that was opened").count(), 1, "{}", finished.stderr);
+    let told = finished.stderr.matches("is not the one that was opened").count();
+    assert!((1..=2).contains(&told), "{}", finished.stderr);
 }
 
 #[test]
@@ -301,14 +342,14 @@ fn no_way_to_a_database_is_told_in_one_sentence() {
     }
 }
 
-#[test]
-fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
+/// A server that speaks TLS with a certificate of `data/` and has nothing. Its URL, and the certificate's file.
+fn serve_tls(name: &str) -> (String, PathBuf) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
-    let certificate = data.join("self-signed.pem");
+    let certificate = data.join(format!("{name}.pem"));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("https://localhost:{}/world.tv", listener.local_addr().unwrap().port());
     let chain = vec![CertificateDer::from_pem_file(&certificate).unwrap()];
-    let key = PrivateKeyDer::from_pem_file(data.join("self-signed.key")).unwrap();
+    let key = PrivateKeyDer::from_pem_file(data.join(format!("{name}.key"))).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let config = rustls::ServerConfig::builder_with_provider(provider).with_safe_default_protocol_versions().unwrap();
     let config = Arc::new(config.with_no_client_auth().with_single_cert(chain, key).unwrap());
@@ -324,6 +365,12 @@ fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
             }
         }
     });
+    (url, certificate)
+}
+
+#[test]
+fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
+    let (url, certificate) = serve_tls("self-signed");
     let folder = TestFolder::new("remote-tls");
     let info =
         || Terravision::verb("info").args([url.as_str(), "--timeout", "10", "--cache"]).arg(folder.join("cache"));
@@ -333,4 +380,17 @@ fn a_certificate_of_its_own_is_told_and_trusted_when_it_is_named() {
     let finished = info().env("SSL_CERT_FILE", &certificate).run();
     finished.assert_told(2);
     assert!(finished.stderr.contains("no finished terrain database"), "{}", finished.stderr);
+}
+
+#[test]
+fn a_certificate_of_an_authority_is_told_with_what_to_do() {
+    // As openssl req -x509 makes them unless told otherwise; to be named as trusted does not help.
+    let (url, certificate) = serve_tls("self-signed-authority");
+    let folder = TestFolder::new("remote-authority");
+    let info = Terravision::verb("info").args([url.as_str(), "--timeout", "10", "--cache"]).arg(folder.join("cache"));
+    let finished = info.env("SSL_CERT_FILE", &certificate).run();
+    finished.assert_told(2);
+    for words in ["certificate is not trusted", "CA:TRUE", "-addext basicConstraints=critical,CA:FALSE"] {
+        assert!(finished.stderr.contains(words), "{}", finished.stderr);
+    }
 }

@@ -236,6 +236,36 @@ fn a_server_that_is_gone_for_a_while_is_waited_for() {
 }
 
 #[test]
+fn a_server_that_restarts_for_seconds_costs_no_tile_and_few_requests() {
+    for fault in [Some(Fault::Status(500, None)), Some(Fault::Drop), None] {
+        let (server, folder) = (serve(), TestFolder::new("store-restart"));
+        // As a flight has it, but for the cache.
+        let patient = StoreOptions { cache_dir: Some(folder.join("cache")), ..StoreOptions::default() };
+        let store = Store::open(&location(&server), &patient).unwrap();
+        let tiles = tiles(store.world());
+        match &fault {
+            Some(fault) => server.misbehave([Rule::new(fault.clone())]),
+            None => server.set_down(true),
+        }
+        drop(server.take_asked());
+        let found = std::thread::scope(|scope| {
+            let readings: Vec<_> = (0..4).map(|_| scope.spawn(|| read(&store, &tiles))).collect();
+            std::thread::sleep(Duration::from_secs(6));
+            let asked = server.take_asked().len();
+            let before = store.figures();
+            println!("{fault:?}: {asked} requests in 6 s, {before:?}");
+            // Two files, the first failures of all readers, then a probe after 0.2, 0.4 ... 2 s for each.
+            assert!(asked <= 64 && before.repeated <= 64, "{fault:?}: {asked} requests, {before:?}");
+            server.misbehave([]);
+            server.set_down(false);
+            readings.into_iter().map(|reading| reading.join().unwrap()).next_back().unwrap()
+        });
+        assert_same("restart", &tiles, &found);
+        println!("{fault:?}: {:?}", store.figures());
+    }
+}
+
+#[test]
 fn what_does_not_pass_ends_in_one_error_and_few_requests() {
     for (fault, cause) in [
         (Fault::Status(404, None), Cause::NotFound),
@@ -255,8 +285,11 @@ fn what_does_not_pass_ends_in_one_error_and_few_requests() {
             assert_eq!(error.cause(), Some(cause), "{fault:?}: {error}");
             assert!(error.to_string().contains("color.pmtiles"), "{error}");
         }
-        // A redirect is followed ten times.
-        let asked = server.take_asked().len();
+        // A redirect is followed ten times. The manifest is looked at once: has the database changed?
+        let (manifest, others): (Vec<_>, Vec<_>) =
+            server.take_asked().into_iter().partition(|asked| asked.path.ends_with("manifest.json"));
+        let asked = others.len();
+        assert!(manifest.len() <= 1, "{fault:?}: {manifest:?}");
         assert!(asked == 1 || (cause == Cause::Redirects && asked <= 11), "{fault:?}: {asked} requests");
         assert!(block_on(store.payload(Layer::Elevation, node)).is_ok(), "the other archive is well");
         println!("{fault:?}: {:?}", store.errors().take_news());
@@ -267,7 +300,9 @@ fn what_does_not_pass_ends_in_one_error_and_few_requests() {
 fn failures_do_not_multiply_requests() {
     let (server, folder) = (serve(), TestFolder::new("store-storm"));
     let limited = RetryOptions { share: 0.5, burst: 10, ..options(&folder).retries };
-    let store = Store::open(&location(&server), &StoreOptions { retries: limited, ..options(&folder) }).unwrap();
+    let deadline = Duration::from_secs(2);
+    let limited = StoreOptions { retries: limited, deadline, ..options(&folder) };
+    let store = Store::open(&location(&server), &limited).unwrap();
     server.misbehave([Rule::new(Fault::Status(500, None))]);
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
     drop(server.take_asked());
@@ -427,6 +462,33 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     drop(server.take_asked());
     let error = block_on(store.payload(Layer::Color, store.world().root())).unwrap_err();
     assert_eq!((error.cause(), server.take_asked().len()), (Some(Cause::Changed), 0), "nobody is asked any more");
+}
+
+#[test]
+fn a_database_that_is_replaced_by_a_smaller_one_is_told_as_changed_on_a_server_and_in_a_folder() {
+    let folder = TestFolder::new("store-replaced");
+    let copy = folder.join("world.tv");
+    fs::create_dir_all(&copy).unwrap();
+    let put = |from: &Path, file: &str| {
+        fs::copy(from.join(file), copy.join(file)).unwrap();
+    };
+    let (large, small) = (synth_world(1024).database(), synth_world(256).database());
+    FILES.iter().for_each(|file| put(&large, file));
+    let server = LimitedServer::serve(folder.path());
+    let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
+    let places = [location(&server), Location::folder(&copy)];
+    let stores = places.map(|place| Store::open(&place, &no_cache).unwrap());
+    let tiles: Vec<_> = tiles(stores[0].world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
+    FILES.iter().for_each(|file| put(&small, file));
+    // A server without marks of content: 416 is all that it says.
+    server.misbehave([Rule::new(Fault::Status(416, None)).of("color.pmtiles")]);
+    for store in &stores {
+        let found = read(store, &tiles);
+        let changed = found.iter().filter_map(|read| read.as_ref().err()).filter(|e| e.cause() == Some(Cause::Changed));
+        assert!(changed.count() > 20, "{:?}", store.errors().folded());
+        let news = store.errors().take_news();
+        assert!(news.iter().any(|line| line.contains("open it anew") && line.contains("another one")), "{news:?}");
+    }
 }
 
 #[test]

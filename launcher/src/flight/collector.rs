@@ -1,7 +1,7 @@
 //! Collects what the stages tell of their work, as figures per frame; and keeps all of it when a trace is wanted.
 
 use crate::path::MAX_FRAMES;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::node::NodeId;
 use terravision_common::run::{TechniqueChoice, UNDECIDED_RAYS};
@@ -66,6 +66,8 @@ pub struct Collector {
     pub frames: Vec<FrameFigures>,
     /// Cause by tile: 1 missing, 2 corrupt, 3 read error.
     pub unavailable: BTreeMap<UnavailableTile, u64>,
+    /// Tiles that could not be had at first, and came later.
+    pub came_later: u64,
     /// What went wrong while the database was read: sentences by the name of the cause.
     pub failures: BTreeMap<String, Vec<String>>,
     /// From each request for a tile to its answer, milliseconds.
@@ -76,6 +78,8 @@ pub struct Collector {
     technique: Vec<u8>,
     is_technique_known: bool,
     failure: Vec<u8>,
+    told_failures: BTreeSet<String>,
+    told_before: Vec<String>,
     /// Events that made no sense.
     pub strange_events: u64,
     /// All events, when a trace is wanted.
@@ -91,6 +95,7 @@ impl Collector {
             most_frames: count,
             frames: vec![FrameFigures::default(); count],
             unavailable: BTreeMap::new(),
+            came_later: 0,
             failures: BTreeMap::new(),
             round_trips_ms: Vec::new(),
             device: Vec::new(),
@@ -99,6 +104,8 @@ impl Collector {
             technique: Vec::new(),
             is_technique_known: false,
             failure: Vec::new(),
+            told_failures: BTreeSet::new(),
+            told_before: Vec::new(),
             strange_events: 0,
             trace: is_traced.then(Vec::new),
         }
@@ -143,6 +150,26 @@ impl Collector {
     #[must_use]
     pub fn technique(&self) -> Option<String> {
         self.is_technique_known.then(|| String::from_utf8_lossy(&self.technique).into_owned())
+    }
+
+    /// The first sentence of each cause of failure that has not been told yet, with the cause's name.
+    pub fn take_untold_failures(&mut self) -> Vec<(String, String)> {
+        let untold = self.failures.iter().filter(|(cause, _)| !self.told_failures.contains(*cause));
+        let untold: Vec<_> = untold.filter_map(|(cause, told)| Some((cause.clone(), told.first()?.clone()))).collect();
+        self.told_failures.extend(untold.iter().map(|(cause, _)| cause.clone()));
+        let is_news = |sentence: &str| !self.told_before.iter().any(|told| told.ends_with(sentence));
+        untold.into_iter().filter(|(_, sentence)| is_news(sentence)).collect()
+    }
+
+    /// The user has been told these sentences before the flight: their failures are no news.
+    pub fn note_told(&mut self, sentences: &[String]) {
+        self.told_before.extend_from_slice(sentences);
+    }
+
+    /// Whether a cause of failure was told while the flight went on.
+    #[must_use]
+    pub fn is_failure_told(&self, cause: &str) -> bool {
+        self.told_failures.contains(cause)
     }
 
     /// Takes a sentence about a failure, which begins with the name of its cause.
@@ -199,6 +226,18 @@ impl Collector {
                 }
                 return;
             }
+            EventKind::TileCame => {
+                let node = NodeId::unpack(event.node);
+                let tile = node.map(|node| UnavailableTile { is_color: event.value & 0xFF == 1, node });
+                match tile {
+                    Some(tile) => {
+                        self.unavailable.remove(&tile);
+                        self.came_later += 1;
+                    }
+                    None => self.strange_events += 1,
+                }
+                return;
+            }
             _ => {}
         }
         let index = event.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
@@ -249,6 +288,7 @@ impl Collector {
             | EventKind::DriverName
             | EventKind::TechniqueName
             | EventKind::TileUnavailable
+            | EventKind::TileCame
             | EventKind::Failure => {}
         }
     }
@@ -307,6 +347,12 @@ mod tests {
         }
         let listed: Vec<_> = collector.unavailable.iter().collect();
         assert_eq!(listed, [(&UnavailableTile { is_color: true, node }, &2)]);
+        // The elevation tile of the same node is another one.
+        for (is_color, left) in [(0, 1), (1, 0)] {
+            collector
+                .take(Stage::Prefetcher, Event { node: node.pack(), ..event(EventKind::TileCame, 0, 0, 0, is_color) });
+            assert_eq!(collector.unavailable.len(), left);
+        }
     }
 
     proptest! {

@@ -20,7 +20,7 @@ pub mod supervisor;
 
 use crate::failure::{ExitStatus, Failure};
 use crate::metrics::{FrameTally, Metrics};
-use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences};
+use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences, main_failure};
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
@@ -42,6 +42,7 @@ use terravision_common::run::{RaysChoice, RunConfig, SinkConfig, TechniqueChoice
 use terravision_common::shm::{
     Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
 };
+use terravision_store::Cause;
 
 /// Folder of the programs of the stages: that of this program.
 ///
@@ -71,6 +72,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let ring = frame_ring(&plan)?;
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
     let mut run = Run::open(&plan, ring)?;
+    run.collector.note_told(&plan.warnings);
     if let Some(live) = &plan.live {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
     }
@@ -101,9 +103,18 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         }
         Ending::Died { stage, how, words, is_bad_input, restarts } => {
             let mut sentence = restart::sentence(stage, &how, &words);
+            if let Some(why) = main_failure(&figures).filter(|_| stage == Stage::Preparer && !is_bad_input) {
+                sentence += &format!(" ({why})");
+            }
             if restarts > 0 {
                 let times = if restarts == 1 { "once".to_owned() } else { format!("{restarts} times") };
                 sentence += &format!(" (stages were started again {times} within a minute)");
+                // What is known of so troubled a flight is worth having; that it is not complete stands in it.
+                let report = Report::new(&plan.config, &figures);
+                let write = |file: TemporaryFile| file.finish_with(|writer| report.write(writer));
+                if let Some(Err(error)) = plan.report.map(write) {
+                    progress.warn(&error.to_string());
+                }
             }
             let error = anyhow!("{sentence}");
             return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
@@ -119,7 +130,11 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
         return Err(Failure::failed(anyhow!("no pose came before the end of the flight")));
     }
     if figures.written_frames < wanted {
-        return Err(Failure::failed(anyhow!("the flight ended after {} of {wanted} frames", figures.written_frames)));
+        return Err(Failure::failed(anyhow!(
+            "the flight ended after {} of {}",
+            figures.written_frames,
+            frames(wanted)
+        )));
     }
     let report = Report::new(&plan.config, figures);
     for file in plan.files {
@@ -159,11 +174,16 @@ fn remove_partials(plan: &FlightPlan, figures: &RunFigures) {
 fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {
     let kept = match plan.config.render.sink {
         SinkConfig::PngFolder(_) if figures.written_frames > 0 => {
-            format!("; {} frames are in {}", figures.written_frames, plan.destination)
+            let are = if figures.written_frames == 1 { "is" } else { "are" };
+            format!("; {} {are} in {}", frames(figures.written_frames), plan.destination)
         }
         _ => String::new(),
     };
-    format!("interrupted after {} of {} frames{kept}", figures.written_frames, figures.asked_frames)
+    format!("interrupted after {} of {}{kept}", figures.written_frames, frames(figures.asked_frames))
+}
+
+fn frames(count: u64) -> String {
+    if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") }
 }
 
 fn no_segments(error: ShmError) -> Failure {
@@ -257,6 +277,7 @@ impl Run {
         let mut say = |sentence: &str| progress.warn(sentence);
         let mut restarts = Restarts::new(plan.restarts, &mut start_again, &mut say);
         let is_live = plan.live.is_some();
+        let is_waiting = plan.config.realtime.is_some();
         // What draws is left to the renderer, who knows the devices; that it is not the usual is worth a word.
         let mut may_tell_of_rays = plan.config.render.technique == TechniqueChoice::Auto;
         // So is, in real time, what casts rays.
@@ -277,6 +298,7 @@ impl Run {
                 may_tell_of_choice = false;
                 tell_of_choice(collector, &words, progress);
             }
+            tell_of_failures(collector, is_waiting && control.clock_start().is_none(), progress);
             memory.sample(stages, encoder);
             window.sample(control);
             progress.show(control.written_frames());
@@ -367,6 +389,21 @@ fn tell_of_rays(collector: &Collector, samples: u32, progress: &Progress) -> boo
 /// Tells the user what was chosen to cast rays, where that was left open.
 fn tell_of_choice(collector: &Collector, words: &str, progress: &Progress) {
     progress.say(&format!("--rays auto: {}, {words}", collector.device()));
+}
+
+/// Tells of what goes wrong when it happens for the first time; how often it did is told at the end. `is_waiting`: no picture can be
+/// drawn yet.
+fn tell_of_failures(collector: &mut Collector, is_waiting: bool, progress: &Progress) {
+    for (cause, sentence) in collector.take_untold_failures() {
+        let then = match Cause::from_name(&cause) {
+            // What asking again does not change.
+            None | Some(Cause::Cache | Cause::Touched | Cause::Offline | Cause::Changed | Cause::Closed) => "",
+            Some(_) if is_waiting => "; the flight begins when the coarsest tiles are there",
+            Some(cause) if cause.is_passing() => "; it is asked again",
+            Some(_) => "",
+        };
+        progress.warn(&format!("{sentence}{then}"));
+    }
 }
 
 fn drain(

@@ -196,6 +196,11 @@ impl Books {
         waiting
     }
 
+    /// A tile is there. Whether it was told as unavailable before.
+    pub(super) fn came(&mut self, tile: Tile) -> bool {
+        self.told_unavailable.remove(&tile)
+    }
+
     /// Requests that have waited for longer than `patience`, doubled with each try, `most` tries: they are to be made again.
     pub(super) fn late(&mut self, now: u64, patience: u64, most: u32) -> Vec<Tile> {
         let mut late = Vec::new();

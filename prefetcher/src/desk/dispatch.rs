@@ -72,6 +72,9 @@ impl Desk {
                 if self.locked.contains(&tile) {
                     self.lock(tile);
                 }
+                if self.books.came(tile) {
+                    self.news.push(News::Came { tile, at_nanos: now });
+                }
                 if let Some(load) = self.books.arrived(tile) {
                     let latency = now.saturating_sub(load.asked_at) as f64;
                     let smoothed = self.latency_nanos.get_or_insert(latency);

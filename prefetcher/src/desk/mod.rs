@@ -92,6 +92,13 @@ pub enum News {
         /// When, nanoseconds of the monotonic clock.
         at_nanos: u64,
     },
+    /// A tile that was unavailable came after all.
+    Came {
+        /// The tile.
+        tile: Tile,
+        /// When, nanoseconds of the monotonic clock.
+        at_nanos: u64,
+    },
 }
 
 /// See the module.
