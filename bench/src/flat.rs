@@ -32,6 +32,12 @@ struct Turns {
     renderer: Vec<f64>,
 }
 
+impl Turns {
+    fn medians(&self) -> [f64; 3] {
+        [&self.generator, &self.preparer, &self.renderer].map(|of| median(of))
+    }
+}
+
 /// Measures.
 ///
 /// # Errors
@@ -66,16 +72,11 @@ pub fn run(settings: &Settings, options: &Options, found: &mut Found) -> anyhow:
     let count = (TURNS * round.len()) as u64;
     for (at, doublings) in DOUBLINGS.into_iter().enumerate() {
         let times = 1u32 << (2 * doublings);
-        let stages: [(&str, fn(&Turns) -> &[f64]); 3] = [
-            ("generator", |turns| &turns.generator),
-            ("preparer", |turns| &turns.preparer),
-            ("renderer", |turns| &turns.renderer),
-        ];
-        for (stage, of) in stages {
-            let value = median(of(&turns[at]));
+        let [own, smallest] = [at, 0].map(|at| turns[at].medians());
+        for ((stage, value), smallest) in ["generator", "preparer", "renderer"].into_iter().zip(own).zip(smallest) {
             found.measurements.push(Measurement::new(BENCH, format!("{stage}, {times} x"), value, "ms", count));
             if at > 0 {
-                let ratio = value / median(of(&turns[0]));
+                let ratio = value / smallest;
                 let measurement =
                     Measurement::new(BENCH, format!("{stage}, {times} x against 1 x"), ratio, "ratio", count);
                 found.measurements.push(measurement.with_target(Target::AtMost(1.1)));
