@@ -128,10 +128,10 @@ fn wrong_usage_and_input_end_with_2_and_one_sentence() {
 }
 
 #[test]
-fn an_output_that_cannot_be_written_ends_with_1() {
+fn a_place_that_cannot_be_used_ends_with_2() {
     let folder = TestFolder::new();
     let dem = Tiff::utm([30, 30], |i, _| i as f32).write(&folder.path("dem.tif"));
     let output = program(&["ingest", "--elevation", dem.to_str().unwrap(), "-o", "/proc/world.tv"]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(error_line(&output).contains("/proc/world.tv"));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(error_line(&output).contains("cannot write into /proc/world.tv"));
 }
