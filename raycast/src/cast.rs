@@ -589,13 +589,19 @@ impl Frame<'_> {
                 let inside = here.or_else(|| density(plane)).unwrap_or(255.0);
                 let from = Point { s: planes[plane - 1], density: outside };
                 let to = Point { s: planes[plane], density: inside };
-                return (plane as u32 - 1, surface_between(from, to));
+                // What lies between the last sample in the air and the next one is for the next ray to look at, if it does.
+                return (plane as u32 - u32::from(self.looks_between()), surface_between(from, to));
             }
             counts.steps_back += 1;
             plane -= 1;
             (here, before) = (before, None);
         }
         (plane as u32, planes[plane])
+    }
+
+    #[inline(always)]
+    fn looks_between(&self) -> bool {
+        self.fall.is_finite()
     }
 
     /// Density at a parameter of a ray that is in a tile or near it; `None` where no ground is.

@@ -159,7 +159,7 @@ impl Caster {
             picture,
             sky: u32::from_le_bytes([r, g, b, 255]),
             datum: -from_datum,
-            fall: if options.looks_between {
+            fall: if options.looks_between && !options.is_approximate {
                 FALL_TRUSTED * ground.shape().filter.unwrap_or_default().fall()
             } else {
                 f32::NEG_INFINITY

@@ -27,9 +27,8 @@ fn depths(
     (picture.depth().collect(), counts)
 }
 
-fn depths_of(ground: &Ground, field: &Field, camera: &Camera, method: Method, is_approximate: bool) -> Vec<f32> {
+fn depths_of(ground: &Ground, field: &Field, camera: &Camera, options: CastOptions) -> Vec<f32> {
     let picture = Picture::new(SIZE);
-    let options = CastOptions { method, is_approximate, ..CastOptions::default() };
     Caster::new(1).unwrap().draw(ground, &[&field.colors()[..]], camera, &options, &picture);
     picture.depth().collect()
 }
@@ -67,6 +66,23 @@ fn interval_m(camera: &Camera) -> f32 {
 fn count_different(a: &[f32], b: &[f32], limit: f32) -> usize {
     let is_other = |a: f32, b: f32| a.is_nan() != b.is_nan() || (a - b).abs() > limit;
     a.iter().zip(b).filter(|(a, b)| is_other(**a, **b)).count()
+}
+
+/// The same, but for a ray that grazes a silhouette within rounding: it may hit or miss, so at one pixel, or two, of a picture one of
+/// the pictures has sky and the other ground, beside which both have sky and ground.
+fn count_beyond_silhouettes(a: &[f32], b: &[f32], limit: f32) -> usize {
+    let width = SIZE[0] as usize;
+    let around = |picture: &[f32], k: usize| -> [bool; 2] {
+        let (x, y) = (k % width, k / width);
+        let rows = y.saturating_sub(1)..(y + 2).min(SIZE[1] as usize);
+        let near = rows.flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u));
+        let sky: Vec<bool> = near.map(|at| picture[at].is_nan()).collect();
+        [sky.contains(&true), sky.contains(&false)]
+    };
+    let grazes =
+        |k: usize| a[k].is_nan() != b[k].is_nan() && [a, b].iter().all(|picture| around(picture, k) == [true; 2]);
+    let grazing = (0..a.len()).filter(|k| grazes(*k)).count();
+    count_different(a, b, limit) - grazing.min(2)
 }
 
 fn eye_over(field: &Field, x: f64, y: f64, height_m: f64) -> [f64; 3] {
@@ -168,7 +184,7 @@ proptest! {
 
     #[test]
     fn they_agree_across_levels_and_modes(
-        seed in 0u64..1000, is_towers: bool, modes in modes(), is_approximate: bool,
+        seed in 0u64..1000, is_towers: bool, modes in modes(), is_approximate: bool, looks_between: bool,
         x in 0.05..0.95f64, y in 0.05..0.95f64, height in 20.0..500.0f64,
         heading in 0.0..360.0f64, pitch in -90.0..30.0f64, roll in -180.0..180.0f64, vfov in 20.0..90.0f64,
     ) {
@@ -176,7 +192,8 @@ proptest! {
         let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
         let ground = field.mixed(seed, Filter::OrientedBox, |origin| modes.is_accurate(origin));
         let [plain, coherent] = [Method::Plain, Method::Coherent]
-            .map(|method| depths_of(&ground, &field, &camera, method, is_approximate));
+            .map(|method| CastOptions { method, is_approximate, looks_between, ..CastOptions::default() })
+            .map(|options| depths_of(&ground, &field, &camera, options));
         // An interval of the coarsest voxels.
         prop_assert_eq!(count_different(&coherent, &plain, 4.0 * interval_m(&camera)), 0);
     }
@@ -194,7 +211,7 @@ proptest! {
         prop_assert_eq!(count_different(&coherent, &plain, interval_m(&camera)), 0);
         let [plain, exact] =
             [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, 128, None, &camera, method).0);
-        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
+        prop_assert_eq!(count_beyond_silhouettes(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
     }
 }
 
@@ -211,6 +228,6 @@ proptest! {
         let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
         let [plain, exact] =
             [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
-        prop_assert_eq!(count_different(&exact, &plain, 0.1 * interval_m(&camera)), 0);
+        prop_assert_eq!(count_beyond_silhouettes(&exact, &plain, 0.1 * interval_m(&camera)), 0);
     }
 }
