@@ -6,7 +6,7 @@
 //! camera ─▶ View: rays, planes ─▶ Lines: each pixel once, for any roll     (view, lines)
 //!                │
 //!                ▼  neighbouring lines, to whichever worker is free        (caster, workers)
-//!          cast: from the bottom up, each ray from where the last one hit  (cast)
+//!          cast: from the bottom up, each ray from where the last one hit  (cast, surface)
 //!          mipmap: one exact ray per pixel                  (mipmap, projected, trace, strip, paint)
 //!                ▼
 //!          Picture: colour and depth ─▶ outlines of tiles, if wanted        (outline)
@@ -31,6 +31,7 @@ pub mod picture;
 mod projected;
 mod steepness;
 mod strip;
+mod surface;
 mod trace;
 pub mod view;
 mod voxels;
