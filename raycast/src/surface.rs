@@ -46,7 +46,7 @@ impl Frame<'_> {
         current: &Current<'_>,
         counts: &mut Counts,
     ) -> Option<Sample> {
-        // That mode is measured against the paper's, which has nothing of the kind.
+        // `fall` says so, too, but this is known at compile time and costs nothing.
         if APPROXIMATE {
             return None;
         }

@@ -3,126 +3,19 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
+mod served;
+
+use served::{FILES, assert_same, block_on, fine, local, location, options, read, serve, tiles};
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::node::NodeId;
-use terravision_common::world::World;
 use terravision_limited_server::{Fault, LimitedServer, Link, Rule};
 use terravision_store::{Cause, FetchError, Location, RetryOptions, Store, StoreError, StoreOptions};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::Terravision;
 use terravision_tests::worlds::synth_world;
-
-const FILES: [&str; 4] = ["manifest.json", "nodes.tvn", "elevation.pmtiles", "color.pmtiles"];
-
-/// Impatient, and stubborn: tests have no time to wait for servers that will not answer, and many faults at once.
-fn options(folder: &TestFolder) -> StoreOptions {
-    StoreOptions {
-        cache_dir: Some(folder.join("cache")),
-        request_timeout: Duration::from_millis(700),
-        deadline: Duration::from_secs(60),
-        retries: RetryOptions {
-            most: 40,
-            first_wait: Duration::from_millis(2),
-            longest_wait: Duration::from_millis(30),
-            share: 20.0,
-            burst: 10_000,
-        },
-        ..StoreOptions::default()
-    }
-}
-
-fn serve() -> LimitedServer {
-    LimitedServer::serve(synth_world(1024).database().parent().unwrap())
-}
-
-fn location(server: &LimitedServer) -> Location {
-    Location::parse(&server.url("world.tv")).unwrap()
-}
-
-fn local() -> Store {
-    Store::open(&Location::folder(&synth_world(1024).database()), &StoreOptions::default()).unwrap()
-}
-
-/// Some tiles of all levels, both layers; a few that there are not.
-fn tiles(world: &World) -> Vec<(Layer, NodeId)> {
-    let of_level = |q: u8| {
-        let [columns, rows] = world.nodes_at(q);
-        let step = (columns.max(rows) / 12).max(1) as usize;
-        (0..=rows)
-            .step_by(step)
-            .flat_map(move |n| (0..=columns).step_by(step).filter_map(move |m| NodeId::new(m, n, q)))
-    };
-    let nodes: Vec<NodeId> = (0..world.levels()).rev().flat_map(of_level).collect();
-    nodes.iter().flat_map(|node| [(Layer::Elevation, *node), (Layer::Color, *node)]).collect()
-}
-
-/// A node of the finest level that has colour.
-fn fine(m: u32) -> NodeId {
-    NodeId::new(m, 1, synth_world_level()).unwrap()
-}
-
-fn synth_world_level() -> u8 {
-    static LEVEL: std::sync::OnceLock<u8> = std::sync::OnceLock::new();
-    *LEVEL.get_or_init(|| local().world().finest_color_level())
-}
-
-/// Reads tiles with eight threads; what each gave, `None` for one that the database does not have.
-fn read(store: &Store, tiles: &[(Layer, NodeId)]) -> Vec<Result<Option<Vec<u8>>, FetchError>> {
-    let one = |(layer, node): &(Layer, NodeId)| match block_on(store.payload(*layer, *node)) {
-        Ok(bytes) => Ok(Some(bytes.to_vec())),
-        Err(FetchError::Absent) => Ok(None),
-        Err(error) => Err(error),
-    };
-    let mut results: Vec<_> = tiles.iter().map(|_| Ok(None)).collect();
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    std::thread::scope(|scope| {
-        let work = || {
-            let mut done = Vec::new();
-            loop {
-                let at = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                let Some(tile) = tiles.get(at) else { return done };
-                done.push((at, one(tile)));
-            }
-        };
-        let threads: Vec<_> = (0..8).map(|_| scope.spawn(work)).collect();
-        for (at, result) in threads.into_iter().flat_map(|thread| thread.join().unwrap()) {
-            results[at] = result;
-        }
-    });
-    results
-}
-
-/// Any executor may drive a store: this one parks its thread.
-fn block_on<F: Future>(future: F) -> F::Output {
-    struct Unpark(std::thread::Thread);
-    impl std::task::Wake for Unpark {
-        fn wake(self: std::sync::Arc<Self>) {
-            self.0.unpark();
-        }
-    }
-    let mut future = std::pin::pin!(future);
-    let waker = std::sync::Arc::new(Unpark(std::thread::current())).into();
-    let mut context = std::task::Context::from_waker(&waker);
-    loop {
-        if let std::task::Poll::Ready(output) = future.as_mut().poll(&mut context) {
-            return output;
-        }
-        std::thread::park_timeout(Duration::from_millis(100));
-    }
-}
-
-fn assert_same(what: &str, tiles: &[(Layer, NodeId)], found: &[Result<Option<Vec<u8>>, FetchError>]) {
-    let expected = read(&local(), tiles);
-    for ((tile, found), expected) in tiles.iter().zip(found).zip(&expected) {
-        match found {
-            Ok(found) => assert!(*found == *expected.as_ref().unwrap(), "{what}: {tile:?} differs"),
-            Err(error) => panic!("{what}: {tile:?}: {error}"),
-        }
-    }
-}
 
 #[test]
 fn a_server_gives_the_tiles_of_the_folder_in_ranges_over_few_connections() {
@@ -330,106 +223,6 @@ fn a_server_that_asks_for_quiet_gets_it() {
     let asked = server.take_asked().len();
     println!("{} throttled, {throttled} had, {asked} requests", errors.len());
     assert!(errors.len() > 50 && asked <= 16, "{asked} requests, at most those that were under way");
-}
-
-#[test]
-fn a_second_run_asks_for_the_manifest_alone_and_an_offline_one_for_nothing() {
-    let (server, folder) = (serve(), TestFolder::new("store-cache"));
-    let tiles = {
-        let store = Store::open(&location(&server), &options(&folder)).unwrap();
-        let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(_, node)| *node != fine(1)).collect();
-        assert_same("first", &tiles, &read(&store, &tiles));
-        tiles
-    };
-    drop(server.take_asked());
-    {
-        let store = Store::open(&location(&server), &options(&folder)).unwrap();
-        assert_same("second", &tiles, &read(&store, &tiles));
-        assert_eq!(server.take_asked().len(), 1, "the manifest");
-    }
-    server.set_down(true);
-    let offline = StoreOptions { is_offline: true, ..options(&folder) };
-    let store = Store::open(&location(&server), &offline).unwrap();
-    assert_same("offline", &tiles, &read(&store, &tiles));
-    assert_eq!((server.take_asked().len(), store.figures().requests), (0, 0));
-    // What it has not is an error that says so.
-    let error = block_on(store.payload(Layer::Color, fine(1))).unwrap_err();
-    assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("disk cache"), "{error}");
-    // Nothing of another place.
-    let elsewhere = Location::parse("http://127.0.0.1:9/other.tv").unwrap();
-    let error = Store::open(&elsewhere, &offline).unwrap_err();
-    assert!(error.is_bad_input() && error.to_string().contains("nothing of it"), "{error}");
-}
-
-fn for_each_entry(folder: &Path, each: &mut dyn FnMut(&Path)) {
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        match entry.metadata().unwrap().is_dir() {
-            true => for_each_entry(&entry.path(), each),
-            false => each(&entry.path()),
-        }
-    }
-}
-
-#[test]
-fn damaged_entries_of_the_cache_are_read_anew() {
-    let (server, folder) = (serve(), TestFolder::new("store-damaged"));
-    let tiles = {
-        let store = Store::open(&location(&server), &options(&folder)).unwrap();
-        let tiles = tiles(store.world());
-        assert_same("first", &tiles, &read(&store, &tiles));
-        tiles
-    };
-    let mut number = 0;
-    for_each_entry(&folder.join("cache"), &mut |path| {
-        let mut bytes = fs::read(path).unwrap();
-        number += 1;
-        match number % 4 {
-            0 => bytes.truncate(bytes.len() / 2),
-            1 => bytes.clear(),
-            2 => {
-                let middle = bytes.len() / 2;
-                bytes[middle] ^= 1;
-            }
-            _ => bytes.extend([7; 100]),
-        }
-        fs::write(path, bytes).unwrap();
-    });
-    let store = Store::open(&location(&server), &options(&folder)).unwrap();
-    assert_same("damaged", &tiles, &read(&store, &tiles));
-    assert!(store.figures().cache.damaged > 10, "{:?}", store.figures());
-    let news = store.errors().take_news();
-    assert!(news.iter().any(|line| line.contains("damaged")), "{news:?}");
-}
-
-#[test]
-fn a_small_cache_stays_small_and_one_that_cannot_be_is_done_without() {
-    let (server, folder) = (serve(), TestFolder::new("store-small"));
-    let small = StoreOptions { cache_bytes: 200 << 10, ..options(&folder) };
-    let stores = [Store::open(&location(&server), &small).unwrap(), Store::open(&location(&server), &small).unwrap()];
-    let tiles = tiles(stores[0].world());
-    std::thread::scope(|scope| {
-        for store in &stores {
-            let tiles = &tiles;
-            scope.spawn(move || assert_same("small", tiles, &read(store, tiles)));
-        }
-    });
-    drop(stores);
-    let mut bytes = 0;
-    for_each_entry(&folder.join("cache/tiles"), &mut |path| bytes += fs::metadata(path).unwrap().len());
-    assert!(bytes > 0 && bytes <= 200 << 10, "{bytes} bytes");
-
-    let nowhere = StoreOptions { cache_dir: Some("/proc/terravision".into()), ..options(&folder) };
-    let store = Store::open(&location(&server), &nowhere).unwrap();
-    assert_same("no cache", &tiles, &read(&store, &tiles));
-    let news = store.errors().take_news();
-    assert!(
-        !news.is_empty() && news.len() <= 2 && news.iter().all(|line| line.contains("/proc/terravision")),
-        "{news:?}"
-    );
-    let index = store.index().path().to_owned();
-    assert!(index.join("nodes.tvn").exists());
-    drop(store);
-    assert!(!index.exists(), "the index that no cache would take is gone");
 }
 
 #[test]
