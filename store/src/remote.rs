@@ -12,22 +12,21 @@
 use crate::cache::{CacheFigures, DiskCache, Key};
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
+use crate::etags::Etags;
 use crate::flights::Flights;
 use crate::memory::{Memory, Piece};
-use crate::mirror::MOST_MANIFEST_BYTES;
 use crate::network::{Network, Request};
 use crate::transport::Answer;
 use bytes::{Bytes, BytesMut};
 use futures_util::future::try_join_all;
 use pmtiles::TileId;
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use terravision_common::database::{
     ARCHIVE_HEADER_BYTES, ArchiveError, ArchiveLayout, ArchiveRecord, COLOR_FILE, Directory, ELEVATION_FILE, Layer,
-    MANIFEST_FILE, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
+    Leaves, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
 };
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
@@ -39,7 +38,7 @@ const EXTENT_BYTES: u64 = 32 << 10;
 const MEMORY_BYTES: usize = 16 << 20;
 /// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3, section 3).
 const HEAD_BYTES: u64 = 16_384;
-/// Damaged bytes are read anew this many times.
+/// Damaged bytes of a server are read anew this many times.
 const DAMAGED_RETRIES: u32 = 5;
 /// After failed reads the manifest is asked for once in this time.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
@@ -71,9 +70,8 @@ struct RemoteArchive {
     file: &'static str,
     record: ArchiveRecord,
     head: OnceCell<Head>,
-    leaves: Mutex<HashMap<usize, Arc<Directory>>>,
-    /// The server's marks of this content.
-    etags: Mutex<Vec<String>>,
+    leaves: Leaves,
+    etags: Mutex<Etags>,
 }
 
 /// What an archive begins with.
@@ -103,7 +101,7 @@ impl Remote {
             file,
             record,
             head: OnceCell::new(),
-            leaves: Mutex::default(),
+            leaves: Leaves::default(),
             etags: Mutex::default(),
         };
         Self {
@@ -218,11 +216,12 @@ impl Remote {
         index: usize,
         range: Range<u64>,
     ) -> Result<Arc<Directory>, FetchError> {
-        if let Some(leaf) = lock(&archive.leaves).get(&index) {
-            return Ok(Arc::clone(leaf));
+        if let Some(leaf) = archive.leaves.get(index) {
+            return Ok(leaf);
         }
-        let leaf = Arc::new(self.directory(archive, &head.layout, range).await?);
-        Ok(Arc::clone(lock(&archive.leaves).entry(index).or_insert(leaf)))
+        let key = Key { file: archive.file, range: range.clone() };
+        let parse = |bytes: &Bytes| archive.leaves.get_or_parse(index, || Ok(head.layout.directory(bytes)?));
+        self.verified(archive, &[key], &range, true, parse).await
     }
 
     async fn directory(
@@ -264,7 +263,8 @@ impl Remote {
             let gone = keys.to_vec();
             blocking(move || gone.iter().for_each(|key| cache.remove(key))).await;
             let is_repeated = match &self.network {
-                Some(network) if attempt < DAMAGED_RETRIES => network.again(attempt).await,
+                // Of a file of this machine they are the same again, but for one that is being written.
+                Some(network) if attempt < network.retries_at_most(DAMAGED_RETRIES) => network.again(attempt).await,
                 _ => false,
             };
             attempt += 1;
@@ -368,13 +368,7 @@ impl Remote {
             return Err(self.has_changed(archive, &why));
         }
         let Some(etag) = answer.etag else { return Ok(answer.bytes) };
-        let is_known = |etag: &String| {
-            let mut known = lock(&archive.etags);
-            if known.is_empty() {
-                known.push(etag.clone());
-            }
-            known.contains(etag)
-        };
+        let is_known = |etag: &String| lock(&archive.etags).is_known(etag);
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
@@ -406,7 +400,7 @@ impl Remote {
         if !is_same {
             return Err(self.has_changed(archive, "its manifest or its directory is another one"));
         }
-        lock(&archive.etags).push(etag);
+        lock(&archive.etags).learn(&etag);
         let why = "the server replaced it by an equal one while it was read".to_owned();
         self.log.note(&Fault { cause: Cause::Touched, why, place: network.transport().place(archive.file) });
         Ok(answer.bytes)
