@@ -43,6 +43,23 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(line)
 }
 
+/// JSON that says the same and has no character that a terminal would obey: within its strings they are escapes.
+#[must_use]
+pub fn printable_json(json: &str) -> Cow<'_, str> {
+    if json.chars().all(|c| c == '\n' || is_plain(c)) {
+        return Cow::Borrowed(json);
+    }
+    let mut text = String::with_capacity(json.len() + 64);
+    for c in json.chars() {
+        if c == '\n' || is_plain(c) {
+            text.push(c);
+        } else {
+            c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| text.push_str(&format!("\\u{unit:04x}")));
+        }
+    }
+    Cow::Owned(text)
+}
+
 /// The beginning of a text, at most so many bytes of it, cut between two characters.
 #[must_use]
 pub fn cut(text: &str, most_bytes: usize) -> &str {
@@ -84,6 +101,15 @@ mod tests {
         let line = printable(&text);
         assert!(line.ends_with("x… (100 more bytes)"), "{}", &line[line.len() - 40..]);
         assert!(printable(&"\u{1b}".repeat(1 << 20)).len() < MOST_LINE_BYTES + 64);
+    }
+
+    #[test]
+    fn json_says_the_same_without_steering() {
+        let value = serde_json::json!({"name": "a\u{9b}\u{202e}\u{e0041}\u{1b}ä", "more": [1, "東京"]});
+        let text = format!("{value:#}\n");
+        let safe = printable_json(&text);
+        assert!(safe.chars().all(|c| c == '\n' || is_plain(c)) && safe.contains("東京"), "{safe}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&safe).unwrap(), value);
     }
 
     #[test]

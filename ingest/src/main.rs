@@ -25,7 +25,16 @@ fn main() -> ExitCode {
         writeln!(io::stdout(), "terravision-ingest {}, GDAL {gdal}", env!("CARGO_PKG_VERSION")).ok();
         return ExitCode::SUCCESS;
     }
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and the like.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            // Names of files that a shell has put there are foreign.
+            error.to_string().lines().for_each(complain);
+            return ExitCode::from(2);
+        }
+    };
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Without a handler an interrupt simply kills us, and the next run cleans up.
