@@ -165,7 +165,9 @@ impl Network {
             return false;
         }
         self.repeated.fetch_add(1, Ordering::Relaxed);
-        tokio::time::sleep(backoff(&self.retries, attempt, random())).await;
+        if !self.transport.is_local() {
+            tokio::time::sleep(backoff(&self.retries, attempt, random())).await;
+        }
         true
     }
 

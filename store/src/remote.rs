@@ -42,8 +42,9 @@ const HEAD_BYTES: u64 = 16_384;
 const DAMAGED_RETRIES: u32 = 5;
 /// After failed reads the manifest is asked for once in this time.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
-/// Pieces that wait to be written to the disk cache; more are not kept.
+/// Pieces that wait to be written to the disk cache, and their bytes; more are not kept.
 const MOST_PENDING: usize = 256;
+const MOST_PENDING_BYTES: usize = 64 << 20;
 
 /// A database on a server, or as much of it as the disk cache has.
 #[derive(Debug)]
@@ -60,6 +61,7 @@ pub(crate) struct Remote {
     /// Held while it is found out whether the database has changed; when a failed read last was the reason.
     verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
+    pending_bytes: Arc<AtomicUsize>,
     place: String,
     log: Arc<ErrorLog>,
 }
@@ -118,6 +120,7 @@ impl Remote {
             changed: OnceLock::new(),
             verifying: tokio::sync::Mutex::default(),
             pending: Arc::default(),
+            pending_bytes: Arc::default(),
             place,
             log,
         }
@@ -424,14 +427,19 @@ impl Remote {
             return;
         }
         // Acquire and release: SYNC store.pending, so that who sees none pending sees the cache as it was left.
-        if self.pending.fetch_add(1, Ordering::AcqRel) >= MOST_PENDING {
+        let bytes = piece.bytes.len();
+        // Relaxed: a sum that orders nothing.
+        let before = self.pending_bytes.fetch_add(bytes, Ordering::Relaxed);
+        if self.pending.fetch_add(1, Ordering::AcqRel) >= MOST_PENDING || before + bytes > MOST_PENDING_BYTES {
+            self.pending_bytes.fetch_sub(bytes, Ordering::Relaxed);
             self.pending.fetch_sub(1, Ordering::AcqRel);
             return;
         }
-        let (cache, key, piece, pending) =
-            (Arc::clone(&self.cache), key.clone(), Arc::clone(piece), Arc::clone(&self.pending));
+        let (cache, key, piece) = (Arc::clone(&self.cache), key.clone(), Arc::clone(piece));
+        let (pending, pending_bytes) = (Arc::clone(&self.pending), Arc::clone(&self.pending_bytes));
         drop(tokio::task::spawn_blocking(move || {
             cache.put(&key, &piece.bytes);
+            pending_bytes.fetch_sub(bytes, Ordering::Relaxed);
             pending.fetch_sub(1, Ordering::AcqRel);
         }));
     }

@@ -43,8 +43,8 @@ const PAUSE: Duration = Duration::from_secs(30);
 /// What an entry takes on disk is counted in whole blocks.
 const BLOCK_BYTES: u64 = 4096;
 
-/// What lies in a cache's folder.
-const NAMES: [&str; 5] = ["gate", "index", "ledger", "locations", "tiles"];
+/// What lies in a cache's folder; the worlds of benches, too.
+const NAMES: [&str; 6] = ["bench", "gate", "index", "ledger", "locations", "tiles"];
 
 /// Makes sure that a cache's folder is there and that nobody else writes into it.
 ///
