@@ -233,8 +233,8 @@ mod tests {
             place in proptest::array::uniform2(proptest::num::f64::ANY), step in proptest::array::uniform2(proptest::num::f64::ANY),
         ) {
             let table = LonLatTable { size, step, offsets_m: numbers, ..table() };
-            table.is_valid();
-            table.world_from_plane(place);
+            let _is_valid: bool = table.is_valid();
+            let _place: [f64; 2] = table.world_from_plane(place);
         }
     }
 }
