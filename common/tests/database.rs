@@ -93,6 +93,7 @@ fn write_database(folder: &Path) {
             sources: Vec::new(),
             spacing_m: 10.0,
             range_m: [90.0, 120.0],
+            source_range_m: None,
             void_area_m2: 0.0,
             encoding: "terravision-elevation-1".to_owned(),
             archive: elevation,

@@ -126,6 +126,9 @@ pub struct ElevationLayer {
     pub spacing_m: f64,
     /// Lowest and highest height in the finest level, metres.
     pub range_m: [f64; 2],
+    /// Lowest and highest sample of the sources over the world, metres; absent when the finest level has the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source_range_m: Option<[f64; 2]>,
     /// Area without data that was filled from around it, square metres.
     pub void_area_m2: f64,
     /// How tiles are encoded.
