@@ -1,5 +1,6 @@
 //! The report of a run, JSON of the schema `terravision-fly-1` (docs/report.md).
 
+use crate::data_set::FlownFrame;
 use crate::flight::collector::{Collector, FrameFigures};
 use crate::flight::memory::MemoryPeaks;
 use crate::network_report::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
@@ -55,6 +56,8 @@ pub struct RunFigures {
     pub pids: Vec<(Stage, u32)>,
     /// How often stages were started again, by name.
     pub restarts: BTreeMap<&'static str, u32>,
+    /// Cameras of the poses that another program sent, each a frame.
+    pub poses: Vec<FlownFrame>,
 }
 
 /// The report. Field names are the schema's.
@@ -321,12 +324,13 @@ fn seconds(from_nanos: u64, to_nanos: u64) -> f64 {
     to_nanos.saturating_sub(from_nanos) as f64 / 1e9
 }
 
-/// Time from the end of the frame before to the end of each; of the first from its beginning. In the order of frames.
+/// Time from the end of the frame before to the end of each; of the first from its beginning, and of one whose pose came later
+/// than that from its pose. In the order of frames.
 pub(crate) fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
     let mut before = None;
     let done = frames.iter().filter(|frame| frame.done_nanos > 0);
     done.map(|frame| {
-        let from = before.unwrap_or(frame.draw_started_nanos);
+        let from = before.unwrap_or(frame.draw_started_nanos).max(if before.is_some() { frame.pose_nanos } else { 0 });
         before = Some(frame.done_nanos);
         if from == 0 { 0.0 } else { frame.done_nanos.saturating_sub(from) as f64 / NANOS_PER_MS }
     })
@@ -347,9 +351,14 @@ pub(crate) fn renderer_ms(frames: &[FrameFigures]) -> Vec<f64> {
         .collect()
 }
 
-/// Frames per second from the end of the first to the end of the last; of a single frame, the inverse of its time.
+/// Frames per second from the end of the first to the end of the last, without what was waited for poses; of a single frame,
+/// the inverse of its time.
 fn frames_per_second(frames: &[FrameFigures]) -> f64 {
     let done: Vec<&FrameFigures> = frames.iter().filter(|frame| frame.done_nanos > 0).collect();
+    if done.len() > 1 && done.iter().any(|frame| frame.pose_nanos > 0) {
+        let busy_s = frame_ms(frames).iter().skip(1).sum::<f64>() / 1e3;
+        return if busy_s > 0.0 { (done.len() - 1) as f64 / busy_s } else { 0.0 };
+    }
     let (Some(first), Some(last)) = (done.first(), done.last()) else { return 0.0 };
     let (count, from) = match done.len() {
         1 => (1, first.draw_started_nanos),
@@ -362,6 +371,8 @@ fn frames_per_second(frames: &[FrameFigures]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use bytemuck::Zeroable;
+    use terravision_common::camera::Camera;
     use terravision_common::event::{Event, EventKind};
     use terravision_common::level::Measure;
     use terravision_common::node::NodeId;
@@ -439,7 +450,25 @@ pub(crate) mod tests {
             window: WindowSpan::default(),
             pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
             restarts: BTreeMap::new(),
+            poses: Vec::new(),
         }
+    }
+
+    /// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the third while the second was
+    /// drawn.
+    #[test]
+    fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
+        let mut figures = figures();
+        const MS: u64 = 1_000_000;
+        let pose = |frame, at: u64| {
+            let camera = Camera { timestamp_nanos: at * MS, ..Camera::zeroed() };
+            FlownFrame { frame, time_s: 0.0, camera }
+        };
+        figures.collector.note_poses(&[pose(5, 101), pose(6, 117), pose(7, 118), pose(99, 1)]);
+        let report = serde_json::to_value(Report::new(&config(), &figures)).unwrap();
+        assert_eq!(report["frame_ms"], serde_json::json!([8.0, 3.0, 10.0]));
+        assert_eq!(report["frame_ms_max"], 10.0);
+        assert_eq!(report["fps"].as_f64().map(|fps| (fps * 1e3).round()), Some((2e6f64 / 13.0).round()));
     }
 
     #[test]

@@ -11,6 +11,7 @@
 
 pub mod collector;
 pub mod interrupt;
+pub mod kept;
 pub mod memory;
 pub mod pilot;
 pub mod progress;
@@ -18,6 +19,7 @@ pub mod restart;
 pub mod stage;
 pub mod supervisor;
 
+use crate::data_set::FlownFrame;
 use crate::failure::{ExitStatus, Failure};
 use crate::metrics::{FrameTally, Metrics};
 use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences, main_failure};
@@ -28,8 +30,9 @@ use crate::stream::{StreamError, StreamKeeper};
 use crate::trace;
 use anyhow::{Context, anyhow};
 use collector::Collector;
+use kept::Kept;
 use memory::MemoryPeaks;
-use pilot::Pilot;
+use pilot::{Flown, Pilot};
 use progress::Progress;
 use restart::Restarts;
 use stage::{StageProcess, StartError};
@@ -38,7 +41,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
-use terravision_common::run::{RaysChoice, RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{RaysChoice, RunConfig, TechniqueChoice};
 use terravision_common::shm::{
     Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
 };
@@ -66,6 +69,9 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     for warning in &plan.warnings {
         progress.warn(warning);
     }
+    for note in &plan.notes {
+        progress.say(&format!("note: {note}"));
+    }
     interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
     supervisor::adopt_orphans();
 
@@ -92,17 +98,25 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         remove_partials(&plan, &figures);
     }
     progress.finish();
+    let kept = Kept::of(&plan);
+    if let Err(failure) = kept.list(&plan, &figures, &progress) {
+        if ending == Ending::Finished {
+            return Err(failure);
+        }
+        progress.warn(&failure.to_string());
+    }
 
     match ending {
         Ending::Finished => {}
         Ending::Interrupted => {
             return Err(Failure {
                 status: ExitStatus::Interrupted,
-                error: anyhow!("{}", interrupted(&plan, &figures)),
+                error: anyhow!("{}", interrupted(&plan, &figures, &kept)),
             });
         }
         Ending::Died { stage, how, words, is_bad_input, restarts } => {
             let mut sentence = restart::sentence(stage, &how, &words);
+            let rest = kept.clause(&plan);
             if let Some(why) = main_failure(&figures).filter(|_| stage == Stage::Preparer && !is_bad_input) {
                 sentence += &format!(" ({why})");
             }
@@ -116,7 +130,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
                     progress.warn(&error.to_string());
                 }
             }
-            let error = anyhow!("{sentence}");
+            let error = anyhow!("{sentence}{rest}");
             return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
         }
     }
@@ -165,21 +179,16 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
 
 /// Removes half files of stages that were killed.
 fn remove_partials(plan: &FlightPlan, figures: &RunFigures) {
-    let folders = plan.files.iter().map(TemporaryFile::folder).chain(plan.folder.as_ref().map(FrameFolder::path));
+    let folders = plan.files.iter().map(TemporaryFile::folder).chain(kept::folders(plan).map(FrameFolder::path));
     for folder in folders {
         figures.pids.iter().for_each(|(_, pid)| output::remove_partials(folder, *pid));
     }
 }
 
-fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {
-    let kept = match plan.config.render.sink {
-        SinkConfig::PngFolder(_) if figures.written_frames > 0 => {
-            let are = if figures.written_frames == 1 { "is" } else { "are" };
-            format!("; {} {are} in {}", frames(figures.written_frames), plan.destination)
-        }
-        _ => String::new(),
-    };
-    format!("interrupted after {} of {}{kept}", figures.written_frames, frames(figures.asked_frames))
+fn interrupted(plan: &FlightPlan, figures: &RunFigures, kept: &Kept) -> String {
+    // Of files those count that are there: more may have been written than the renderer had time to tell.
+    let written = kept.count().unwrap_or(figures.written_frames);
+    format!("interrupted after {written} of {}{}", frames(figures.asked_frames), kept.clause(plan))
 }
 
 fn frames(count: u64) -> String {
@@ -220,6 +229,8 @@ struct Run {
     restarts: BTreeMap<&'static str, u32>,
     /// Frames that were asked for: by the plan, or so far by who sends the poses.
     asked_frames: u64,
+    /// Cameras of the poses that another program has sent, each a frame.
+    poses: Vec<FlownFrame>,
     ring: Option<FrameRing>,
     window: WindowSpan,
     metrics: Option<Metrics>,
@@ -238,6 +249,7 @@ impl Run {
             pids: Vec::new(),
             restarts: BTreeMap::new(),
             asked_frames: plan.cameras.len() as u64,
+            poses: Vec::new(),
             ring,
             window: WindowSpan::default(),
             metrics: None,
@@ -310,7 +322,7 @@ impl Run {
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
         }
-        let (flown, words) = pilot.join();
+        let (Flown { frames: flown, poses }, words) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
         drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
         if may_tell_of_rays {
@@ -325,6 +337,8 @@ impl Run {
             self.collector.frames.truncate(usize::try_from(drawn).unwrap_or(usize::MAX));
         }
         self.asked_frames = flown.or(drawn).unwrap_or(self.asked_frames);
+        self.collector.note_poses(&poses);
+        self.poses = poses;
         if ending == Ending::Finished {
             for stage in &stages {
                 for line in stage.lines() {
@@ -366,6 +380,7 @@ impl Run {
             memory: self.memory,
             pids: self.pids,
             restarts: self.restarts,
+            poses: self.poses,
         }
     }
 }
