@@ -5,6 +5,7 @@ use crate::flight::collector::{Collector, FrameFigures};
 use crate::flight::memory::MemoryPeaks;
 use crate::network_report::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
 use crate::realtime_report::RealtimeReport;
+use crate::trace::Phase;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -58,6 +59,8 @@ pub struct RunFigures {
     pub restarts: BTreeMap<&'static str, u32>,
     /// Cameras of the poses that another program sent, each a frame.
     pub poses: Vec<FlownFrame>,
+    /// What this program itself did, and its encoder, for the trace.
+    pub phases: Vec<Phase>,
 }
 
 /// The report. Field names are the schema's.
@@ -169,6 +172,7 @@ impl Report {
                 cause: match cause {
                     1 => "missing",
                     2 => "corrupt",
+                    4 => "not in the cache",
                     _ => "read error",
                 },
             })
@@ -451,6 +455,7 @@ pub(crate) mod tests {
             pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
             restarts: BTreeMap::new(),
             poses: Vec::new(),
+            phases: Vec::new(),
         }
     }
 

@@ -26,6 +26,12 @@ pub enum FetchError {
         #[source]
         source: Box<dyn Error + Send + Sync>,
     },
+    /// It is not in the disk cache, and no server is asked.
+    #[error("the {tile} is not in the cache")]
+    NotCached {
+        /// The tile.
+        tile: Tile,
+    },
     /// It cannot be read, now at least.
     #[error("the {tile} cannot be read: {source}")]
     Unreadable {
@@ -38,13 +44,14 @@ pub enum FetchError {
 }
 
 impl FetchError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error.
+    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 not in the cache.
     #[must_use]
     pub fn code(&self) -> u8 {
         match self {
             Self::Missing { .. } => 1,
             Self::Corrupt { .. } => 2,
             Self::Unreadable { .. } => 3,
+            Self::NotCached { .. } => 4,
         }
     }
 }
@@ -72,6 +79,7 @@ impl PayloadSource for Arc<Store> {
         read.map_err(|error| match error.cause() {
             None => FetchError::Missing { tile },
             Some(Cause::Damaged) => FetchError::Corrupt { tile, source: error.into() },
+            Some(Cause::Offline) => FetchError::NotCached { tile },
             Some(_) => FetchError::Unreadable { tile, source: error.into() },
         })
     }

@@ -112,6 +112,9 @@ pub struct DoctorArgs {
     /// The `--memory` of the flight to check for
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
+    /// Print one JSON object in place of text
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// How the picture is made; shared by `fly` and `still`.

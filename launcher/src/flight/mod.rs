@@ -27,7 +27,7 @@ use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
 use crate::stream::{StreamError, StreamKeeper};
-use crate::trace;
+use crate::trace::{self, Phase};
 use anyhow::{Context, anyhow};
 use collector::Collector;
 use kept::Kept;
@@ -61,6 +61,7 @@ pub fn own_folder() -> Result<PathBuf, Failure> {
 /// # Errors
 /// [`Failure`] with the exit code: a stage died, no room in shared memory, interrupted, tiles unavailable.
 pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
+    let planned_nanos = monotonic_nanos();
     let mut progress = Progress::new(plan.cameras.len() as u64, plan.is_quiet);
     let removed = reap_dead_runs();
     if !removed.is_empty() {
@@ -78,6 +79,8 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let ring = frame_ring(&plan)?;
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
     let mut run = Run::open(&plan, ring)?;
+    run.phases.push(Phase::own("plan", started_nanos, planned_nanos));
+    run.phases.push(Phase::own("set up", planned_nanos, monotonic_nanos()));
     run.collector.note_told(&plan.warnings);
     if let Some(live) = &plan.live {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
@@ -231,6 +234,7 @@ struct Run {
     asked_frames: u64,
     /// Cameras of the poses that another program has sent, each a frame.
     poses: Vec<FlownFrame>,
+    phases: Vec<Phase>,
     ring: Option<FrameRing>,
     window: WindowSpan,
     metrics: Option<Metrics>,
@@ -250,6 +254,7 @@ impl Run {
             restarts: BTreeMap::new(),
             asked_frames: plan.cameras.len() as u64,
             poses: Vec::new(),
+            phases: Vec::new(),
             ring,
             window: WindowSpan::default(),
             metrics: None,
@@ -261,6 +266,7 @@ impl Run {
         let json = serde_json::to_string(&plan.config).context("cannot write the run's configuration");
         let json = json.map_err(Failure::failed)?;
         let programs = own_folder()?;
+        let begun_nanos = monotonic_nanos();
         let stream = StreamKeeper::start(&plan.config, plan.stream.as_ref()).map_err(Failure::failed)?;
         // What the renderer's standard output is connected with.
         let stdout_of = |stage: Stage| match &stream {
@@ -278,6 +284,8 @@ impl Run {
         for stage in Stage::ALL {
             stages.push(start(stage).map_err(Failure::failed)?);
         }
+        let flying_nanos = monotonic_nanos();
+        self.phases.push(Phase::own("start stages", begun_nanos, flying_nanos));
         self.control.set_resolutions(plan.config.r_z_px, plan.config.r_c_px);
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
         let pids = &mut self.pids;
@@ -317,6 +325,8 @@ impl Run {
             pilot.words().for_each(|sentence| progress.warn(&sentence));
         });
         self.restarts = restarts.counts().clone();
+        let landed_nanos = monotonic_nanos();
+        self.phases.push(Phase::own("fly", flying_nanos, landed_nanos));
         let has_stream_failed = has_stream_failed();
         // The pilot's wait ends with the run.
         if ending == Ending::Finished {
@@ -347,7 +357,11 @@ impl Run {
             }
         }
         if let Some(stream) = stream.filter(|_| ending == Ending::Finished || has_stream_failed) {
-            match stream.finish(&is_interrupted) {
+            let finished = stream.finish(&is_interrupted);
+            let completed_nanos = monotonic_nanos();
+            self.phases.push(Phase::own("complete", landed_nanos, completed_nanos));
+            self.phases.extend(encoder.map(|pid| Phase::encoder(pid, begun_nanos, completed_nanos)));
+            match finished {
                 Err(StreamError::Interrupted) => return Ok(Ending::Interrupted),
                 finished => finished.map_err(Failure::failed)?,
             }
@@ -381,6 +395,7 @@ impl Run {
             pids: self.pids,
             restarts: self.restarts,
             poses: self.poses,
+            phases: self.phases,
         }
     }
 }

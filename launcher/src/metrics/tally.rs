@@ -9,7 +9,7 @@ pub(super) const BOUNDS_S: [f64; 14] =
     [0.002, 0.005, 0.01, 0.0167, 0.02, 0.0334, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
 
 /// Why tiles could not be had, by the code of the event less one.
-pub(super) const CAUSES: [&str; 3] = ["missing", "corrupt", "read_error"];
+pub(super) const CAUSES: [&str; 4] = ["missing", "corrupt", "read_error", "not_cached"];
 
 /// Figures of frames.
 #[derive(Debug, Clone, Default)]
@@ -53,7 +53,8 @@ impl FrameTally {
             Some(EventKind::FrameLacked) => self.lacked = event.value & 0xFFFF_FFFF,
             Some(EventKind::TileUnavailable) => {
                 let cause = usize::try_from((event.value >> 8).saturating_sub(1)).unwrap_or(usize::MAX);
-                self.unavailable[cause.min(CAUSES.len() - 1)] += 1;
+                // What has no name here is an error of reading.
+                self.unavailable[if cause < CAUSES.len() { cause } else { 2 }] += 1;
             }
             _ => {}
         }
