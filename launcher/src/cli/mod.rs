@@ -30,6 +30,7 @@ EXIT STATUS
        (wrong, not there, damaged, out of reach); nothing was made
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
+  101  an internal error: a fault of TerraVision itself, please report it
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
