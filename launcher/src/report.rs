@@ -172,7 +172,8 @@ impl Report {
                 cause: match cause {
                     1 => "missing",
                     2 => "corrupt",
-                    4 => "not in the cache",
+                    4 => "refused",
+                    5 => "not in the cache",
                     _ => "read error",
                 },
             })

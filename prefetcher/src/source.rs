@@ -26,6 +26,15 @@ pub enum FetchError {
         #[source]
         source: Box<dyn Error + Send + Sync>,
     },
+    /// The server refuses it, and will do so again.
+    #[error("the {tile} is refused: {source}")]
+    Refused {
+        /// The tile.
+        tile: Tile,
+        /// Why.
+        #[source]
+        source: Box<dyn Error + Send + Sync>,
+    },
     /// It is not in the disk cache, and no server is asked.
     #[error("the {tile} is not in the cache")]
     NotCached {
@@ -44,14 +53,15 @@ pub enum FetchError {
 }
 
 impl FetchError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 not in the cache.
+    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache.
     #[must_use]
     pub fn code(&self) -> u8 {
         match self {
             Self::Missing { .. } => 1,
             Self::Corrupt { .. } => 2,
             Self::Unreadable { .. } => 3,
-            Self::NotCached { .. } => 4,
+            Self::Refused { .. } => 4,
+            Self::NotCached { .. } => 5,
         }
     }
 }
@@ -80,6 +90,8 @@ impl PayloadSource for Arc<Store> {
             None => FetchError::Missing { tile },
             Some(Cause::Damaged) => FetchError::Corrupt { tile, source: error.into() },
             Some(Cause::Offline) => FetchError::NotCached { tile },
+            // That the disk fails is nobody's refusal.
+            Some(cause) if cause.is_refusal() => FetchError::Refused { tile, source: error.into() },
             Some(_) => FetchError::Unreadable { tile, source: error.into() },
         })
     }

@@ -34,6 +34,7 @@ EXIT STATUS
        (wrong, not there, damaged, out of reach); nothing was made
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
+  101  an internal error: a fault of TerraVision itself, please report it
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
@@ -129,8 +130,7 @@ pub struct PictureArgs {
     pub technique: Option<TechniqueArg>,
     /// How rays are cast [default: mipmap; in real time: auto]
     ///
-    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU (untried: it may be slower
-    /// than the processor); else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
+    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU; else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
     /// from then on the faster one, which is told. In exact mode, whose pictures must not depend on a machine's speed, it is
     /// always 'mipmap'.
     #[arg(long, value_enum, value_name = "HOW")]
@@ -141,7 +141,8 @@ pub struct PictureArgs {
     /// Vertical field of view, degrees [default: the path's own, else 60]
     #[arg(long, value_name = "DEGREES")]
     pub vfov: Option<f64>,
-    /// Colour of the sky, three numbers from 0 to 255 [default: the path's own, else 150,190,235]
+    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
+    /// butterscotch on Mars, black on the Moon]
     #[arg(long, value_name = "R,G,B")]
     pub sky: Option<Rgb>,
     /// Factor on all heights of the terrain

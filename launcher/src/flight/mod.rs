@@ -67,11 +67,11 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     if !removed.is_empty() {
         progress.say(&format!("removed {} shared-memory segments of runs that were killed", removed.len()));
     }
-    for warning in &plan.warnings {
-        progress.warn(warning);
-    }
     for note in &plan.notes {
         progress.say(&format!("note: {note}"));
+    }
+    for warning in &plan.warnings {
+        progress.warn(warning);
     }
     interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
     supervisor::adopt_orphans();

@@ -3,17 +3,19 @@
 
 mod checks;
 mod compression;
+mod course;
 mod film;
 mod live;
 mod planes;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
+pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    CourseArgs, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
-    ResourceArgs, StillArgs,
+    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    StillArgs,
 };
 use crate::data_set::DataSet;
 use crate::failure::Failure;
@@ -23,9 +25,7 @@ use crate::input::LiveCamera;
 use crate::machine::bytes_for_people;
 use crate::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
-use crate::path::crs::Georeference;
-use crate::path::orbit;
-use crate::path::{self, CameraPath, CourseOptions, Pose};
+use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
 use crate::stream::film::Container;
 use crate::world::{self, open_world};
@@ -49,13 +49,20 @@ use terravision_store::Store;
 
 /// Names of pictures end with one of these.
 const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp"];
-/// Where `--path orbit` is meant, unless a file has that name.
-const ORBIT: &str = "orbit";
-/// Default height of a GPX track above ground, metres.
-const DEFAULT_AGL_M: f64 = 150.0;
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+fn sky_of(body: &str) -> [u8; 3] {
+    match body {
+        "Mars" => [210, 170, 125],
+        "Venus" => [215, 180, 110],
+        "Titan" => [190, 140, 60],
+        "Moon" | "Mercury" | "Ceres" | "Vesta" => [0, 0, 0],
+        _ => DEFAULT_SKY,
+    }
+}
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
 
@@ -86,10 +93,10 @@ pub struct FlightPlan {
     pub trace: Option<TemporaryFile>,
     /// Where figures are served while the run goes on, if they are wanted.
     pub metrics: Option<MetricsSocket>,
+    /// What is good to know of the flight, a sentence each.
+    pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
-    /// What is good to know before the flight, a sentence each.
-    pub notes: Vec<String>,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,
     /// The world. The stages use its index as long as it is open.
@@ -98,29 +105,6 @@ pub struct FlightPlan {
     pub destination: String,
     /// Which deaths of stages the run survives.
     pub restarts: RestartRules,
-}
-
-/// The CRS of a world, for paths in other coordinates.
-#[must_use]
-pub fn georeference(database: &Store) -> Georeference {
-    let crs = &database.manifest().crs;
-    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref())
-}
-
-/// The path that `--path` means.
-///
-/// # Errors
-/// Bad input: the file cannot be read or is no path.
-pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<CameraPath, Failure> {
-    let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
-    let world = database.world();
-    if args.path == Path::new(ORBIT) {
-        let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
-        let ground = WorldGround::coarse(database, world, exaggeration, spacing);
-        return Ok(orbit::orbit(&ground.extent(), &ground));
-    }
-    let ground = WorldGround::finest(database, world, exaggeration);
-    path::load(&args.path, &georeference(database), &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
 }
 
 /// The plan of `terravision fly`.
@@ -144,7 +128,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.frames = [0, OPEN_END];
         draft
     } else {
-        let path = load_path(&args.course, &database, exaggeration)?;
+        let LoadedPath { path, notes, warnings } = load_path(&args.course, &database, exaggeration)?;
         let (fps, speed) = pace(&args.course, &path)?;
         let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
         let poses: Option<Vec<Pose>> =
@@ -154,6 +138,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.fps = fps;
         draft.frames = frames;
         draft.poses = poses;
+        (draft.notes, draft.warnings) = (notes, warnings);
         draft
     };
 
@@ -308,6 +293,8 @@ struct Draft<'a> {
     fps: f64,
     frames: [u64; 2],
     poses: Vec<Pose>,
+    notes: Vec<String>,
+    warnings: Vec<String>,
     sink: SinkConfig,
     depth: Option<PlaneTarget>,
     ground: Option<PlaneTarget>,
@@ -338,6 +325,8 @@ impl<'a> Draft<'a> {
             fps: DEFAULT_FPS,
             frames: [0, 1],
             poses: Vec::new(),
+            notes: Vec::new(),
+            warnings: Vec::new(),
             sink: SinkConfig::Null,
             depth: None,
             ground: None,
@@ -391,7 +380,7 @@ impl<'a> Draft<'a> {
         })?;
 
         let ground = WorldGround::finest(&database, world, exaggeration).bounded(database.ranges());
-        let mut warnings = Vec::new();
+        let mut warnings = self.warnings;
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut warnings)?;
         }
@@ -446,7 +435,11 @@ impl<'a> Draft<'a> {
             render: RenderConfig {
                 technique,
                 rays,
-                sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
+                sky_rgb: picture
+                    .sky
+                    .map(|Rgb(rgb)| rgb)
+                    .or(settings.sky_rgb)
+                    .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
                 samples: picture.samples.unwrap_or(samples),
                 has_tree_overlay: picture.overlay == Some(Overlay::Tree),
                 has_validation: resources.validation,
@@ -471,8 +464,8 @@ impl<'a> Draft<'a> {
             files: self.files,
             folder: self.folder,
             stream: self.stream,
+            notes: self.notes,
             warnings,
-            notes: Vec::new(),
             is_quiet: resources.quiet,
             database,
             destination: self.destination,
