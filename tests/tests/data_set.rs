@@ -111,8 +111,9 @@ impl Frame {
             let by_s = |axis: usize| (1.0 - t) * (b[axis] - a[axis]) + t * (d[axis] - c[axis]);
             let by_t = |axis: usize| (1.0 - s) * (c[axis] - a[axis]) + s * (d[axis] - b[axis]);
             let determinant = by_s(0) * by_t(1) - by_s(1) * by_t(0);
-            s -= (mix(0) * by_t(1) - mix(1) * by_t(0)) / determinant;
-            t -= (by_s(0) * mix(1) - by_s(1) * mix(0)) / determinant;
+            let step_s = (mix(0) * by_t(1) - mix(1) * by_t(0)) / determinant;
+            let step_t = (by_s(0) * mix(1) - by_s(1) * mix(0)) / determinant;
+            (s, t) = (s - step_s, t - step_t);
         }
         let miss = (s - start_s).hypot(t - start_t);
         miss.is_finite().then_some(miss)

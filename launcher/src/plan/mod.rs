@@ -237,7 +237,11 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
         let is_other = !is_folder_name(&args.output) && has_extension(&args.output, &PICTURES);
-        let advice = if is_other { "; other programs turn that into other kinds of pictures without loss" } else { "" };
+        let advice = if is_other {
+            "; JPEG and the like are made of it by other programs, e.g. ffmpeg -i a.png a.jpg"
+        } else {
+            ""
+        };
         return Err(Failure::bad_input(anyhow!(
             "-o {}: expected a PNG file, e.g. a.png{advice}",
             args.output.display()
