@@ -108,6 +108,6 @@ mod tests {
         assert_eq!((tally.drawn, tally.late, tally.skipped), (4, 1, 1));
         assert_eq!(tally.by_time.iter().sum::<u64>(), 4);
         assert!((tally.time_s - 0.114).abs() < 1e-9);
-        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0, 0]));
+        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0, 0, 0]));
     }
 }
