@@ -11,7 +11,7 @@ use crate::sample;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
 use crate::source::{Note, Raster, TargetCrs};
 use crate::store::{Level, Rgb};
-use crate::tint::Tint;
+use crate::tint::{Place, Tint};
 use crate::work::Work;
 use output::Output;
 use std::path::{Path, PathBuf};
@@ -214,7 +214,9 @@ impl Job {
         let overview = elevation.iter().position(is_small).unwrap_or(elevation.len() - 1);
         let overview_m = plan.elevation.step * f64::from(1u32 << overview);
         let overview = (&elevation[overview], overview_m);
-        let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, &target.body.name)
+        let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+        let place = Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) };
+        let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, place)
             .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
         let (finest, voids) = sample::color::sample(plan, target, color, &tint, folder, work)?;
         let mut levels = vec![finest];
