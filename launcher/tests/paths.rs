@@ -43,7 +43,9 @@ fn gpx(points: impl Iterator<Item = String>) -> String {
 fn point(seconds: usize, lon: f64, more: &str) -> String {
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
     let day = 1 + seconds / 86_400 % 28;
-    format!("<trkpt lat=\"45\" lon=\"{lon}\"><time>2024-05-{day:02}T{hour:02}:{minute:02}:{second:02}Z</time>{more}</trkpt>\n")
+    format!(
+        "<trkpt lat=\"45\" lon=\"{lon}\"><time>2024-05-{day:02}T{hour:02}:{minute:02}:{second:02}Z</time>{more}</trkpt>\n"
+    )
 }
 
 fn tour(steps: String) -> String {
@@ -72,10 +74,25 @@ fn files(count: usize) -> Vec<(&'static str, String)> {
         ("cuts", tour((0..count).map(|i| step(i, i % 2)).collect())),
         ("waits", tour("<gx:Wait><gx:duration>1</gx:duration></gx:Wait>".repeat(count) + &step(0, 0))),
         ("tours", format!("<kml>{}</kml>", tour(step(0, 1)).replace("kml>", "Folder>").repeat(count))),
-        ("a line", format!("<Placemark><LineString><coordinates>{}</coordinates></LineString></Placemark>", "-122,45,0 -122.001,45,0 ".repeat(count))),
-        ("commas", format!("<Placemark><LineString><coordinates>{}</coordinates></LineString></Placemark>", ", ".repeat(count))),
+        (
+            "a line",
+            format!(
+                "<Placemark><LineString><coordinates>{}</coordinates></LineString></Placemark>",
+                "-122,45,0 -122.001,45,0 ".repeat(count)
+            ),
+        ),
+        (
+            "commas",
+            format!(
+                "<Placemark><LineString><coordinates>{}</coordinates></LineString></Placemark>",
+                ", ".repeat(count)
+            ),
+        ),
         ("attributes", format!("<gpx {}/>", (0..count).map(|i| format!("a{i}='b' ")).collect::<String>())),
-        ("points of many attributes", gpx((0..count / 100).map(|_| format!("<trkpt {} lat='45' lon='-122'/>", "lat='45' ".repeat(100))))),
+        (
+            "points of many attributes",
+            gpx((0..count / 100).map(|_| format!("<trkpt {} lat='45' lon='-122'/>", "lat='45' ".repeat(100)))),
+        ),
         ("namespaces", format!("<gpx>{}</gpx>", "<a:b xmlns:a='c'/>".repeat(count))),
         ("references", format!("<kml><name>{}</name></kml>", "&amp;&nope;&#65;".repeat(count))),
         ("sections", format!("<kml><name>{}</name></kml>", "<![CDATA[x]]><!-- y -->".repeat(count))),
@@ -105,9 +122,30 @@ fn the_cost_of_a_path_grows_with_its_size_alone() {
 
 /// Pieces of files as they are and as they are not.
 const PIECES: [&str; 24] = [
-    "<kml>", "</kml>", "<gpx>", "<trk>", "<trkpt lat='45' lon='-122'>", "<time>2024-05-01T10:00:00Z</time>", "</trkpt>", "<gx:Tour>",
-    "<gx:FlyTo>", "<Camera>", "<longitude>-122</longitude>", "<latitude>45</latitude>", "</Camera>", "</gx:FlyTo>", "</gx:Tour>",
-    "<LineString><coordinates>", "-122,45,0 ", "{\"frames\":[", "{\"t\":1e300,\"x\":1,", "\"y\":2}", "]}", "&#0;", "<![CDATA[", "<!--",
+    "<kml>",
+    "</kml>",
+    "<gpx>",
+    "<trk>",
+    "<trkpt lat='45' lon='-122'>",
+    "<time>2024-05-01T10:00:00Z</time>",
+    "</trkpt>",
+    "<gx:Tour>",
+    "<gx:FlyTo>",
+    "<Camera>",
+    "<longitude>-122</longitude>",
+    "<latitude>45</latitude>",
+    "</Camera>",
+    "</gx:FlyTo>",
+    "</gx:Tour>",
+    "<LineString><coordinates>",
+    "-122,45,0 ",
+    "{\"frames\":[",
+    "{\"t\":1e300,\"x\":1,",
+    "\"y\":2}",
+    "]}",
+    "&#0;",
+    "<![CDATA[",
+    "<!--",
 ];
 
 proptest! {

@@ -83,7 +83,14 @@ impl Gate {
     /// A gate that no pose has passed yet.
     #[must_use]
     pub fn new(settings: GateSettings) -> Self {
-        Self { settings, newest_s: None, past: (f64::NEG_INFINITY, 0), accepted: 0, lifted: 0, refused: [0; Cause::ALL.len()] }
+        Self {
+            settings,
+            newest_s: None,
+            past: (f64::NEG_INFINITY, 0),
+            accepted: 0,
+            lifted: 0,
+            refused: [0; Cause::ALL.len()],
+        }
     }
 
     /// Poses that became frames.

@@ -41,7 +41,9 @@ pub(super) fn read(path: &Path) -> Result<Source, PathError> {
     };
     let unknown = |found| PathError::UnknownFormat { path: path.clone(), found };
     if bytes.get(8..12) == Some(b".FIT") {
-        return Err(unknown("a FIT recording; gpsbabel -i garmin_fit -f FILE -o gpx -F FILE.gpx makes a GPX of it".into()));
+        return Err(unknown(
+            "a FIT recording; gpsbabel -i garmin_fit -f FILE -o gpx -F FILE.gpx makes a GPX of it".into(),
+        ));
     }
     let text = text::decode(bytes).map_err(unknown)?;
     Ok(Source { path, text })
@@ -77,8 +79,7 @@ fn unpack(path: &Path, file: &mut File, len: u64) -> Result<(PathBuf, Vec<u8>), 
     };
     let has_end = |name: &str, end: &str| name.to_ascii_lowercase().ends_with(end);
     // What macOS adds to every archive.
-    let is_wanted =
-        |name: &str| (has_end(name, ".kml") || has_end(name, ".gpx")) && !name.starts_with("__MACOSX/");
+    let is_wanted = |name: &str| (has_end(name, ".kml") || has_end(name, ".gpx")) && !name.starts_with("__MACOSX/");
     let entries = zip::entries(file, len, is_wanted).map_err(|error| fail(path, error))?;
     let main = entries
         .iter()

@@ -157,7 +157,9 @@ mod tests {
         let parts: Vec<String> = parts
             .iter()
             .map(|part| {
-                let stamp = |s: u32| format!("2024-05-{:02}T{:02}:{:02}:{:02}Z", 1 + s / 86_400, s / 3600 % 24, s / 60 % 60, s % 60);
+                let stamp = |s: u32| {
+                    format!("2024-05-{:02}T{:02}:{:02}:{:02}Z", 1 + s / 86_400, s / 3600 % 24, s / 60 % 60, s % 60)
+                };
                 part.iter().map(|(s, lon)| point(*lon, &stamp(*s))).collect()
             })
             .collect();
@@ -224,7 +226,8 @@ mod tests {
 
     #[test]
     fn a_point_without_a_place_is_passed_over_and_counted() {
-        let points: String = (0..10).map(|i| point(-122.0 + 0.001 * f64::from(i), &format!("2024-05-01T10:00:{i:02}Z"))).collect();
+        let points: String =
+            (0..10).map(|i| point(-122.0 + 0.001 * f64::from(i), &format!("2024-05-01T10:00:{i:02}Z"))).collect();
         let text = gpx(&points.replace("lon=\"-121.995\"", "lon=\"\""));
         let (count, remarks) = frames(&text, CourseOptions::default());
         assert_eq!(count, 10);
@@ -235,15 +238,24 @@ mod tests {
     #[test]
     fn three_days_are_three_pieces_of_their_own_time() {
         let day = |day: u32| -> Vec<(u32, f64)> {
-            (0..60).map(|i| (86_400 * day + 8 * 3600 + 10 * i, -122.0 + 0.05 * f64::from(day) + 0.0003 * f64::from(i))).collect()
+            (0..60)
+                .map(|i| (86_400 * day + 8 * 3600 + 10 * i, -122.0 + 0.05 * f64::from(day) + 0.0003 * f64::from(i)))
+                .collect()
         };
         let (one, two, three) = (day(0), day(1), day(2));
         // Also when they stand in another order, and in one segment.
-        for text in [track(&[&one, &two, &three]), track(&[&three, &one, &two]), track(&[&[one.clone(), two.clone(), three.clone()].concat()])] {
+        for text in [
+            track(&[&one, &two, &three]),
+            track(&[&three, &one, &two]),
+            track(&[&[one.clone(), two.clone(), three.clone()].concat()]),
+        ] {
             let (path, remarks) = parse_with(&text, CourseOptions::default());
             let course = path.unwrap().course;
             assert_eq!(course.frame_count(30.0, 20.0).unwrap(), Some(2656));
-            assert!(remarks.notes[0].starts_with("2 gaps in the recording (47 h 40 min in all) became cuts"), "{remarks:?}");
+            assert!(
+                remarks.notes[0].starts_with("2 gaps in the recording (47 h 40 min in all) became cuts"),
+                "{remarks:?}"
+            );
             assert_eq!(remarks.warnings, [] as [String; 0]);
             // The camera never flies from day to day.
             let xs: Vec<f64> = (0..1771).map(|frame| course.pose(frame, 1.0, 1.0).unwrap().position.x).collect();

@@ -7,8 +7,8 @@ use super::crs::{CrsError, Georeference, Transform};
 use super::spline::{self, Spline};
 use super::{CameraPath, Course, MAX_FRAMES, PathError, PathSettings, Pose, printable};
 use glam::DVec3;
-use serde_json::value::RawValue;
 use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 use std::fmt;
 use std::path::Path;
 
@@ -21,8 +21,22 @@ const MAX_TIME: f64 = 1e10;
 
 /// The keys that are read.
 const KEYS: [&str; 16] = [
-    "x", "y", "z", "heading", "pitch", "roll", "t", "width", "height", "vfov_deg", "fps", "sky_rgb", "crs", "frames",
-    "keyframes", "type",
+    "x",
+    "y",
+    "z",
+    "heading",
+    "pitch",
+    "roll",
+    "t",
+    "width",
+    "height",
+    "vfov_deg",
+    "fps",
+    "sky_rgb",
+    "crs",
+    "frames",
+    "keyframes",
+    "type",
 ];
 
 /// An object: of each key that is read its value, as it is written.
@@ -199,7 +213,13 @@ impl Poses<'_> {
             if let Some(last) = keys.last().filter(|last| t < last.t + SHORTEST_STEP) {
                 let expected = "more seconds than the keyframe before, by 0.000001 at least";
                 let found = format!("{t} after {}", last.t);
-                return Err(PathError::BadValue { path: self.path.to_owned(), place, key: "\"t\"".into(), expected, found });
+                return Err(PathError::BadValue {
+                    path: self.path.to_owned(),
+                    place,
+                    key: "\"t\"".into(),
+                    expected,
+                    found,
+                });
             }
             keys.push(spline::Key::passing(t, pose));
             Ok(())

@@ -5,6 +5,7 @@
 //! [`CameraPath`] in the world's own CRS.
 
 pub mod crs;
+mod datum;
 mod error;
 mod file;
 pub mod gpx;
@@ -178,7 +179,8 @@ pub fn parse(
 /// A text that is neither JSON nor XML, and what to do.
 fn what_is(text: &str) -> String {
     let start = text.trim_start();
-    let is_binary = text.chars().take(400).any(|c| c == char::REPLACEMENT_CHARACTER || (c.is_control() && !c.is_whitespace()));
+    let is_binary =
+        text.chars().take(400).any(|c| c == char::REPLACEMENT_CHARACTER || (c.is_control() && !c.is_whitespace()));
     match start.chars().next() {
         None => "an empty file".into(),
         _ if is_binary => "bytes that are no text".into(),
@@ -194,7 +196,11 @@ fn what_is(text: &str) -> String {
 pub(crate) fn printable(text: &str) -> String {
     let short = shorten(text);
     short.chars().fold(String::with_capacity(short.len()), |mut out, c| {
-        if c.is_control() { out.extend(c.escape_default()) } else { out.push(c) }
+        if c.is_control() {
+            out.extend(c.escape_default())
+        } else {
+            out.push(c)
+        }
         out
     })
 }
@@ -325,7 +331,9 @@ pub(crate) mod tests {
     #[test]
     fn a_compressed_kmz_is_flown_as_its_kml() {
         let view = |lon: f64| {
-            format!("<gx:FlyTo><gx:duration>2</gx:duration><Camera><longitude>{lon}</longitude><latitude>45</latitude></Camera></gx:FlyTo>")
+            format!(
+                "<gx:FlyTo><gx:duration>2</gx:duration><Camera><longitude>{lon}</longitude><latitude>45</latitude></Camera></gx:FlyTo>"
+            )
         };
         let text = format!("<kml><gx:Tour><gx:Playlist>{}{}</gx:Playlist></gx:Tour></kml>", view(-122.0), view(-121.9));
         let path = std::env::temp_dir().join(format!("tv-path-{}.kmz", std::process::id()));

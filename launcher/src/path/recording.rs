@@ -247,7 +247,8 @@ fn in_order(given: &[(usize, f64)]) -> Vec<(usize, f64)> {
 fn without_far_ones(points: &mut Vec<(usize, f64)>) {
     let mut sorted: Vec<f64> = points.iter().map(|(_, t)| *t).collect();
     sorted.sort_by(f64::total_cmp);
-    let Some(step) = median(sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect()) else {
+    let Some(step) = median(sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect())
+    else {
         return;
     };
     let far = FAR_SECONDS.max(FAR_STEPS * step);
@@ -350,7 +351,9 @@ mod tests {
 
     #[test]
     fn points_without_time_lie_between_their_neighbours() {
-        for (range, stamp) in [(0..31, Stamp::Missing), (5..6, Stamp::Unreadable), (20..40, Stamp::Missing), (50..60, Stamp::Missing)] {
+        for (range, stamp) in
+            [(0..31, Stamp::Missing), (5..6, Stamp::Unreadable), (20..40, Stamp::Missing), (50..60, Stamp::Missing)]
+        {
             let mut points = walk(60);
             let count = range.len();
             points[range.clone()].iter_mut().for_each(|point| point.stamp = stamp);

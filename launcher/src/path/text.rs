@@ -6,8 +6,8 @@
 /// Characters of windows-1252 at 0x80 to 0x9F (WHATWG Encoding Standard, index windows-1252; five have none). ISO-8859-1
 /// is read with the same table, as the standard says: its own characters there are control codes that no text has.
 const WINDOWS_1252: [char; 32] = [
-    '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž', '\u{8f}', '\u{90}', '‘', '’', '“',
-    '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}', 'ž', 'Ÿ',
+    '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž', '\u{8f}', '\u{90}', '‘', '’',
+    '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}', 'ž', 'Ÿ',
 ];
 /// An XML declaration is not longer than that.
 const DECLARATION_BYTES: usize = 512;
@@ -31,7 +31,9 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, String> {
                 bytes.iter().map(|&byte| windows_1252(byte)).collect()
             }
             // UTF-16 is declared by texts that were saved as UTF-8 later: this one can be read as ASCII, so it was.
-            _ => String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()),
+            _ => {
+                String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
+            }
         },
     };
     // Files that were joined or saved twice begin with several marks.

@@ -80,9 +80,15 @@ mod tests {
         ] {
             assert_eq!(seconds_from_iso8601(text), Some(seconds), "{text}");
         }
-        for text in
-            ["", "T", "2000-13-01T00:00:00Z", "2000-01-01", "00-01-01T1:00:00Z", "2000-01-01T00:00:00+é:00", "2000-01-01T1:2:3:4Z"]
-        {
+        for text in [
+            "",
+            "T",
+            "2000-13-01T00:00:00Z",
+            "2000-01-01",
+            "00-01-01T1:00:00Z",
+            "2000-01-01T00:00:00+é:00",
+            "2000-01-01T1:2:3:4Z",
+        ] {
             assert_eq!(seconds_from_iso8601(text), None, "{text}");
         }
         assert_eq!([50.0, 600.0, 7260.0, 1e6].map(for_people), ["50 s", "10 min", "2 h 01 min", "12 days"]);

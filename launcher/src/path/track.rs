@@ -74,7 +74,8 @@ pub(super) fn course(
     for (points, segment) in timed.into_iter().zip(&segments) {
         let has_times = segment.points.iter().any(|point| matches!(point.stamp, recording::Stamp::At(_)));
         // One without times stays behind the one that it stands behind.
-        let (Some(first), Some(last)) = (points.first().map(|point| point.t), points.last().map(|point| point.t)) else {
+        let (Some(first), Some(last)) = (points.first().map(|point| point.t), points.last().map(|point| point.t))
+        else {
             continue;
         };
         let order = if has_times { first } else { parts.last().map_or(f64::NEG_INFINITY, |part| part.order) };
@@ -139,13 +140,19 @@ impl Breaks {
         let plural = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let mut said = Vec::new();
         if self.gaps > 0 {
-            let seconds =
-                if self.gap_seconds > 0.0 { format!(" ({} in all)", for_people(self.gap_seconds)) } else { String::new() };
+            let seconds = if self.gap_seconds > 0.0 {
+                format!(" ({} in all)", for_people(self.gap_seconds))
+            } else {
+                String::new()
+            };
             said.push(format!("{} in the recording{seconds} became cuts or short hops", plural(self.gaps, "gap")));
         }
         if self.rests > 0 {
             let seconds = for_people(self.rest_seconds);
-            said.push(format!("{} were shortened by {seconds} in all (--rests keep flies them)", plural(self.rests, "rest")));
+            said.push(format!(
+                "{} were shortened by {seconds} in all (--rests keep flies them)",
+                plural(self.rests, "rest")
+            ));
         }
         (!said.is_empty()).then(|| said.join("; "))
     }

@@ -89,8 +89,10 @@ pub(super) fn entries(
     if is_large && let Some(locator_at) = end.checked_sub(20).filter(|&at| tail[at..].starts_with(b"PK\x06\x07")) {
         let record_at = u64_at(&tail, locator_at + 8).ok_or_else(broken)?;
         let record = read_at(file, record_at, 56)?;
-        (size, at) =
-            u64_at(&record, 40).zip(u64_at(&record, 48)).filter(|_| record.starts_with(b"PK\x06\x06")).ok_or_else(broken)?;
+        (size, at) = u64_at(&record, 40)
+            .zip(u64_at(&record, 48))
+            .filter(|_| record.starts_with(b"PK\x06\x06"))
+            .ok_or_else(broken)?;
         directory_end = record_at;
     }
     // What stands before the archive (a program that unpacks itself) moves everything by its length.

@@ -27,8 +27,10 @@ pub struct LoadedPath {
 /// The CRS of a world, for paths in other coordinates.
 #[must_use]
 pub fn georeference(database: &Store) -> Georeference {
-    let crs = &database.manifest().crs;
-    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref())
+    let (manifest, world) = (database.manifest(), database.world());
+    let crs = &manifest.crs;
+    let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)
 }
 
 /// The path that `--path` means.
@@ -54,7 +56,9 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
     let ground = WorldGround::finest(database, world, exaggeration);
     let options = CourseOptions { agl_m, keeps_rests: args.rests == Rests::Keep };
     let mut remarks = Remarks::default();
-    let path = path::load(&args.path, &georeference(database), &ground, options, &mut remarks);
-    let Remarks { notes, warnings } = remarks;
-    Ok(LoadedPath { path: path.map_err(Failure::bad_input)?, notes, warnings })
+    let georeference = georeference(database);
+    let path = path::load(&args.path, &georeference, &ground, options, &mut remarks).map_err(Failure::bad_input)?;
+    let Remarks { notes, mut warnings } = remarks;
+    warnings.extend(georeference.take_doubts());
+    Ok(LoadedPath { path, notes, warnings })
 }

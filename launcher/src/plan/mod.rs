@@ -36,7 +36,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use terravision_common::run::{
-    OPEN_END, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
+    OPEN_END, PlaneTarget, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
 };
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
@@ -207,8 +207,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let depth = args.depth.as_deref().map(&mut temporary).transpose()?;
     let ground = args.ground.as_deref().map(&mut temporary).transpose()?;
     draft.sink = SinkConfig::PngFile(picture);
-    draft.depth = depth;
-    draft.ground = ground;
+    draft.depth = depth.map(PlaneTarget::File);
+    draft.ground = ground.map(PlaneTarget::File);
     draft.destination = args.output.display().to_string();
     draft.finish(texels, &args.measurements)
 }
@@ -227,8 +227,8 @@ struct Draft<'a> {
     notes: Vec<String>,
     warnings: Vec<String>,
     sink: SinkConfig,
-    depth: Option<PathBuf>,
-    ground: Option<PathBuf>,
+    depth: Option<PlaneTarget>,
+    ground: Option<PlaneTarget>,
     share: Option<ShareConfig>,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,

@@ -106,9 +106,7 @@ impl Reader<'_> {
         })?;
         let height_m = match above {
             Above::Datum => height,
-            Above::Ground => {
-                height.map(|height| height + self.ground.height_m(place.x, place.y).unwrap_or(0.0))
-            }
+            Above::Ground => height.map(|height| height + self.ground.height_m(place.x, place.y).unwrap_or(0.0)),
             Above::Nothing => None,
         };
         Ok(Recorded { stamp, place, height_m, line: node.line() })

@@ -38,7 +38,11 @@ pub(super) fn parse(
     let course = if let Some(tour) = flown.next() {
         let others = flown.count();
         if others > 0 {
-            remarks.notes.push(format!("the file has {} tours: the first, in line {}, is flown", others + 1, tour.line()));
+            remarks.notes.push(format!(
+                "the file has {} tours: the first, in line {}, is flown",
+                others + 1,
+                tour.line()
+            ));
         }
         tour::course(*tour, &mut reader)?
     } else {
@@ -56,12 +60,7 @@ pub(super) fn parse(
 }
 
 /// From view to view of the placemarks, in the order of the file.
-fn views(
-    path: &Path,
-    root: Node<'_>,
-    reader: &mut ViewReader<'_>,
-    remarks: &mut Remarks,
-) -> Result<Course, PathError> {
+fn views(path: &Path, root: Node<'_>, reader: &mut ViewReader<'_>, remarks: &mut Remarks) -> Result<Course, PathError> {
     let is_view = |node: &Node<'_>| matches!(node.name(), "Camera" | "LookAt");
     let of = |name: &'static str| {
         root.with_descendants()

@@ -135,7 +135,8 @@ fn heights_follow_the_altitude_mode_and_a_camera_is_never_clamped_to_the_ground(
 #[test]
 fn values_are_wrapped_and_clamped_as_google_earth_does() {
     let angles = |h: &str, t: &str, r: &str| {
-        let extra = format!("<heading>{h}</heading><tilt>{t}</tilt><roll>{r}</roll><altitudeMode>absolute</altitudeMode>");
+        let extra =
+            format!("<heading>{h}</heading><tilt>{t}</tilt><roll>{r}</roll><altitudeMode>absolute</altitudeMode>");
         let (path, remarks) = fly(&tour(&camera(1.0, "smooth", -122.0, &extra)));
         let pose = path.course.pose(0, 30.0, 1.0).unwrap();
         let angles = [pose.heading_rad, pose.pitch_rad, pose.roll_rad].map(|v| (v.to_degrees() * 1e6).round() / 1e6);
@@ -152,7 +153,10 @@ fn values_are_wrapped_and_clamped_as_google_earth_does() {
     // A word that is none is the default, as is a time that runs backwards.
     let (path, remarks) = fly(&tour(&camera(-1.0, "jump", -122.0, "<altitudeMode>up</altitudeMode>")));
     assert!((path.course.pose(0, 1.0, 1.0).unwrap().position.z - 3100.0).abs() < 1e-9);
-    assert!(remarks.warnings[0].starts_with("3 values outside of what KML allows (the first in line 3)"), "{remarks:?}");
+    assert!(
+        remarks.warnings[0].starts_with("3 values outside of what KML allows (the first in line 3)"),
+        "{remarks:?}"
+    );
 }
 
 #[test]
@@ -208,7 +212,8 @@ fn views_of_placemarks_are_flown_one_after_the_other() {
     let opening = place(-122.0).replace("Placemark", "Folder").replace("Point", "X");
     assert_eq!(frames(&document(&opening)), 1);
     // A change of a view is no view.
-    let update = "<gx:AnimatedUpdate><Update><Change><Placemark><Camera/></Placemark></Change></Update></gx:AnimatedUpdate>";
+    let update =
+        "<gx:AnimatedUpdate><Update><Change><Placemark><Camera/></Placemark></Change></Update></gx:AnimatedUpdate>";
     assert!(parse_text(&document(update)).is_err());
 }
 
@@ -252,7 +257,10 @@ fn what_cannot_be_flown_is_named_with_what_to_do() {
         (step("<heading>1e300</heading>"), "heading: expected degrees, found \"1e300\""),
         (step("<tilt>12,5</tilt>"), "tilt: expected degrees, found \"12,5\""),
         (tour("<gx:FlyTo><Camera/></gx:FlyTo>"), "longitude: expected degrees from -180 to 180, found nothing"),
-        (tour(&wait("soon")).replace("</gx:Playlist>", &format!("{}</gx:Playlist>", camera(1.0, "smooth", 0.0, ""))), "duration"),
+        (
+            tour(&wait("soon")).replace("</gx:Playlist>", &format!("{}</gx:Playlist>", camera(1.0, "smooth", 0.0, ""))),
+            "duration",
+        ),
         (document("<LineString><coordinates>1,x</coordinates></LineString>"), "longitude, latitude and height, e.g."),
     ] {
         let message = parse_text(&text).unwrap_err().to_string();
@@ -267,7 +275,8 @@ fn what_cannot_be_flown_is_named_with_what_to_do() {
 fn any_root_and_undeclared_prefixes_are_read() {
     let text = tour(&[camera(0.0, "smooth", -122.0, ABSOLUTE), camera(4.0, "smooth", -121.9, ABSOLUTE)].concat());
     let same = fly(&text).0;
-    let element = |begin: &str, end: &str| text[text.find(begin).unwrap()..text.find(end).unwrap() + end.len()].to_owned();
+    let element =
+        |begin: &str, end: &str| text[text.find(begin).unwrap()..text.find(end).unwrap() + end.len()].to_owned();
     for other in [
         text.replace(" xmlns:gx=\"http://www.google.com/kml/ext/2.2\"", ""),
         text.replace("<Document>", "<Document><atom:link href=\"x\"/>"),

@@ -164,7 +164,9 @@ impl<'a> ViewReader<'a> {
             ));
         }
         match self.field {
-            Some(Field::Horizontal(deg)) => PathSettings { hfov_rad: Some(deg.to_radians()), ..PathSettings::default() },
+            Some(Field::Horizontal(deg)) => {
+                PathSettings { hfov_rad: Some(deg.to_radians()), ..PathSettings::default() }
+            }
             Some(Field::Vertical(deg)) => PathSettings { vfov_rad: Some(deg.to_radians()), ..PathSettings::default() },
             _ => PathSettings::default(),
         }
