@@ -78,7 +78,7 @@ fn files(count: usize) -> Vec<(&'static str, String)> {
             "a line",
             format!(
                 "<Placemark><LineString><coordinates>{}</coordinates></LineString></Placemark>",
-                "-122,45,0 -122.001,45,0 ".repeat(count)
+                "-122,45,0 -122.00001,45,0 ".repeat(count)
             ),
         ),
         (

@@ -103,7 +103,7 @@ pub trait Ground {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CourseOptions {
     /// Height above ground of a track, metres; none for the way's own heights, where it has them, else for
-    /// [`track::DEFAULT_AGL_M`].
+    /// 150 m.
     pub agl_m: Option<f64>,
     /// Whether rests within a segment of a track are flown in full.
     pub keeps_rests: bool,

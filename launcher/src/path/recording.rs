@@ -344,7 +344,11 @@ mod tests {
             let (points, tally) = timed(points);
             assert_eq!(points.len(), 59, "{i} {t}");
             assert!((580.0..=590.0).contains(&seconds(&points)), "{i} {t}: {}", seconds(&points));
-            assert_eq!((tally.dropped, tally.first_line), (1, Some(i as u32 + 1)), "{i} {t}");
+            // Of two points that contradict each other alone, either may be the wrong one.
+            assert!(
+                tally.dropped == 1 && tally.first_line.is_some_and(|line| line.abs_diff(i as u32 + 1) <= 1),
+                "{i} {t}"
+            );
             assert!(tally.warning().unwrap().contains("1 of 60 points have a time out of order"), "{tally:?}");
         }
     }

@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3};
 use std::path::Path;
 
 /// Default height above ground, metres.
-pub const DEFAULT_AGL_M: f64 = 150.0;
+pub(super) const DEFAULT_AGL_M: f64 = 150.0;
 /// Seconds between two knots of the resampled way; longer ones are sampled more coarsely, to [`MAX_KNOTS`] knots.
 const KNOT_SECONDS: f64 = 0.5;
 /// Most knots of a resampled way, and some for each piece of it.

@@ -185,7 +185,7 @@ pub(super) mod tests {
     use std::io::{Cursor, Write};
 
     /// An archive of these files, deflated as KMZ are.
-    pub(crate) fn archive(files: &[(&str, &[u8])]) -> Vec<u8> {
+    pub(in super::super) fn archive(files: &[(&str, &[u8])]) -> Vec<u8> {
         let (mut bytes, mut directory) = (Vec::new(), Vec::new());
         for (name, content) in files {
             let mut encoder = DeflateEncoder::new(Vec::new(), Compression::default());
