@@ -97,33 +97,37 @@ impl<'de> serde::Deserialize<'de> for Key {
     }
 }
 
-/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`.
-struct EachOf<F>(F);
+/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`, which is kept.
+struct EachOf<'e, F, E> {
+    each: F,
+    error: &'e mut Option<E>,
+}
 
-impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> DeserializeSeed<'de> for EachOf<F> {
-    type Value = Result<(), E>;
+impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> DeserializeSeed<'de> for EachOf<'_, F, E> {
+    type Value = ();
 
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
         deserializer.deserialize_seq(self)
     }
 }
 
-impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> Visitor<'de> for EachOf<F> {
-    type Value = Result<(), E>;
+impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> Visitor<'de> for EachOf<'_, F, E> {
+    type Value = ();
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a list")
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<Self::Value, A::Error> {
-        let (mut count, mut outcome) = (0, Ok(()));
+    fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<(), A::Error> {
+        let mut count = 0;
         while let Some(entry) = list.next_element::<&RawValue>()? {
-            if outcome.is_ok() {
-                outcome = (self.0)(count, entry);
+            if let Err(error) = (self.each)(count, entry) {
+                *self.error = Some(error);
+                return Err(serde::de::Error::custom("an entry cannot be used"));
             }
             count += 1;
         }
-        Ok(outcome)
+        Ok(())
     }
 }
 
@@ -233,9 +237,13 @@ impl Poses<'_> {
         each: impl FnMut(usize, &RawValue) -> Result<(), PathError>,
     ) -> Result<(), PathError> {
         let mut text = serde_json::Deserializer::from_str(list.get());
-        let outcome = EachOf(each).deserialize(&mut text);
-        // Its syntax was checked with the whole file's.
-        outcome.unwrap_or_else(|source| Err(PathError::Json { path: self.path.to_owned(), source }))
+        let mut error = None;
+        let outcome = EachOf { each, error: &mut error }.deserialize(&mut text);
+        match error {
+            Some(error) => Err(error),
+            // Its syntax was checked with the whole file's.
+            None => outcome.map_err(|source| PathError::Json { path: self.path.to_owned(), source }),
+        }
     }
 
     fn pose(&self, raw: &RawValue, place: String, has_time: bool) -> Result<(Pose, f64), PathError> {
