@@ -305,7 +305,7 @@ fn foreign_text_does_not_steer_a_terminal() {
 
     let server = RawServer::new(|_, stream| {
         let body = format!("<Error><Code>{BAD}</Code></Error>");
-        write!(stream, "HTTP/1.1 302 Found\r\nLocation: {}://x\r\nContent-Length: {}\r\n\r\n{body}", "evil", body.len())
+        write!(stream, "HTTP/1.1 302 Found\r\nLocation: evil://x\r\nContent-Length: {}\r\n\r\n{body}", body.len())
     });
     let commands = [
         info(&format!("{}/no{BAD}.tv", folder.path().display())),
