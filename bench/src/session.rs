@@ -100,6 +100,7 @@ impl Session {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: None,
         };

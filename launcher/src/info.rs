@@ -7,7 +7,7 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
-use terravision_common::database::Source;
+use terravision_common::database::{Source, VoidsRecord};
 use terravision_store::Store;
 
 /// Prints it.
@@ -47,6 +47,11 @@ fn as_text(database: &Store) -> String {
         a if a <= 0.0 => String::new(),
         a => format!(", {:.3} km² without data filled", a / 1e6),
     };
+    // What became of voids stands on a line of its own, where there were some.
+    let void_z = match &manifest.elevation.voids {
+        Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, width * height),
+        None => void(manifest.elevation.void_area_m2),
+    };
     let sources = |list: &[Source]| {
         let each = list
             .iter()
@@ -75,7 +80,6 @@ fn as_text(database: &Store) -> String {
         dz = world.elevation_spacing_m(world.finest_elevation_level()),
         tiles_z = manifest.elevation.archive.tiles,
         bytes_z = bytes_for_people(manifest.elevation.archive.bytes),
-        void_z = void(manifest.elevation.void_area_m2),
         sources_z = sources(&manifest.elevation.sources),
         dc = world.color_spacing_m(world.finest_color_level()),
         tiles_c = manifest.color.archive.tiles,
@@ -86,5 +90,17 @@ fn as_text(database: &Store) -> String {
         } else {
             sources(&manifest.color.sources)
         },
+    )
+}
+
+/// What became of an area without data, in a world of an area, square metres.
+fn about_voids(voids: &VoidsRecord, void_m2: f64, world_m2: f64) -> String {
+    let part = |area_m2: f64| format!("{:.3} km² ({:.1} %)", area_m2 / 1e6, 100.0 * area_m2 / world_m2);
+    format!(
+        "\n              {} without data: {} have no ground, {} were made up (--voids {})",
+        part(void_m2),
+        part(voids.hole_area_m2),
+        part((void_m2 - voids.hole_area_m2).max(0.0)),
+        voids.mode.name()
     )
 }

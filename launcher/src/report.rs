@@ -397,6 +397,7 @@ pub(crate) mod tests {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: None,
         }

@@ -6,8 +6,14 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Version of the format that this build writes, and the newest that it reads.
+/// Version of the format of a database without special features.
 pub const FORMAT_VERSION: u32 = 1;
+/// Version of a database with features that a reader must know ([`Manifest::features`]); the newest that this build reads.
+pub const FEATURES_VERSION: u32 = 2;
+/// The feature of a database whose elevation tiles say which posts are ground and which were measured ([`crate::validity`]).
+pub const FEATURE_VALIDITY: &str = "validity";
+/// The features that this build knows.
+const FEATURES: &[&str] = &[FEATURE_VALIDITY];
 const FORMAT: &str = "terravision-database";
 /// No manifest is larger: it lists source files.
 const MAX_BYTES: u64 = 16 << 20;
@@ -21,13 +27,22 @@ pub enum ManifestError {
     NotAManifest,
     /// It was written by a newer (or much older) TerraVision.
     #[error(
-        "the database has format version {found}, this program reads version {expected}; use the TerraVision that wrote it, or ingest again"
+        "the database has format version {found}, this program reads versions up to {expected}; use the TerraVision that wrote it, or ingest again"
     )]
     Version {
         /// What this build reads.
         expected: u32,
         /// What it has.
         found: u64,
+    },
+    /// It needs something of its reader that this build does not know.
+    #[error(
+        "the database has the feature \"{}\", which this program does not know; use the TerraVision that wrote it, or ingest again",
+        found.escape_default()
+    )]
+    Feature {
+        /// What.
+        found: String,
     },
     /// It is not what was written.
     #[error("its checksum is {found:08x}, expected {expected:08x}: it was changed or damaged after ingest")]
@@ -114,6 +129,41 @@ pub struct NodesRecord {
     pub crc32: u32,
 }
 
+/// What became of ground without data.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VoidsRecord {
+    /// What was asked for.
+    pub mode: Voids,
+    /// Area without data that has no ground, square metres; the rest was filled from around it.
+    pub hole_area_m2: f64,
+}
+
+/// What becomes of ground without data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Voids {
+    /// All of it is filled from around it.
+    Fill,
+    /// It stays without ground.
+    Keep,
+    /// What reaches the border of the world stays without ground, the rest is filled.
+    #[default]
+    Clip,
+}
+
+impl Voids {
+    /// As the command line and the manifest spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fill => "fill",
+            Self::Keep => "keep",
+            Self::Clip => "clip",
+        }
+    }
+}
+
 /// The elevation pyramid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -124,8 +174,11 @@ pub struct ElevationLayer {
     pub spacing_m: f64,
     /// Lowest and highest height in the finest level, metres.
     pub range_m: [f64; 2],
-    /// Area without data that was filled from around it, square metres.
+    /// Area without data, square metres. Its heights were made up from around it, also where it has no ground.
     pub void_area_m2: f64,
+    /// What became of it, where there is any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voids: Option<VoidsRecord>,
     /// How tiles are encoded.
     pub encoding: String,
     /// Its file.
@@ -156,8 +209,11 @@ pub struct ColorLayer {
 pub struct Manifest {
     /// Always "terravision-database".
     pub format: String,
-    /// Version of the format.
+    /// Version of the format: [`FEATURES_VERSION`] where there are features, else [`FORMAT_VERSION`].
     pub format_version: u32,
+    /// What a reader has to know to read it rightly, beyond version 1.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub features: Vec<String>,
     /// The program that wrote it.
     pub written_by: String,
     /// The database's name: its folder's, without ".tv".
@@ -218,9 +274,15 @@ impl Manifest {
         }
         let found = loose.get("format_version").and_then(serde_json::Value::as_u64);
         match found {
-            Some(found) if found == u64::from(FORMAT_VERSION) => {}
-            Some(found) => return Err(ManifestError::Version { expected: FORMAT_VERSION, found }),
+            Some(found) if (FORMAT_VERSION.into()..=FEATURES_VERSION.into()).contains(&found) => {}
+            Some(found) => return Err(ManifestError::Version { expected: FEATURES_VERSION, found }),
             None => return Err(ManifestError::NotAManifest),
+        }
+        // Before all else, which may be new with a feature.
+        let features = loose.get("features").and_then(serde_json::Value::as_array).into_iter().flatten();
+        let unknown = features.filter_map(serde_json::Value::as_str).find(|feature| !FEATURES.contains(feature));
+        if let Some(found) = unknown {
+            return Err(ManifestError::Feature { found: found.to_owned() });
         }
         let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
         let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;
@@ -232,6 +294,12 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// Whether it has a feature.
+    #[must_use]
+    pub fn has_feature(&self, feature: &str) -> bool {
+        self.features.iter().any(|found| found == feature)
+    }
+
     /// The manifest's text, with format, version and checksum set.
     ///
     /// # Errors
@@ -239,7 +307,7 @@ impl Manifest {
     pub fn to_text(&self) -> Result<String, serde_json::Error> {
         let mut manifest = self.clone();
         FORMAT.clone_into(&mut manifest.format);
-        manifest.format_version = FORMAT_VERSION;
+        manifest.format_version = if manifest.features.is_empty() { FORMAT_VERSION } else { FEATURES_VERSION };
         "00000000".clone_into(&mut manifest.checksum);
         let mut text = serde_json::to_string_pretty(&manifest)?;
         text.push('\n');
