@@ -1,6 +1,6 @@
 //! The part of a database that is small and that every process needs: what it is, and where its ground lies.
 
-use super::manifest::{self, FEATURE_VALIDITY, Manifest, ManifestError};
+use super::manifest::{self, Manifest, ManifestError};
 use super::{DatabaseError, MANIFEST_FILE, NODES_FILE, NodeRanges};
 use crate::world::World;
 use std::io;
@@ -78,12 +78,8 @@ pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseEr
     };
     let manifest =
         Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
-    let world = World::new(manifest.world)
+    let world = manifest
+        .geometry()
         .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
-    let world = if manifest.has_feature(FEATURE_VALIDITY) {
-        world.with_validity(manifest.elevation.voids.is_none_or(|voids| voids.hole_area_m2 > 0.0))
-    } else {
-        world
-    };
     Ok((manifest, world))
 }

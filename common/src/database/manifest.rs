@@ -1,6 +1,6 @@
 //! The manifest: what a database is, and the checksums of its other files.
 
-use crate::world::{WorldError, WorldFields};
+use crate::world::{World, WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Read};
@@ -292,6 +292,18 @@ impl Manifest {
             return Err(ManifestError::Checksum { expected, found });
         }
         Ok(manifest)
+    }
+
+    /// The geometry of the database, with what its tiles hold.
+    ///
+    /// # Errors
+    /// [`WorldError`] for numbers that make no world.
+    pub fn geometry(&self) -> Result<World, WorldError> {
+        let world = World::new(self.world)?;
+        if !self.has_feature(FEATURE_VALIDITY) {
+            return Ok(world);
+        }
+        Ok(world.with_validity(self.elevation.voids.is_none_or(|voids| voids.hole_area_m2 > 0.0)))
     }
 
     /// Whether it has a feature.
