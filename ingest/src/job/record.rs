@@ -11,6 +11,7 @@ use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION, Manifest,
     NodesRecord, Source, Voids, VoidsRecord,
 };
+use terravision_common::lonlat::LonLatTable;
 
 /// What a manifest is made of.
 pub(super) struct Parts<'a> {
@@ -26,6 +27,7 @@ pub(super) struct Parts<'a> {
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    pub(super) lonlat: Option<LonLatTable>,
 }
 
 /// What an ingest says of ground without data: area of it and of holes, km², and its share of the world.
@@ -64,6 +66,7 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
+        lonlat: parts.lonlat,
         body: target.body.clone(),
         world: *plan.world.fields(),
         vertical_unit: "metre".to_owned(),
