@@ -47,9 +47,11 @@ fn as_text(database: &Store) -> String {
         a if a <= 0.0 => String::new(),
         a => format!(", {:.3} km² without data filled", a / 1e6),
     };
+    // Areas count posts, and there is one more along a side than the world has intervals.
+    let post_m = world.elevation_spacing_m(world.finest_elevation_level());
     // What became of voids stands on a line of its own, where there were some.
     let void_z = match &manifest.elevation.voids {
-        Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, width * height),
+        Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, (width + post_m) * (height + post_m)),
         None => void(manifest.elevation.void_area_m2),
     };
     let sources = |list: &[Source]| {

@@ -6,6 +6,7 @@
 //! linear over its facet, is less than a half: the same rule as the mesh's.
 
 use crate::cast::Counts;
+use crate::facets::{LEAST_BELOW, LEAST_BELOW_M};
 use crate::frame::{Frame, Place};
 use crate::mipmap::{Side, past};
 use crate::view::Ray;
@@ -27,7 +28,8 @@ struct Met {
     ground: f32,
     /// Share that was measured.
     measured: f32,
-    is_from_above: bool,
+    /// Where the ray goes on: under the facet, or above it.
+    beyond: Side,
 }
 
 impl Frame<'_> {
@@ -75,9 +77,8 @@ impl Frame<'_> {
     fn beyond_hole(&self, ray: &Ray, mut s: f32, mut met: Met, counts: &mut Counts) -> Option<(f32, Met)> {
         let border = self.departure(ray);
         for _ in 0..MOST_HOLES {
-            let side = if met.is_from_above { Side::Below } else { Side::Above };
             let mut current = self.enter_exact(met.tile)?;
-            s = self.next_hit(ray, side, [past(s), border], &mut current, counts)?.s;
+            s = self.next_hit(ray, met.beyond, [past(s), border], &mut current, counts)?.s;
             met = self.met_in(current.index, ray, s)?;
             if met.ground >= HALF {
                 return Some((s, met));
@@ -111,7 +112,21 @@ impl Frame<'_> {
             let corners = shares.map(|share| share[plane]);
             corners[0] + slope(corners).dot(by)
         };
-        let rise = slope(current.corners(cell));
-        Some(Met { tile, ground: share(0), measured: share(1), is_from_above: along.rise <= rise.dot(along.per_s) })
+        let corners = current.corners(cell);
+        let rise = slope(corners);
+        let above = along.rise * s + current.eye_height - corners[0] - rise.dot(by);
+        // A ray that meets voxels may be away from the facet yet, or past it.
+        let beyond = match above {
+            above if above.abs() > LEAST_BELOW * s + LEAST_BELOW_M => {
+                if above > 0.0 {
+                    Side::Above
+                } else {
+                    Side::Below
+                }
+            }
+            _ if along.rise <= rise.dot(along.per_s) => Side::Below,
+            _ => Side::Above,
+        };
+        Some(Met { tile, ground: share(0), measured: share(1), beyond })
     }
 }

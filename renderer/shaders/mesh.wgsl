@@ -181,31 +181,11 @@ fn marked(color: vec4<f32>, shares: vec2<f32>) -> vec4<f32> {
     return vec4(color.rgb, select(1.0, MADE_UP_ALPHA, shares.y < HALF));
 }
 
-// The samples of a pixel that are ground, at the places that all devices have them: the rim is as smooth as other edges.
-fn covered(ground: f32) -> u32 {
-    let east = dpdx(ground);
-    let south = dpdy(ground);
-    let at = vec4(ground) + vec4(-0.125, 0.375, -0.375, 0.125) * east + vec4(-0.375, -0.125, 0.125, 0.375) * south;
-    let is_ground = vec4<u32>(at >= vec4(HALF));
-    return dot(is_ground, vec4(1u, 2u, 4u, 8u));
-}
-
-struct Sampled {
-    @location(0) color: vec4<f32>,
-    @builtin(sample_mask) covered: u32,
-}
-
 @fragment
 fn fragment_valid(in: ValidVaryings) -> @location(0) vec4<f32> {
     let texel = textureSample(colors, color_sampler, in.color_at, in.layer);
     if in.shares.x < HALF { discard; }
     return marked(texel, in.shares);
-}
-
-@fragment
-fn fragment_valid_samples(in: ValidVaryings) -> Sampled {
-    let texel = textureSample(colors, color_sampler, in.color_at, in.layer);
-    return Sampled(marked(texel, in.shares), covered(in.shares.x));
 }
 
 @fragment
@@ -236,10 +216,4 @@ fn fragment_overlay_valid(in: ValidOverlayVaryings) -> @location(0) vec4<f32> {
     let color = outlined(in.color_at, in.layer, in.block_at, in.outline);
     if in.shares.x < HALF { discard; }
     return marked(color, in.shares);
-}
-
-@fragment
-fn fragment_overlay_valid_samples(in: ValidOverlayVaryings) -> Sampled {
-    let color = outlined(in.color_at, in.layer, in.block_at, in.outline);
-    return Sampled(marked(color, in.shares), covered(in.shares.x));
 }

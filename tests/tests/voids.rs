@@ -93,6 +93,8 @@ fn still(folder: &TestFolder, world: &std::path::Path, more: &[&str]) -> Taken {
         .arg(world)
         .args(pose().arguments())
         .args([format!("--size={SIDE}x{SIDE}"), "--sky=255,0,255".to_owned(), "--vfov=60".to_owned()])
+        // The finest posts: those of coarser levels round the corners off.
+        .arg("--facet-px=1")
         .args(more)
         .arg("-o")
         .arg(&picture)
@@ -172,7 +174,7 @@ fn shared_frames_tell_what_was_made_up() {
         .arg(&world)
         .arg("--path")
         .arg(folder.join("path.json"))
-        .args(["-o", &format!("shared:{name}"), "--depth", "--ground", "--made-up=mark"])
+        .args(["-o", &format!("shared:{name}"), "--depth", "--ground", "--made-up=mark", "--facet-px=1"])
         .spawn();
     let (mut ring, mut shared) = (reader(&mut flight, &name), SharedFrame::default());
     flight.until("the frame", |_| ring.read(&mut shared).unwrap().then_some(()));

@@ -149,7 +149,7 @@ impl TerrainPass {
         let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, 2, slots)?;
         let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], stages)?;
         let module = pipeline::module(device, &SPIRV.0, "mesh")?;
-        let (vertex, fragment) = entries(has_overlay, has_validity, target.samples() > 1);
+        let (vertex, fragment) = entries(has_overlay, has_validity);
         let shape = PipelineShape {
             vertex,
             fragment: Some(fragment),
@@ -270,15 +270,14 @@ impl TerrainPass {
     }
 }
 
-/// The shader's entries for pictures: with outlines or not, of a world with validity or not, of several samples a pixel or one.
-fn entries(has_overlay: bool, has_validity: bool, has_samples: bool) -> (&'static CStr, &'static CStr) {
-    match (has_overlay, has_validity, has_samples) {
-        (false, false, _) => (c"vertex", c"fragment"),
-        (true, false, _) => (c"vertex_overlay", c"fragment_overlay"),
-        (false, true, false) => (c"vertex_valid", c"fragment_valid"),
-        (false, true, true) => (c"vertex_valid", c"fragment_valid_samples"),
-        (true, true, false) => (c"vertex_overlay_valid", c"fragment_overlay_valid"),
-        (true, true, true) => (c"vertex_overlay_valid", c"fragment_overlay_valid_samples"),
+/// The shader's entries for pictures: with outlines or not, of a world with validity or not. Pixels of several samples are in a hole
+/// or not as a whole, by their centre, as their depth is: naga writes no sample mask that Vulkan takes.
+fn entries(has_overlay: bool, has_validity: bool) -> (&'static CStr, &'static CStr) {
+    match (has_overlay, has_validity) {
+        (false, false) => (c"vertex", c"fragment"),
+        (true, false) => (c"vertex_overlay", c"fragment_overlay"),
+        (false, true) => (c"vertex_valid", c"fragment_valid"),
+        (true, true) => (c"vertex_overlay_valid", c"fragment_overlay_valid"),
     }
 }
 
