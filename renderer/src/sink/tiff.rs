@@ -123,13 +123,13 @@ fn mark(value: f64, is_made_up: bool) -> f64 {
 }
 
 macro_rules! marked {
-    ($name:ident, $of:ty, $photometric:ident, $bits:expr) => {
+    ($name:ident, $of:ty, $bits:expr) => {
         /// A colour type with a band of marks.
         struct $name;
 
         impl ColorType for $name {
             type Inner = $of;
-            const TIFF_VALUE: PhotometricInterpretation = PhotometricInterpretation::$photometric;
+            const TIFF_VALUE: PhotometricInterpretation = PhotometricInterpretation::BlackIsZero;
             const BITS_PER_SAMPLE: &'static [u16] = &$bits;
             const SAMPLE_FORMAT: &'static [SampleFormat] = &[SampleFormat::IEEEFP; $bits.len()];
 
@@ -141,8 +141,8 @@ macro_rules! marked {
     };
 }
 
-marked!(DepthAndMark, f32, BlackIsZero, [32, 32]);
-marked!(GroundAndMark, f64, RGB, [64, 64, 64, 64]);
+marked!(DepthAndMark, f32, [32, 32]);
+marked!(GroundAndMark, f64, [64, 64, 64, 64]);
 
 /// The target, its folder made.
 fn opened(target: &PlaneTarget) -> Result<PlaneTarget, SinkError> {
@@ -209,8 +209,9 @@ where
             let mut encoder = TiffEncoder::new(out)?;
             let mut image = encoder.new_image::<C>(width, height)?;
             if matches!(C::BITS_PER_SAMPLE.len(), 2 | 4) {
-                // The band of marks is one more than the picture's kind has, of no meaning that TIFF knows.
-                image.encoder().write_tag(Tag::ExtraSamples, &[0u16][..])?;
+                // With a band of marks. All but the first are more than the picture's kind has, of no meaning that TIFF knows: as
+                // a fourth one behind red, green and blue readers would leave it out.
+                image.encoder().write_tag(Tag::ExtraSamples, &[0u16; 4][1..C::BITS_PER_SAMPLE.len()])?;
             }
             let (mut samples, mut strip) = (samples, Vec::new());
             while image.next_strip_sample_count() > 0 {
