@@ -1,10 +1,11 @@
 //! The manifest: what a database is, and the checksums of its other files.
 
+use crate::files::read_bounded;
 use crate::lonlat::LonLatTable;
 use crate::world::{World, WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{self, Read};
+use std::borrow::Cow;
+use std::io;
 use std::path::Path;
 
 /// Version of the format of a database without special features.
@@ -17,7 +18,7 @@ pub const FEATURE_VALIDITY: &str = "validity";
 const FEATURES: &[&str] = &[FEATURE_VALIDITY];
 const FORMAT: &str = "terravision-database";
 /// No manifest is larger: it lists source files.
-const MAX_BYTES: u64 = 16 << 20;
+pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
 
 /// Why a manifest cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -175,6 +176,9 @@ pub struct ElevationLayer {
     pub spacing_m: f64,
     /// Lowest and highest height in the finest level, metres.
     pub range_m: [f64; 2],
+    /// Lowest and highest sample of the sources over the world, metres; absent when the finest level has the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source_range_m: Option<[f64; 2]>,
     /// Area without data, square metres. Its heights were made up from around it, also where it has no ground.
     pub void_area_m2: f64,
     /// What became of it, where there is any.
@@ -240,6 +244,50 @@ pub struct Manifest {
     pub checksum: String,
 }
 
+/// What tells which reader a manifest wants.
+#[derive(Deserialize)]
+struct Head<'a> {
+    #[serde(borrow, default)]
+    format: Option<Cow<'a, str>>,
+    #[serde(default)]
+    format_version: Option<u64>,
+    #[serde(default)]
+    features: FewNames,
+}
+
+/// A list of names that is short: no more are kept than a database ever has features.
+#[derive(Default)]
+struct FewNames(Vec<String>);
+
+impl FewNames {
+    const MOST: usize = 16;
+}
+
+impl<'de> Deserialize<'de> for FewNames {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Names;
+        impl<'de> serde::de::Visitor<'de> for Names {
+            type Value = FewNames;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                write!(f, "at most {} names", FewNames::MOST)
+            }
+
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut names: A) -> Result<FewNames, A::Error> {
+                let mut all = FewNames::default();
+                while let Some(name) = names.next_element()? {
+                    if all.0.len() == FewNames::MOST {
+                        return Err(serde::de::Error::invalid_length(FewNames::MOST + 1, &self));
+                    }
+                    all.0.push(name);
+                }
+                Ok(all)
+            }
+        }
+        deserializer.deserialize_seq(Names)
+    }
+}
+
 /// Where the eight digits of the checksum are in the text.
 fn checksum_place(text: &str) -> Option<std::ops::Range<usize>> {
     let key = "\"checksum\": \"";
@@ -257,12 +305,8 @@ fn checksum_of(text: &str, place: &std::ops::Range<usize>) -> u32 {
 }
 
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
-    let mut text = String::new();
-    let length = File::open(path)?.take(MAX_BYTES + 1).read_to_string(&mut text)? as u64;
-    if length > MAX_BYTES {
-        return Err(io::Error::new(io::ErrorKind::InvalidData, "it is too large for a manifest"));
-    }
-    Ok(text)
+    let text = read_bounded(path, MOST_MANIFEST_BYTES)?;
+    String::from_utf8(text).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.utf8_error()))
 }
 
 impl Manifest {
@@ -271,22 +315,24 @@ impl Manifest {
     /// # Errors
     /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a damaged one.
     pub fn parse(text: &str) -> Result<Self, ManifestError> {
-        let loose: serde_json::Value =
-            serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
-        if loose.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
+        // All else is passed over, not kept: a text of 16 MB must not become a gigabyte of values.
+        let head: Head<'_> = match serde_json::from_str(text) {
+            Ok(head) => head,
+            Err(error) if error.is_data() => return Err(ManifestError::NotAManifest),
+            Err(source) => return Err(ManifestError::Content { source }),
+        };
+        if head.format.as_deref() != Some(FORMAT) {
             return Err(ManifestError::NotAManifest);
         }
-        let found = loose.get("format_version").and_then(serde_json::Value::as_u64);
-        match found {
+        match head.format_version {
             Some(found) if (FORMAT_VERSION.into()..=FEATURES_VERSION.into()).contains(&found) => {}
             Some(found) => return Err(ManifestError::Version { expected: FEATURES_VERSION, found }),
             None => return Err(ManifestError::NotAManifest),
         }
         // Before all else, which may be new with a feature.
-        let features = loose.get("features").and_then(serde_json::Value::as_array).into_iter().flatten();
-        let unknown = features.filter_map(serde_json::Value::as_str).find(|feature| !FEATURES.contains(feature));
+        let unknown = head.features.0.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
         if let Some(found) = unknown {
-            return Err(ManifestError::Feature { found: found.to_owned() });
+            return Err(ManifestError::Feature { found: found.clone() });
         }
         let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
         let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;

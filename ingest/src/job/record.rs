@@ -21,6 +21,7 @@ pub(super) struct Parts<'a> {
     pub(super) elevation: &'a [(Raster, ElevationValues)],
     pub(super) color: &'a [(Raster, ColorValues)],
     pub(super) range: [f32; 2],
+    pub(super) source_range: Option<[f32; 2]>,
     pub(super) void_areas_m2: [f64; 2],
     /// What became of the elevation's voids; none where it has none.
     pub(super) voids: Option<VoidsRecord>,
@@ -74,6 +75,7 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
             sources: elevation.collect(),
             spacing_m: plan.elevation.step,
             range_m: parts.range.map(f64::from),
+            source_range_m: parts.source_range.map(|range| range.map(f64::from)),
             void_area_m2: parts.void_areas_m2[0],
             voids: parts.voids,
             encoding: elevation_encoding(parts.voids.is_some()).to_owned(),
