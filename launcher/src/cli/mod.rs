@@ -180,6 +180,9 @@ pub struct PictureArgs {
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
     #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
+    /// What is drawn where the world ends, for an eye beside it
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Edge::Skirt)]
+    pub edge: Edge,
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
@@ -500,6 +503,15 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+}
+
+/// What is drawn where the world ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Edge {
+    /// Plain walls down to the world's lowest height, and a floor there
+    Skirt,
+    /// Nothing: the ground is a sheet
+    None,
 }
 
 /// What is drawn over the picture.

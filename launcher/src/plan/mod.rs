@@ -14,7 +14,7 @@ pub use course::{LoadedPath, georeference, load_path};
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    Edge, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
     StillArgs,
 };
 use crate::data_set::DataSet;
@@ -446,6 +446,9 @@ impl<'a> Draft<'a> {
                     .map(|Rgb(rgb)| rgb)
                     .or(settings.sky_rgb)
                     .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
+                skirt_low_m: (picture.edge == Edge::Skirt)
+                    .then(|| database.ranges().range(world.root()).map(|[low, _]| exaggeration * f64::from(low)))
+                    .flatten(),
                 samples: picture.samples.unwrap_or(samples),
                 has_tree_overlay: picture.overlay == Some(Overlay::Tree),
                 has_validation: resources.validation,
