@@ -7,7 +7,7 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
-use terravision_common::database::{Source, VoidsRecord};
+use terravision_common::database::{Manifest, Source, VoidsRecord};
 use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
 
@@ -17,11 +17,7 @@ use terravision_store::Store;
 /// Bad input: no database. Or standard output cannot be written to.
 pub fn info(args: &InfoArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
-    let text = if args.json {
-        printable_json(&as_json(&database)).into_owned()
-    } else {
-        lines_for_people(&as_text(&database))
-    };
+    let text = if args.json { printable_json(&as_json(&database)).into_owned() } else { as_text(&database) };
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
@@ -29,9 +25,15 @@ pub fn info(args: &InfoArgs) -> Result<(), Failure> {
         .map_err(Failure::failed)
 }
 
-/// What a manifest says is foreign.
-fn lines_for_people(text: &str) -> String {
-    text.lines().map(|line| format!("{}\n", printable(line))).collect()
+/// A manifest with its texts, which are foreign, as a terminal may show them.
+fn printable_manifest(manifest: &Manifest) -> Manifest {
+    let mut manifest = manifest.clone();
+    let sources = manifest.elevation.sources.iter_mut().chain(&mut manifest.color.sources);
+    let texts = sources.flat_map(|source| [&mut source.file, &mut source.crs, &mut source.data_type]);
+    for text in texts.chain([&mut manifest.name, &mut manifest.crs.name, &mut manifest.body.name]) {
+        *text = printable(text).into_owned();
+    }
+    manifest
 }
 
 fn as_json(database: &Store) -> String {
@@ -48,7 +50,7 @@ fn as_json(database: &Store) -> String {
 }
 
 fn as_text(database: &Store) -> String {
-    let (manifest, world) = (database.manifest(), database.world());
+    let (manifest, world) = (printable_manifest(database.manifest()), database.world());
     let [width, height] = world.extent_m();
     let [x, y] = world.fields().origin;
     let [low, high] = manifest.elevation.range_m;
