@@ -7,7 +7,7 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
-use terravision_common::database::{Manifest, Source};
+use terravision_common::database::{Manifest, Source, VoidsRecord};
 use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
 
@@ -59,6 +59,13 @@ fn as_text(database: &Store) -> String {
         a if a <= 0.0 => String::new(),
         a => format!(", {:.3} km² without data filled", a / 1e6),
     };
+    // Areas count posts, and there is one more along a side than the world has intervals.
+    let post_m = world.elevation_spacing_m(world.finest_elevation_level());
+    // What became of voids stands on a line of its own, where there were some.
+    let void_z = match &manifest.elevation.voids {
+        Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, (width + post_m) * (height + post_m)),
+        None => void(manifest.elevation.void_area_m2),
+    };
     let sources = |list: &[Source]| {
         let each = list
             .iter()
@@ -87,7 +94,6 @@ fn as_text(database: &Store) -> String {
         dz = world.elevation_spacing_m(world.finest_elevation_level()),
         tiles_z = manifest.elevation.archive.tiles,
         bytes_z = bytes_for_people(manifest.elevation.archive.bytes),
-        void_z = void(manifest.elevation.void_area_m2),
         sources_z = sources(&manifest.elevation.sources),
         dc = world.color_spacing_m(world.finest_color_level()),
         tiles_c = manifest.color.archive.tiles,
@@ -98,5 +104,17 @@ fn as_text(database: &Store) -> String {
         } else {
             sources(&manifest.color.sources)
         },
+    )
+}
+
+/// What became of an area without data, in a world of an area, square metres.
+fn about_voids(voids: &VoidsRecord, void_m2: f64, world_m2: f64) -> String {
+    let part = |area_m2: f64| format!("{:.3} km² ({:.1} %)", area_m2 / 1e6, 100.0 * area_m2 / world_m2);
+    format!(
+        "\n              {} without data: {} have no ground, {} were made up (--voids {})",
+        part(void_m2),
+        part(voids.hole_area_m2),
+        part((void_m2 - voids.hole_area_m2).max(0.0)),
+        voids.mode.name()
     )
 }
