@@ -5,8 +5,9 @@ mod checks;
 mod compression;
 mod course;
 mod live;
+mod pose;
 
-pub use checks::{FAR_FROM_WORLD, frame_range, pace};
+pub use checks::{FAR_FROM_WORLD, frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
@@ -31,7 +32,6 @@ use checks::{
     realtime,
 };
 use compression::TexelQuestion;
-use glam::DVec3;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
@@ -42,7 +42,6 @@ use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
-const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
@@ -171,17 +170,12 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let texels = TexelQuestion::new(&args.picture)?;
     let database = open_world(&args.world, &args.database)?;
-    exaggeration(args.picture.exaggeration)?;
-    const ANGLE: &str = "degrees from -1000000 to 1000000";
-    let pose = Pose {
-        position: DVec3::from_array(args.eye.0),
-        heading_rad: in_range("--heading", args.heading, -1e6, 1e6, ANGLE)?.to_radians(),
-        pitch_rad: in_range("--pitch", args.pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians(),
-        roll_rad: in_range("--roll", args.roll, -1e6, 1e6, ANGLE)?.to_radians(),
-    };
+    let exaggeration = exaggeration(args.picture.exaggeration)?;
+    let (pose, warnings) = course::pose(&args.pose, args.agl, &database, exaggeration)?;
     let mut draft =
         Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
     draft.poses = vec![pose];
+    draft.warnings = warnings;
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
@@ -276,12 +270,11 @@ impl<'a> Draft<'a> {
     fn finish(self, texels: TexelQuestion, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
         let Self { database, access, picture, resources, settings, .. } = self;
         let world = &database.world().clone();
-        let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
-        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let size = picture.size.unwrap_or(PictureSize {
             width: settings.width.unwrap_or(DEFAULT_SIZE.width),
             height: settings.height.unwrap_or(DEFAULT_SIZE.height),
         });
+        let vfov_rad = checks::vfov_rad(picture, settings.vfov_rad, size)?;
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let (asked, rays) = checks::technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
