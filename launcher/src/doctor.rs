@@ -11,6 +11,7 @@ use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use terravision_common::shm::{Layout, Stage, free_bytes, reap_dead_runs};
+use terravision_common::terminal::printable;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::{World, WorldFields};
 
@@ -85,7 +86,7 @@ fn print(findings: &[Finding]) -> io::Result<()> {
             Health::Missing => ("MISSING", "31"),
         };
         let mark = if has_color { format!("\x1b[{color}m{mark:<8}\x1b[0m") } else { format!("{mark:<8}") };
-        writeln!(out, "{mark} {:<14} {}", finding.subject, finding.text)?;
+        writeln!(out, "{mark} {:<14} {}", finding.subject, printable(&finding.text))?;
         if let Some(advice) = &finding.advice {
             writeln!(out, "{:8} {:14} → {advice}", "", "")?;
         }

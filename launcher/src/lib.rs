@@ -38,8 +38,8 @@ use clap::error::ErrorKind;
 use cli::{Cli, Command};
 use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
-use std::io::{self, Write};
 use terravision_common::event::monotonic_nanos;
+use terravision_common::terminal::complain;
 
 /// The whole program: reads the command line, does what it says, and returns the exit code.
 #[must_use]
@@ -53,7 +53,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(()) => 0,
         Err(failure) => {
             // Standard error may be closed; the exit code still tells.
-            drop(writeln!(io::stderr(), "terravision: {failure}"));
+            complain(&format!("terravision: {failure}"));
             failure.status as u8
         }
     }

@@ -79,7 +79,8 @@ impl TemporaryFile {
             name.push(extension);
         }
         let temporary = path.with_file_name(name);
-        File::create(&temporary).map_err(fail)?;
+        // New: a link of that name, which another user may have put there, is not followed.
+        File::create_new(&temporary).map_err(fail)?;
         Ok(Self { temporary, path: path.to_owned(), is_finished: false })
     }
 

@@ -41,6 +41,32 @@ fn every_segment_has_a_row_and_every_row_a_segment() {
     assert_eq!(rows("Shared-memory segments"), segments);
 }
 
+#[test]
+fn every_bound_that_is_listed_exists_where_it_is_said_to_be() {
+    let text = read("ARCHITECTURE.md");
+    let (_, section) = text.split_once("## Bounds\n").unwrap();
+    let table = section.lines().skip_while(|line| !line.starts_with('|')).take_while(|line| line.starts_with('|'));
+    let mut bounds = 0;
+    for row in table.filter(|row| row.starts_with("| `")) {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [constant, _input, bound, place] = cells[..] else { panic!("{row}: expected four cells") };
+        let quoted = |cell: &'_ str| cell.split('`').nth(1).unwrap().to_owned();
+        let code = read(&quoted(place));
+        // A bound may name a second constant in the same file.
+        let second = bound.split('`').nth(1).filter(|name| name.chars().all(|c| c.is_ascii_uppercase() || c == '_'));
+        for name in [Some(quoted(constant)), second.map(str::to_owned)].into_iter().flatten() {
+            let is_there = match name.chars().all(|c| c.is_ascii_uppercase() || c == '_') {
+                true => code.contains(&format!("const {name}: ")),
+                false => code.contains(&format!("{name}(")) || code.contains(&format!("{name}: ")),
+            };
+            assert!(is_there, "{name} is not in {place}");
+            bounds += 1;
+        }
+        assert!(bound.chars().any(|c| c.is_ascii_digit()) || !constant.contains("MOST_"), "{row}: no number");
+    }
+    assert!(bounds > 25, "{bounds} bounds");
+}
+
 /// The targets of links in Markdown.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target)

@@ -32,6 +32,7 @@ EXIT STATUS
        (wrong, not there, damaged, out of reach); nothing was made
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
+  101  an internal error: a fault of TerraVision itself, please report it
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
@@ -138,7 +139,8 @@ pub struct PictureArgs {
     /// Horizontal field of view, degrees, in place of --vfov
     #[arg(long, value_name = "DEGREES")]
     pub hfov: Option<f64>,
-    /// Colour of the sky, three numbers from 0 to 255 [default: the path's own, else 150,190,235]
+    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
+    /// butterscotch on Mars, black on the Moon]
     #[arg(long, value_name = "R,G,B")]
     pub sky: Option<Rgb>,
     /// Factor on all heights of the terrain

@@ -43,6 +43,17 @@ use terravision_store::Store;
 
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+fn sky_of(body: &str) -> [u8; 3] {
+    match body {
+        "Mars" => [210, 170, 125],
+        "Venus" => [215, 180, 110],
+        "Titan" => [190, 140, 60],
+        "Moon" | "Mercury" | "Ceres" | "Vesta" => [0, 0, 0],
+        _ => DEFAULT_SKY,
+    }
+}
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
 
@@ -357,7 +368,11 @@ impl<'a> Draft<'a> {
                 render: RenderConfig {
                     technique,
                     rays,
-                    sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
+                    sky_rgb: picture
+                        .sky
+                        .map(|Rgb(rgb)| rgb)
+                        .or(settings.sky_rgb)
+                        .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
                     samples: picture.samples.unwrap_or(samples),
                     has_tree_overlay: picture.overlay == Some(Overlay::Tree),
                     has_validation: resources.validation,
