@@ -148,13 +148,14 @@ pub struct PictureArgs {
     /// 2 makes mountains twice as high. The camera's height is not changed.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
-    /// A preset of --facet-px and --samples
+    /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
     /// 'default' draws facets of 10 pixels (7 for voxels, '--technique rays --rays coherent'), one sample a pixel. 'best' draws facets of 3 pixels with four samples a
-    /// pixel: nearer to the true picture at several times the cost. A flag given as well wins over the preset.
-    #[arg(long, value_enum, default_value_t = Quality::Default)]
-    pub quality: Quality,
-    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3]
+    /// pixel: nearer to the true picture at several times the cost. 'finest' draws facets of 1 pixel (more above 1920x1080, where there
+    /// would be too many), four samples: what a pixel shows is right to the pixel. Rays have one sample. A flag given as well wins over the preset.
+    #[arg(long, value_enum, overrides_with = "quality")]
+    pub quality: Option<Quality>,
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3; finest, which still has: 1]
     ///
     /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
     #[arg(long, value_name = "PIXELS")]
@@ -172,7 +173,7 @@ pub struct PictureArgs {
     /// device can do it is an error. The same frames come out on every run either way.
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = CompressionArg::Auto)]
     pub texture_compression: CompressionArg,
-    /// Samples per pixel: 1, or 4 for smooth edges [default: 1, best: 4]
+    /// Samples per pixel: 1, or 4 for smooth edges [default: 1; best, finest: 4]
     #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
@@ -479,6 +480,8 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+    /// Facets of 1 pixel, four samples a pixel
+    Finest,
 }
 
 /// What is drawn over the picture.

@@ -86,6 +86,8 @@ pub struct FlightPlan {
     pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
+    /// Whether several samples a pixel, if it has them, were asked for: what draws may not have them.
+    pub asks_for_samples: bool,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,
     /// The world. The stages use its index as long as it is open.
@@ -101,7 +103,7 @@ pub struct FlightPlan {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture)?;
+    let texels = TexelQuestion::new(&args.picture, Quality::Default)?;
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     if args.live.camera.is_some() && args.realtime.prediction == Some(PredictionChoice::Oracle) {
@@ -179,7 +181,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture)?;
+    let texels = TexelQuestion::new(&args.picture, Quality::Finest)?;
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     let (pose, warnings) = course::pose(&args.pose, args.agl, &database, exaggeration)?;
@@ -187,6 +189,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
         Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
     draft.poses = vec![pose];
     draft.warnings = warnings;
+    draft.usual_quality = Quality::Finest;
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
@@ -239,6 +242,8 @@ struct Draft<'a> {
     stream: Option<StreamTarget>,
     destination: String,
     realtime: Option<&'a RealtimeArgs>,
+    /// The preset if none is asked for.
+    usual_quality: Quality,
 }
 
 impl<'a> Draft<'a> {
@@ -270,6 +275,7 @@ impl<'a> Draft<'a> {
             stream: None,
             destination: String::new(),
             realtime: None,
+            usual_quality: Quality::Default,
         })
     }
 
@@ -289,11 +295,12 @@ impl<'a> Draft<'a> {
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let (asked, rays) = checks::technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
-        let (facet_px, samples) = match picture.quality {
+        let (facet_px, samples) = match picture.quality.unwrap_or(self.usual_quality) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for what sampling loses.
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
+            Quality::Finest => (Layout::finest_facet_px(world, [size.width, size.height]), 4),
         };
         let r_z_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
@@ -302,7 +309,9 @@ impl<'a> Draft<'a> {
         let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
-        let layout = Layout::for_run(world, resources.memory.0, texels).map_err(|error| match error {
+        let layout = Layout::for_run(world, resources.memory.0, texels);
+        let layout = layout.map(|layout| layout.for_picture(world, [size.width, size.height], r_z_px));
+        let layout = layout.map_err(|error| match error {
             ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
                 "--memory {}: the tile pools of this world need at least {}",
                 bytes_for_people(resources.memory.0),
@@ -397,6 +406,7 @@ impl<'a> Draft<'a> {
             notes: self.notes,
             warnings,
             is_quiet: resources.quiet,
+            asks_for_samples: picture.samples.is_some() || picture.quality.is_some(),
             database,
             destination: self.destination,
             restarts: RestartRules::NONE,
