@@ -181,6 +181,9 @@ pub struct RenderConfig {
     pub sky_rgb: [u8; 3],
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
+    /// Height of the world's lowest ground as it is drawn, metres: walls go down to it where the world ends; `None` for none.
+    #[serde(default)]
+    pub skirt_low_m: Option<f64>,
     /// Draw the tree's colour leaves over the picture.
     pub has_tree_overlay: bool,
     /// Ask for the Vulkan validation layer; one message of it ends the renderer with an error.

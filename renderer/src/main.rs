@@ -120,6 +120,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         size: [config.width, config.height],
         samples: render.samples,
         sky_rgb: render.sky_rgb,
+        skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
         has_tree_overlay: render.has_tree_overlay,
         has_validation: render.has_validation,
         has_depth,

@@ -126,7 +126,7 @@ pub(crate) fn cached_manifest(cache: &Path, location: &Location) -> Result<OpenM
     match text {
         Some(Ok(text)) => parse(text.into(), location),
         _ => {
-            let why = "the disk cache has nothing of it, and offline nobody is asked";
+            let why = "nothing of it is in the disk cache, and --offline asks no server";
             Err(FetchError::failed(Cause::Offline, why, location.to_string()).into())
         }
     }
@@ -166,7 +166,7 @@ pub(crate) async fn mirror(
         return Ok(Mirror { index, temporary: None, added: Vec::new() });
     }
     let Some(network) = network else {
-        let why = "the disk cache has no whole index of it, and offline nobody is asked";
+        let why = "its index is not in the disk cache, and --offline asks no server";
         return Err(FetchError::failed(Cause::Offline, why, location.to_string()).into());
     };
     let bytes = checked_nodes(network, open)?;

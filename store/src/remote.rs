@@ -303,7 +303,7 @@ impl Remote {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
         let Some(network) = &self.network else {
-            let why = "the disk cache does not have it, and offline nobody is asked";
+            let why = "it is not in the cache, and --offline asks no server";
             let place = format!("{}/{}", self.place, key.file);
             let error = FetchError::failed(Cause::Offline, why, place);
             if let FetchError::Failed(fault) = &error {

@@ -5,6 +5,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use terravision_common::shm::SegmentKind;
+use terravision_tests::folder::TestFolder;
+use terravision_tests::process::Terravision;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
@@ -87,4 +89,21 @@ fn links_within_the_project_lead_somewhere() {
         }
     }
     assert!(looked_at > 20, "{looked_at} links");
+}
+
+/// With modules in place of NumPy and Pillow that are not there.
+#[test]
+fn examples_without_their_modules_say_so_in_a_sentence() {
+    let folder = TestFolder::new("no-numpy");
+    let modules = [("numpy.py", "numpy"), ("PIL.py", "PIL")];
+    for (file, name) in modules {
+        std::fs::write(folder.join(file), format!("raise ImportError('not here', name='{name}')\n")).unwrap();
+    }
+    for script in ["fly_circle.py", "read_frames.py"] {
+        let command = Terravision::program("python3").arg(root().join("examples").join(script)).arg("nothing");
+        let finished = command.env("PYTHONPATH", folder.path()).env("PYTHONDONTWRITEBYTECODE", "1").run();
+        finished.assert_code(1);
+        assert_eq!(finished.stderr.lines().count(), 1, "{}", finished.stderr);
+        assert!(finished.stderr.contains("is missing: apt-get install python3-numpy"), "{}", finished.stderr);
+    }
 }

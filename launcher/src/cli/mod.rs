@@ -2,6 +2,8 @@
 //! into a validated plan.
 
 pub mod database;
+pub mod film;
+pub mod planes;
 pub mod pose;
 pub mod supervision;
 pub mod technique;
@@ -11,6 +13,8 @@ use crate::input::CameraSource;
 use crate::metrics::MetricsAddress;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
+use film::FilmArgs;
+use planes::PlaneArgs;
 use pose::{AglArgs, OrbitArgs, PoseArgs};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -111,6 +115,9 @@ pub struct DoctorArgs {
     /// The `--memory` of the flight to check for
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
+    /// Print one JSON object in place of text
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// How the picture is made; shared by `fly` and `still`.
@@ -179,6 +186,9 @@ pub struct PictureArgs {
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
     #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
+    /// What is drawn where the world ends, for an eye beside it
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Edge::Skirt)]
+    pub edge: Edge,
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
@@ -212,7 +222,7 @@ pub struct ResourceArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct CourseArgs {
-    /// The camera path: a file (JSON, KML tour or GPX track), or 'orbit'
+    /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
     /// 'orbit' circles the point of the world with the strongest relief, or --around, once in 240 frames. The formats of files
     /// are in docs/camera-paths.md. With --eye or --look-at there is no path: the camera stands there (one frame, or --frames).
@@ -227,9 +237,15 @@ pub struct CourseArgs {
     /// else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Fly a path that is given in time, or the orbit, N times as fast
+    /// Fly a path that is given in time N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
+    /// Whether rests and silence within a segment of a recorded track are flown in full
+    ///
+    /// 'shorten' makes seconds of two minutes and more within 30 m, and leaves out silence of more than ten minutes. Gaps between
+    /// segments and tracks are left out either way.
+    #[arg(long, value_enum, default_value_t = Rests::Shorten)]
+    pub rests: Rests,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub agl: AglArgs,
@@ -241,6 +257,15 @@ pub struct CourseArgs {
     pub pose: PoseArgs,
 }
 
+/// What becomes of the rests of a recorded track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Rests {
+    /// They become seconds
+    Shorten,
+    /// They are flown as they were
+    Keep,
+}
+
 /// How other programs take part in a flight.
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Other programs (docs/frame-ring.md)")]
@@ -248,17 +273,11 @@ pub struct LiveArgs {
     /// Also put every frame into shared memory, /dev/shm/terravision-NAME, where any number of programs read it
     #[arg(long, value_name = "NAME")]
     pub share: Option<String>,
-    /// Shared frames have the depth of every pixel: float32, metres along the view axis, NaN for sky
-    #[arg(long)]
-    pub depth: bool,
-    /// Shared frames have what every pixel sees: float64 easting, northing and height, NaN for sky
-    #[arg(long)]
-    pub ground: bool,
     /// Fly the poses that another program sends, one frame for each, in place of a path
     ///
     /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
     /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
-    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "eye", "look_at", "from", "heading", "pitch", "roll", "lonlat", "around", "radius", "height", "turns"])]
+    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests", "eye", "look_at", "from", "heading", "pitch", "roll", "lonlat", "around", "radius", "height", "turns"])]
     pub camera: Option<CameraSource>,
     /// End the flight when no pose has come for so many seconds [default: wait for ever]
     #[arg(long, value_name = "SECONDS", requires = "camera")]
@@ -364,7 +383,9 @@ EXAMPLES
   terravision fly w.tv --around 560000,4980000 --radius 4000 --height 1500 --turns 2 -o round.mp4
   terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
   terravision fly w.tv --path path.json --frames 100..200 -o part2/
-  terravision fly w.tv -o - | ffmpeg -i - -c:v libvpx-vp9 film.webm
+  terravision fly w.tv -o film.webm --crf 30
+  terravision fly w.tv --path tour.json -o frames/ --depth frames/depth --ground frames/ground
+  terravision fly w.tv -o - | ffplay -
   terravision fly w.tv --camera shm:uav -o shared:uav --depth --size 640x480
 
 The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
@@ -374,7 +395,7 @@ pub struct FlyArgs {
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
-    /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
+    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
     /// shared:NAME for other programs; /dev/null to measure only
     ///
     /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
@@ -384,6 +405,12 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub live: LiveArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub planes: PlaneArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub film: FilmArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
@@ -482,6 +509,15 @@ pub enum Quality {
     Best,
     /// Facets of 1 pixel, four samples a pixel
     Finest,
+}
+
+/// What is drawn where the world ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Edge {
+    /// Plain walls down to the world's lowest height, and a floor there
+    Skirt,
+    /// Nothing: the ground is a sheet
+    None,
 }
 
 /// What is drawn over the picture.

@@ -68,8 +68,6 @@ pub struct OrbitWishes {
     pub height_m: Option<f64>,
     /// Rounds, counter-clockwise; clockwise if negative.
     pub turns: f64,
-    /// How many times as fast it turns.
-    pub speed: f64,
     /// Distance of the world's finest elevation posts, metres.
     pub post_spacing_m: f64,
 }
@@ -78,7 +76,7 @@ impl OrbitWishes {
     /// Nothing is asked; posts are so far apart.
     #[must_use]
     pub fn usual(post_spacing_m: f64) -> Self {
-        Self { around: None, radius_m: None, height_m: None, turns: 1.0, speed: 1.0, post_spacing_m }
+        Self { around: None, radius_m: None, height_m: None, turns: 1.0, post_spacing_m }
     }
 }
 
@@ -145,9 +143,9 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> Orbi
         ),
     };
     let eye_z = eye_z(radius);
-    let frames = (ROUND_FRAMES as f64 * wishes.turns.abs() / wishes.speed).round().max(1.0) as usize;
+    let frames = (ROUND_FRAMES as f64 * wishes.turns.abs()).round().max(1.0) as usize;
     let poses = (0..frames).map(|frame| {
-        let turn = frame as f64 * wishes.speed / ROUND_FRAMES as f64 * wishes.turns.signum();
+        let turn = frame as f64 / ROUND_FRAMES as f64 * wishes.turns.signum();
         let eye = round.at(swing.turn(turn)).extend(eye_z);
         let sight = target - eye;
         Pose {

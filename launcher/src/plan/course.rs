@@ -2,14 +2,14 @@
 
 use super::checks::in_range;
 use super::pose::PoseContext;
-use crate::cli::CourseArgs;
 use crate::cli::pose::PoseArgs;
 use crate::cli::values::Pair;
+use crate::cli::{CourseArgs, Rests};
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::path::crs::Georeference;
 use crate::path::orbit::{self, Orbit, OrbitWishes};
-use crate::path::{self, CameraPath, Course, CourseOptions, PathSettings, Pose};
+use crate::path::{self, CameraPath, Course, CourseOptions, PathSettings, Pose, Remarks};
 use anyhow::anyhow;
 use glam::DVec2;
 use std::path::Path;
@@ -17,8 +17,6 @@ use terravision_store::Store;
 
 /// Where `--path orbit` is meant, unless a file has that name.
 const ORBIT: &str = "orbit";
-/// Default height of a GPX track above ground, metres.
-const DEFAULT_AGL_M: f64 = 150.0;
 
 /// A camera path, and what is to be said about it.
 #[derive(Debug)]
@@ -62,14 +60,17 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
     }
     let agl_m = match args.agl.agl {
         Some(None) => return Err(only_for_places("--agl without a number")),
-        Some(Some(metres)) => metres,
-        None => DEFAULT_AGL_M,
+        Some(Some(metres)) => Some(in_range("--agl", metres, 1.0, 1e6, "metres from 1 to 1000000")?),
+        None => None,
     };
-    let agl_m = in_range("--agl", agl_m, 1.0, 1e6, "metres from 1 to 1000000")?;
     let ground = WorldGround::finest(database, database.world(), exaggeration);
+    let options = CourseOptions { agl_m, keeps_rests: args.rests == Rests::Keep };
+    let mut remarks = Remarks::default();
     let georeference = georeference(database);
-    let path = path::load(&args.path, &georeference, &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)?;
-    Ok(LoadedPath { path, notes: Vec::new(), warnings: georeference.take_doubts() })
+    let path = path::load(&args.path, &georeference, &ground, options, &mut remarks).map_err(Failure::bad_input)?;
+    let Remarks { notes, mut warnings } = remarks;
+    warnings.extend(georeference.take_doubts());
+    Ok(LoadedPath { path, notes, warnings })
 }
 
 fn only_for_places(flag: &str) -> Failure {
@@ -117,7 +118,8 @@ pub(super) fn pose(
 fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if args.agl.agl.is_some() {
         return Err(Failure::bad_input(anyhow!(
-            "--agl is for tracks, and for --eye and --look-at; the height of an orbit is --height"
+            "--agl is the height above ground of a track (GPX, or a line or track of KML), and for --eye and --look-at; the orbit \
+             has a height of its own: leave --agl out, or give --height"
         )));
     }
     if args.pose.lonlat && args.orbit.around.is_none() {
@@ -155,7 +157,6 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         radius_m: metres("--radius", args.orbit.radius, 0.1)?,
         height_m: metres("--height", args.orbit.height, -1e5)?,
         turns,
-        speed: in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?,
         post_spacing_m: world.elevation_spacing_m(world.finest_elevation_level()),
     };
     // A place that was asked for is the ground as it is drawn.

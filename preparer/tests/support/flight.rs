@@ -231,6 +231,7 @@ impl Flight {
                 rays: RaysChoice::Mipmap,
                 sky_rgb: [0; 3],
                 samples: 1,
+                skirt_low_m: None,
                 has_tree_overlay: false,
                 has_validation: false,
                 frames_in_flight: 2,

@@ -14,7 +14,7 @@ impl Ground for Cones {
 
 const EXTENT: Extent = Extent { low: DVec2::new(500_000.0, 4_000_000.0), high: DVec2::new(540_000.0, 4_040_000.0) };
 const USUAL: OrbitWishes =
-    OrbitWishes { around: None, radius_m: None, height_m: None, turns: 1.0, speed: 1.0, post_spacing_m: 10.0 };
+    OrbitWishes { around: None, radius_m: None, height_m: None, turns: 1.0, post_spacing_m: 10.0 };
 
 fn poses(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> (Vec<Pose>, String) {
     let Orbit { path, note } = orbit(extent, ground, wishes);
@@ -78,17 +78,11 @@ fn a_higher_mountain_that_is_not_taken_is_told_of() {
 #[test]
 fn what_is_asked_for_is_flown() {
     let place = DVec2::new(510_000.0, 4_010_000.0);
-    let wishes = OrbitWishes {
-        around: Some(place),
-        radius_m: Some(2000.0),
-        height_m: Some(700.0),
-        turns: -1.5,
-        speed: 2.0,
-        ..USUAL
-    };
+    let wishes =
+        OrbitWishes { around: Some(place), radius_m: Some(2000.0), height_m: Some(700.0), turns: -1.5, ..USUAL };
     let ground = Cones(vec![(place, 1000.0)]);
     let (poses, note) = poses(&EXTENT, &ground, &wishes);
-    assert_eq!(poses.len(), 180);
+    assert_eq!(poses.len(), 360);
     for pose in &poses {
         assert!(((pose.position.truncate() - place).length() - 2000.0).abs() < 1e-6 && pose.position.z == 1700.0);
         // 700 m over the target, 2000 m away.
