@@ -102,6 +102,7 @@ impl Session {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: None,
         };

@@ -199,6 +199,31 @@ pub struct RenderConfig {
     /// Also put every frame into a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
+    /// What depth and ground say where the ground was made up.
+    #[serde(default)]
+    pub made_up: MadeUp,
+}
+
+/// How depth and ground positions tell ground that was made up from ground that was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MadeUp {
+    /// They are NaN there, as they are for sky.
+    #[default]
+    Nan,
+    /// They have its values, and files have one band more: 1 where it was measured, 0 where it was made up, NaN for sky.
+    Mark,
+}
+
+impl MadeUp {
+    /// As the command line spells it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nan => "nan",
+            Self::Mark => "mark",
+        }
+    }
 }
 
 /// How the ground is drawn (docs/techniques.md).

@@ -63,6 +63,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             depth: None,
             ground: None,
             share: None,
+            made_up: Default::default(),
         },
         realtime: None,
     }

@@ -21,7 +21,9 @@ pub fn export(args: &PathArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
     let LoadedPath { path, notes, warnings } = plan::load_path(&args.course, &database, args.exaggeration)?;
     let mut settings = path.settings;
-    settings.vfov_rad = plan::vfov_of_path(args.vfov)?.or(settings.vfov_rad);
+    if let Some(vfov_rad) = plan::vfov_of_path(args.vfov)? {
+        (settings.vfov_rad, settings.hfov_rad) = (Some(vfov_rad), None);
+    }
     let progress = Progress::new(0, false);
     notes.iter().for_each(|note| progress.say(&format!("note: {note}")));
     warnings.iter().for_each(|warning| progress.warn(warning));

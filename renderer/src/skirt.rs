@@ -5,6 +5,8 @@
 //! meet, so nothing has to be compared. A ray that enters the world's rectangle below the ground that is drawn at that point of the
 //! border sees the wall; one that enters below the lowest height and rises sees the floor. The top of the wall is the edge of
 //! the ground as the mesh draws it: the same posts of the same arrays.
+//!
+//! A world with holes has walls only where ground reaches its border, and no floor: what is under a hole is seen through it.
 
 use crate::frame::Frame;
 use crate::pixels::Pixels;
@@ -13,6 +15,7 @@ use crate::technique::NEAR_M;
 use glam::DVec3;
 use terravision_common::camera::Camera;
 use terravision_common::slot::TileSlot;
+use terravision_common::validity::{GROUND_PLANE, HALF};
 use terravision_common::world::World;
 
 /// Share of the distance up to which rays and rasterizers may find a ray on the other side of the ground's edge than it is here: no
@@ -52,6 +55,8 @@ pub struct Border {
     extent_m: [f64; 2],
     /// Metres above the eye.
     low: f64,
+    /// Whether it is a block with a floor.
+    has_floor: bool,
     /// Of the west, east, south and north side, in order.
     sides: [Vec<Stretch>; 4],
 }
@@ -68,7 +73,7 @@ impl Skirt {
     /// Of a world whose lowest ground, exaggerated as it is drawn, is `low_m` high.
     #[must_use]
     pub fn new(world: &World, low_m: f64) -> Self {
-        Self { world: *world, low_m, array: vec![0.0; (world.elevation_posts() as usize).pow(2)] }
+        Self { world: *world, low_m, array: vec![0.0; world.elevation_values()] }
     }
 
     /// The border of a checked frame; `None` for an eye over the world, which sees nothing of it.
@@ -103,7 +108,13 @@ impl Skirt {
         for stretches in &mut sides {
             stretches.sort_unstable_by(|a, b| a.ends[0].total_cmp(&b.ends[0]));
         }
-        Ok(Some(Border { camera, extent_m, low: self.low_m - camera.eye_in_world[2], sides }))
+        Ok(Some(Border {
+            camera,
+            extent_m,
+            low: self.low_m - camera.eye_in_world[2],
+            has_floor: !self.world.has_holes(),
+            sides,
+        }))
     }
 
     /// Adds the ground along column (`axis` 0) or row `at` of a tile's block.
@@ -119,7 +130,14 @@ impl Skirt {
             // Past the extent all vertices lie on its corner.
             if ends[0] < ends[1] && border.iter().all(|height| height.is_finite()) {
                 let inner = [k, k + step].map(|k| self.height(axis, at.saturating_sub(step), k));
-                add_stretch(out, ends, border, cut.map(|share| (share, inner)));
+                match ground_along([k, k + step].map(|k| self.ground_share(axis, at, k))) {
+                    Some(part) if part == [0.0, 1.0] => add_stretch(out, ends, border, cut.map(|share| (share, inner))),
+                    Some(part) => {
+                        let between = |v: [f64; 2]| part.map(|t| v[0] + t * (v[1] - v[0]));
+                        out.push(Stretch { ends: between(ends), heights: between(border) });
+                    }
+                    None => {}
+                }
             }
             k += step;
         }
@@ -127,9 +145,30 @@ impl Skirt {
 
     /// The height in column (`axis` 0) or row `at` of the array that was read last.
     fn height(&self, axis: usize, at: u32, k: u32) -> f64 {
+        self.value(0, axis, at, k).unwrap_or(f64::NAN)
+    }
+
+    /// The share that is ground, likewise.
+    fn ground_share(&self, axis: usize, at: u32, k: u32) -> f64 {
+        self.value(GROUND_PLANE, axis, at, k).unwrap_or(1.0)
+    }
+
+    fn value(&self, plane: usize, axis: usize, at: u32, k: u32) -> Option<f64> {
         let (column, row) = if axis == 0 { (at, k) } else { (k, at) };
-        let index = row as usize * self.world.elevation_posts() as usize + column as usize;
-        self.array.get(index).map_or(f64::NAN, |height| f64::from(*height))
+        let posts = self.world.elevation_posts() as usize;
+        self.array.get((plane * posts + row as usize) * posts + column as usize).map(|value| f64::from(*value))
+    }
+}
+
+/// The part of a stretch between two posts that is ground, given the shares of both.
+fn ground_along([from, to]: [f64; 2]) -> Option<[f64; 2]> {
+    let half = f64::from(HALF);
+    let rim = (half - from) / (to - from);
+    match (from >= half, to >= half) {
+        (true, true) => Some([0.0, 1.0]),
+        (true, false) => Some([0.0, rim]),
+        (false, true) => Some([rim, 1.0]),
+        (false, false) => None,
     }
 }
 
@@ -216,6 +255,9 @@ impl Border {
         let along = 1 - side / 2;
         let (z, at) = (near * ray.z, eye[along] + near * ray[along]);
         if z < self.low {
+            if !self.has_floor {
+                return None;
+            }
             let depth = self.low / ray.z;
             return (ray.z > 0.0 && depth < far).then_some(Seen { rgb: FLOOR, depth });
         }
@@ -241,6 +283,8 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
         (0..3).for_each(|c| sum[c] += u32::from(seen.rgb[c]));
     }
     if hits > 0 {
+        // A wall is not ground that was made up.
+        texel[3] |= 1;
         (0..3).for_each(|c| texel[c] = ((sum[c] + (count - hits) * u32::from(texel[c]) + count / 2) / count) as u8);
     }
 }
@@ -264,7 +308,13 @@ mod tests {
             timestamp_nanos: 0,
         };
         let west = Stretch { ends: [0.0, 100.0], heights: [-20.0, 30.0] };
-        Border { camera, extent_m: [100.0; 2], low: -30.0, sides: [vec![west], vec![], vec![], vec![]] }
+        Border {
+            camera,
+            extent_m: [100.0; 2],
+            low: -30.0,
+            has_floor: true,
+            sides: [vec![west], vec![], vec![], vec![]],
+        }
     }
 
     #[test]
@@ -283,6 +333,17 @@ mod tests {
         let from_below = Border { low: 30.0, ..border.clone() };
         let floor = from_below.seen(from_below.camera.ray_in_world(100.5, 80.0)).expect("the floor");
         assert!(floor.rgb == FLOOR && (floor.depth - 150.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn walls_end_where_the_ground_does() {
+        assert_eq!(ground_along([1.0, 1.0]), Some([0.0, 1.0]));
+        assert_eq!(ground_along([0.0, 0.0]), None);
+        assert_eq!(ground_along([0.0, 1.0]), Some([0.5, 1.0]));
+        assert_eq!(ground_along([1.0, 0.0]), Some([0.0, 0.5]));
+        // Seen from below there is no floor under holes.
+        let holed = Border { low: 30.0, has_floor: false, ..border() };
+        assert_eq!(holed.seen(holed.camera.ray_in_world(100.5, 80.0)), None);
     }
 
     #[test]

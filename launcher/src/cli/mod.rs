@@ -19,7 +19,7 @@ use pose::{AglArgs, OrbitArgs, PoseArgs};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
-use technique::{CompressionArg, MeasureChoice, RaysArg, TechniqueArg};
+use technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb};
 
@@ -192,6 +192,12 @@ pub struct PictureArgs {
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
+    /// What depth and ground say where the world's sources had no data and the ground was made up from around it
+    ///
+    /// 'nan': not a number, as for sky. 'mark': the values that are drawn, and a band more in files: 1 where the ground was measured,
+    /// 0 where it was made up. Shared frames tell it in any case (docs/frame-ring.md).
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = MadeUpArg::Nan)]
+    pub made_up: MadeUpArg,
 }
 
 /// What a run may use; shared by `fly` and `still`.

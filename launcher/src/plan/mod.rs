@@ -459,6 +459,7 @@ impl<'a> Draft<'a> {
                 depth: self.depth,
                 ground: self.ground,
                 share: self.share,
+                made_up: picture.made_up.into(),
             },
             realtime,
         };

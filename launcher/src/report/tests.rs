@@ -37,6 +37,7 @@ pub(crate) fn config() -> RunConfig {
             depth: None,
             ground: None,
             share: None,
+            made_up: Default::default(),
         },
         realtime: None,
     }

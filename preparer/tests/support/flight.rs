@@ -239,6 +239,7 @@ impl Flight {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
         }
