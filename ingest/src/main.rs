@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
+use terravision_ingest::job::{Job, summary};
 use terravision_ingest::source::Note;
 use terravision_ingest::sparse::{self, SparseOptions};
 use terravision_ingest::work::Work;
@@ -28,17 +29,10 @@ fn main() -> ExitCode {
     // Without a handler an interrupt simply kills us, and the next run cleans up.
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).ok();
     let result = match cli.verb {
-        Verb::Ingest(args) => args.validate().and_then(|job| {
-            let manifest = job.run(stop, io::stderr().is_terminal(), &mut print_note)?;
-            Ok(format!(
-                "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
-                job.output.display(),
-                manifest.elevation.archive.tiles,
-                manifest.color.archive.tiles,
-                manifest.elevation.range_m[0],
-                manifest.elevation.range_m[1]
-            ))
-        }),
+        Verb::Ingest(args) => {
+            let wants_json = args.json;
+            args.validate().and_then(|job| ingest(&job, wants_json, stop))
+        }
         Verb::Synth(args) => args.validate().and_then(|options| {
             terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
             Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
@@ -69,7 +63,29 @@ fn main() -> ExitCode {
     }
 }
 
-fn print_note(note: Note) {
+/// Makes a database; what is to be printed about it.
+fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
+    job.access.restrict_process(job.elevation.iter().chain(&job.color));
+    let mut notes = Vec::new();
+    let mut note = |note: Note| {
+        print_note(&note);
+        notes.push(note);
+    };
+    let manifest = job.run(stop, io::stderr().is_terminal(), &mut note)?;
+    if wants_json {
+        return Ok(format!("{:#}", summary(&job.output, &manifest, &notes)));
+    }
+    Ok(format!(
+        "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
+        job.output.display(),
+        manifest.elevation.archive.tiles,
+        manifest.color.archive.tiles,
+        manifest.elevation.range_m[0],
+        manifest.elevation.range_m[1]
+    ))
+}
+
+fn print_note(note: &Note) {
     let line = match note {
         Note::Info(text) => format!("note: {text}"),
         Note::Warning(text) => format!("warning: {text}"),

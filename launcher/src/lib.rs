@@ -9,12 +9,13 @@
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
+//! * [`doctor`], [`info`] (with [`extremes`]), [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
 pub mod device;
 pub mod doctor;
 pub mod export;
+pub mod extremes;
 pub mod failure;
 pub mod flight;
 pub mod ground;

@@ -122,6 +122,18 @@ impl Georeference {
         self.transform_from(name, from.map_err(|source| CrsError::BadWorldCrs { text: lonlat, source })?)
     }
 
+    /// Longitude and latitude, degrees, of a position in the world's CRS; `None` where it has none. WGS 84 on Earth as far as
+    /// the world's datum is known, the body's own ellipsoid elsewhere.
+    #[must_use]
+    pub fn lonlat_at(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+        let from = self.proj().ok()??;
+        let to = Proj::from_proj_string(&lonlat_of_body(self.proj4.as_deref().unwrap_or_default())).ok()?;
+        let mut point = (x, y, 0.0);
+        proj4rs::transform::transform(&from, &to, &mut point).ok()?;
+        let found = [point.0.to_degrees(), point.1.to_degrees()];
+        found.iter().all(|v| v.is_finite()).then_some(found)
+    }
+
     /// From a CRS that a path names; `None` when it is the world's own.
     ///
     /// # Errors
@@ -244,6 +256,12 @@ mod tests {
         // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77
         let point = utm10().from_lonlat().unwrap().position(-122.0, 45.0).unwrap();
         assert!((point - DVec2::new(578_815.30, 4_983_436.77)).length() < 0.01, "{point}");
+    }
+
+    #[test]
+    fn a_position_has_its_longitude_and_latitude() {
+        let [lon, lat] = utm10().lonlat_at([578_815.30, 4_983_436.77]).unwrap();
+        assert!((lon + 122.0).abs() < 1e-6 && (lat - 45.0).abs() < 1e-6, "{lon} {lat}");
     }
 
     #[test]
