@@ -4,7 +4,7 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
-//! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
+//! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
@@ -17,6 +17,7 @@ pub mod event;
 pub mod facet;
 pub mod film;
 pub mod level;
+pub mod lonlat;
 pub mod node;
 pub mod node_table;
 pub mod outcome;

@@ -84,6 +84,7 @@ fn write_database(folder: &Path) {
         written_by: "a test".to_owned(),
         name: "test".to_owned(),
         crs: Crs { name: "plane".to_owned(), epsg: None, wkt: "LOCAL_CS[\"plane\"]".to_owned(), proj4: None },
+        lonlat: None,
         body: Body { name: "Earth".to_owned(), radius_m: 6_378_137.0 },
         world: fields(),
         vertical_unit: "metre".to_owned(),

@@ -1,10 +1,9 @@
 //! `terravision info`: what a terrain database holds.
 
 use crate::cli::InfoArgs;
-use crate::extremes::{Extreme, extremes};
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
-use crate::path::crs::Georeference;
+use crate::places::{Place, Places};
 use crate::world::open_world;
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -26,48 +25,6 @@ pub fn info(args: &InfoArgs) -> Result<(), Failure> {
         .map_err(Failure::failed)
 }
 
-/// What is worked out from a database, beside what its manifest says.
-struct Places {
-    /// West, south, east, north, degrees; west is the greater one across the date line.
-    lon_lat: Option<[f64; 4]>,
-    /// Highest and lowest ground with longitude and latitude. Not looked for on servers: it would cost requests.
-    extremes: [Option<(Extreme, Option<[f64; 2]>)>; 2],
-}
-
-impl Places {
-    fn of(database: &Store) -> Self {
-        let (crs, world) = (&database.manifest().crs, database.world());
-        let georeference = Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref());
-        let is_here = database.location().as_path().is_some();
-        let found = if is_here { extremes(database) } else { [None, None] };
-        let ([x, y], [width, height]) = (world.fields().origin, world.extent_m());
-        let along = |k: usize| k as f64 / (BORDER - 1) as f64;
-        let place = |k: usize| [x + width * along(k % BORDER), y + height * along(k / BORDER)];
-        Self {
-            lon_lat: bounds_of((0..BORDER * BORDER).filter_map(|k| georeference.lonlat_at(place(k)))),
-            extremes: found.map(|found| found.map(|found| (found, georeference.lonlat_at(found.place)))),
-        }
-    }
-}
-
-/// Places along a side of a world whose longitudes and latitudes bound it.
-const BORDER: usize = 21;
-
-fn bounds_of(points: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 4]> {
-    let mut points: Vec<[f64; 2]> = points.collect();
-    let has = |is: &dyn Fn(f64) -> bool| points.iter().any(|[lon, _]| is(*lon));
-    // Far longitudes on both sides and none between: the world lies across the date line.
-    let crosses = has(&|lon| lon > 90.0) && has(&|lon| lon < -90.0) && !has(&|lon| lon.abs() <= 90.0);
-    if crosses {
-        points.iter_mut().filter(|[lon, _]| *lon < 0.0).for_each(|point| point[0] += 360.0);
-    }
-    let first = points.first()?;
-    let start = [first[0], first[1], first[0], first[1]];
-    let [w, s, e, n] =
-        points.iter().fold(start, |[w, s, e, n], [lon, lat]| [w.min(*lon), s.min(*lat), e.max(*lon), n.max(*lat)]);
-    Some([w, s, if e > 180.0 { e - 360.0 } else { e }, n])
-}
-
 fn as_json(database: &Store) -> String {
     let (manifest, world) = (database.manifest(), database.world());
     let mut value = json!({"schema": "terravision-info-1", "path": database.location().to_string()});
@@ -80,8 +37,8 @@ fn as_json(database: &Store) -> String {
     value["color_spacing_m"] = json!(world.color_spacing_m(world.finest_color_level()));
     let places = Places::of(database);
     value["bounds_lon_lat"] = json!(places.lon_lat);
-    let extreme = |found: &Option<(Extreme, Option<[f64; 2]>)>| match found {
-        Some((at, lon_lat)) => json!({"height_m": at.height_m, "place": at.place, "lon_lat": lon_lat}),
+    let extreme = |found: &Option<Place>| match found {
+        Some(at) => json!({"height_m": at.height_m, "place": at.place, "lon_lat": at.lon_lat}),
         None => Value::Null,
     };
     value["highest"] = extreme(&places.extremes[0]);
@@ -108,9 +65,9 @@ fn places_as_text(places: &Places) -> String {
         text += &format!("on the body   from {} to {}\n", degrees([w, s]), degrees([e, n]));
     }
     for (name, found) in ["highest", "lowest"].into_iter().zip(&places.extremes) {
-        let Some((at, lon_lat)) = found else { continue };
+        let Some(at) = found else { continue };
         let [x, y] = at.place;
-        let lon_lat = lon_lat.map_or(String::new(), |at| format!(" ({})", degrees(at)));
+        let lon_lat = at.lon_lat.map_or(String::new(), |at| format!(" ({})", degrees(at)));
         text += &format!("{name:<13} {:.1} m, at {x:.1}, {y:.1}{lon_lat}\n", at.height_m);
     }
     text
@@ -180,12 +137,5 @@ mod tests {
     fn numbers_are_rounded_for_people() {
         assert_eq!([22_200.000_000_1, 25.700_000_000_000_003, 0.012_345_6].map(rounded), [22_200.0, 25.7, 0.012_35]);
         assert_eq!(degrees([-122.000_04, 46.2]), "122.0000 W 46.2000 N");
-    }
-
-    #[test]
-    fn bounds_go_across_the_date_line() {
-        assert_eq!(bounds_of([[179.0, -18.0], [-179.0, -17.0]].into_iter()), Some([179.0, -18.0, -179.0, -17.0]));
-        assert_eq!(bounds_of([[-10.0, 1.0], [20.0, 2.0]].into_iter()), Some([-10.0, 1.0, 20.0, 2.0]));
-        assert_eq!(bounds_of(std::iter::empty()), None);
     }
 }

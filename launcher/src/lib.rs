@@ -9,13 +9,12 @@
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`doctor`], [`info`] (with [`extremes`]), [`machine`], [`export`], [`passed_on`]: the other commands.
+//! * [`doctor`], [`info`] (with [`places`]), [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
 pub mod device;
 pub mod doctor;
 pub mod export;
-pub mod extremes;
 pub mod failure;
 pub mod flight;
 pub mod ground;
@@ -27,6 +26,7 @@ pub mod network_report;
 pub mod output;
 pub mod passed_on;
 pub mod path;
+pub mod places;
 pub mod plan;
 pub mod realtime_report;
 pub mod report;

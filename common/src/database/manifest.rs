@@ -1,5 +1,6 @@
 //! The manifest: what a database is, and the checksums of its other files.
 
+use crate::lonlat::LonLatTable;
 use crate::world::{WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -164,6 +165,9 @@ pub struct Manifest {
     pub name: String,
     /// Its coordinate reference system, always in metres.
     pub crs: Crs,
+    /// How longitudes and latitudes come into it, where its PROJ string alone does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lonlat: Option<LonLatTable>,
     /// The body.
     pub body: Body,
     /// Where everything is.

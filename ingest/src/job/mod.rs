@@ -22,6 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use terravision_common::database::{ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord};
+use terravision_common::lonlat::LonLatTable;
 
 /// What is asked for, checked.
 #[derive(Debug, Clone)]
@@ -227,6 +228,7 @@ impl Job {
             quality: self.color_quality,
             archives: [elevation_record, color_record],
             nodes,
+            lonlat: lonlat_table(plan, target, note),
         }))
     }
 
@@ -356,5 +358,26 @@ pub(crate) fn record_of(
         quality: 90,
         archives,
         nodes,
+        lonlat: crate::lonlat::table(target, &plan.world),
     })
+}
+
+/// What longitudes and latitudes need to come into the world, told if there is anything.
+fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
+    let table = crate::lonlat::table(target, &plan.world)?;
+    let name = &target.crs.name;
+    let without = match table.shift_m {
+        shift if shift >= 10.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")
+        }
+        shift if shift > 0.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.1} m")
+        }
+        _ => "its projection is known to PROJ alone".to_owned(),
+    };
+    note(Note::Info(format!(
+        "PROJ's way from longitude and latitude to {name} is kept in the database, good to {:.2} m ({without})",
+        table.error_m.max(0.01)
+    )));
+    Some(table)
 }

@@ -10,6 +10,7 @@ use serde_json::json;
 use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FORMAT_VERSION, Manifest, NodesRecord, Source,
 };
+use terravision_common::lonlat::LonLatTable;
 use terravision_common::world::World;
 
 /// What a manifest is made of.
@@ -24,6 +25,7 @@ pub(super) struct Parts<'a> {
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    pub(super) lonlat: Option<LonLatTable>,
 }
 
 pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
@@ -44,6 +46,7 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
+        lonlat: parts.lonlat,
         body: target.body.clone(),
         world: *plan.world.fields(),
         vertical_unit: "metre".to_owned(),

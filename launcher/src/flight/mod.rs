@@ -63,6 +63,9 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     if !removed.is_empty() {
         progress.say(&format!("removed {} shared-memory segments of runs that were killed", removed.len()));
     }
+    for note in &plan.notes {
+        progress.say(&format!("note: {note}"));
+    }
     for warning in &plan.warnings {
         progress.warn(warning);
     }

@@ -4,6 +4,7 @@
 //! ([`kml`]), a GPX track ([`gpx`]), or is the built-in [`orbit`]. All become a [`CameraPath`] in the world's own CRS.
 
 pub mod crs;
+mod datum;
 pub mod gpx;
 pub mod json;
 pub mod kml;

@@ -3,15 +3,17 @@
 
 mod checks;
 mod compression;
+mod course;
 mod live;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
+pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    CourseArgs, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
-    ResourceArgs, StillArgs,
+    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    StillArgs,
 };
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
@@ -20,9 +22,7 @@ use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
 use crate::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
-use crate::path::crs::Georeference;
-use crate::path::orbit;
-use crate::path::{self, CameraPath, CourseOptions, Pose};
+use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
 use crate::world::{self, open_world};
 use anyhow::anyhow;
@@ -36,15 +36,11 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use terravision_common::run::{
-    OPEN_END, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
+    OPEN_END, PlaneTarget, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
 };
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
-/// Where `--path orbit` is meant, unless a file has that name.
-const ORBIT: &str = "orbit";
-/// Default height of a GPX track above ground, metres.
-const DEFAULT_AGL_M: f64 = 150.0;
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
@@ -76,6 +72,8 @@ pub struct FlightPlan {
     pub trace: Option<TemporaryFile>,
     /// Where figures are served while the run goes on, if they are wanted.
     pub metrics: Option<MetricsSocket>,
+    /// What is good to know of the flight, a sentence each.
+    pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
     /// Whether the run says nothing but warnings and errors.
@@ -86,29 +84,6 @@ pub struct FlightPlan {
     pub destination: String,
     /// Which deaths of stages the run survives.
     pub restarts: RestartRules,
-}
-
-/// The CRS of a world, for paths in other coordinates.
-#[must_use]
-pub fn georeference(database: &Store) -> Georeference {
-    let crs = &database.manifest().crs;
-    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref())
-}
-
-/// The path that `--path` means.
-///
-/// # Errors
-/// Bad input: the file cannot be read or is no path.
-pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<CameraPath, Failure> {
-    let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
-    let world = database.world();
-    if args.path == Path::new(ORBIT) {
-        let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
-        let ground = WorldGround::coarse(database, world, exaggeration, spacing);
-        return Ok(orbit::orbit(&ground.extent(), &ground));
-    }
-    let ground = WorldGround::finest(database, world, exaggeration);
-    path::load(&args.path, &georeference(database), &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
 }
 
 /// The plan of `terravision fly`.
@@ -132,7 +107,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.frames = [0, OPEN_END];
         draft
     } else {
-        let path = load_path(&args.course, &database, exaggeration)?;
+        let LoadedPath { path, notes, warnings } = load_path(&args.course, &database, exaggeration)?;
         let (fps, speed) = pace(&args.course, &path)?;
         let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
         let poses: Option<Vec<Pose>> =
@@ -142,6 +117,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.fps = fps;
         draft.frames = frames;
         draft.poses = poses;
+        (draft.notes, draft.warnings) = (notes, warnings);
         draft
     };
 
@@ -230,8 +206,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let depth = args.depth.as_deref().map(&mut temporary).transpose()?;
     let ground = args.ground.as_deref().map(&mut temporary).transpose()?;
     draft.sink = SinkConfig::PngFile(picture);
-    draft.depth = depth;
-    draft.ground = ground;
+    draft.depth = depth.map(PlaneTarget::File);
+    draft.ground = ground.map(PlaneTarget::File);
     draft.destination = args.output.display().to_string();
     draft.finish(texels, &args.measurements)
 }
@@ -247,9 +223,11 @@ struct Draft<'a> {
     fps: f64,
     frames: [u64; 2],
     poses: Vec<Pose>,
+    notes: Vec<String>,
+    warnings: Vec<String>,
     sink: SinkConfig,
-    depth: Option<PathBuf>,
-    ground: Option<PathBuf>,
+    depth: Option<PlaneTarget>,
+    ground: Option<PlaneTarget>,
     share: Option<ShareConfig>,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
@@ -276,6 +254,8 @@ impl<'a> Draft<'a> {
             fps: DEFAULT_FPS,
             frames: [0, 1],
             poses: Vec::new(),
+            notes: Vec::new(),
+            warnings: Vec::new(),
             sink: SinkConfig::Null,
             depth: None,
             ground: None,
@@ -328,7 +308,7 @@ impl<'a> Draft<'a> {
         })?;
 
         let ground = WorldGround::finest(&database, world, exaggeration).bounded(database.ranges());
-        let mut warnings = Vec::new();
+        let mut warnings = self.warnings;
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut warnings)?;
         }
@@ -406,6 +386,7 @@ impl<'a> Draft<'a> {
             files: self.files,
             folder: self.folder,
             stream: self.stream,
+            notes: self.notes,
             warnings,
             is_quiet: resources.quiet,
             database,
