@@ -91,6 +91,7 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
         }
     }
     let is_same = target.is_of(raster);
+    let mut seam = (Vec::new(), Vec::new());
     if !is_same {
         let transform = CoordTransform::new(&traditional(raster.srs()?), &target.srs()?).map_err(|e| {
             let reason = format!("cannot be brought to {}: {}", target.crs.name, crate::error::gdal_message(&e));
@@ -98,6 +99,7 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
         })?;
         // What cannot be transformed comes back infinite and is left out below.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
+        seam = at_seam(raster, &transform);
     }
     let spacing_at = |place: usize| {
         let step = |k: usize| [x[place + k] - x[place], y[place + k] - y[place]];
@@ -107,7 +109,8 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
     let place = typical((count..x.len()).step_by(3), spacing_at).unwrap_or(count);
     let spacing = spacing_at(place);
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-    for (x, y) in x.iter().zip(&y).take(count).filter(|(x, y)| x.is_finite() && y.is_finite()) {
+    let outline = x.iter().zip(&y).take(count).chain(seam.0.iter().zip(&seam.1));
+    for (x, y) in outline.filter(|(x, y)| x.is_finite() && y.is_finite()) {
         for (axis, v) in [*x, *y].into_iter().enumerate() {
             low[axis] = low[axis].min(v);
             high[axis] = high[axis].max(v);
@@ -121,9 +124,33 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
     let is_square = (dx.abs() / dy.abs() - 1.0).abs() < 1e-6;
     let is_lattice = is_same && is_square && raster.affine.is_axis_parallel();
     if let Some(crop) = &raster.crop {
-        crop.cut(&mut low, &mut high, is_lattice.then_some(spacing));
+        crop.cut(&mut low, &mut high, spacing, is_lattice);
     }
     Ok(Footprint { low, high, spacing, focus, is_lattice })
+}
+
+/// Pixel centres of the middle row on both sides of where a plane cuts a source open that goes around the body: a grid of few
+/// points misses the ends of the plane.
+fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) {
+    let none = (Vec::new(), Vec::new());
+    let width = raster.size[0];
+    if !raster.is_geographic || !raster.affine.is_axis_parallel() || raster.affine.0[1].abs() * (width as f64) < 180.0 {
+        return none;
+    }
+    let row = (raster.size[1] / 2) as f64 + 0.5;
+    let of = |columns: &mut dyn Iterator<Item = usize>| {
+        let places = columns.map(|column| raster.affine.apply(column as f64 + 0.5, row));
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
+        // What has no place comes back infinite: it is no jump, and left out by who asks.
+        transform.transform_coords(&mut x, &mut y, &mut []).ok();
+        (x, y)
+    };
+    let step = width.div_ceil(1024);
+    let (x, _) = of(&mut (0..width).step_by(step));
+    let finite = || x.iter().copied().filter(|x| x.is_finite());
+    let whole = finite().fold(f64::MIN, f64::max) - finite().fold(f64::MAX, f64::min);
+    let jump = x.windows(2).position(|pair| (pair[1] - pair[0]).abs() > 0.5 * whole);
+    jump.map_or(none, |at| of(&mut (at * step..=((at + 1) * step).min(width - 1))))
 }
 
 /// Where a source's pixels are measured: where it is asked for, else in its middle, and in case that this is where its

@@ -262,7 +262,7 @@ fn places_outside_the_area_of_use_are_told() {
     assert!(warned(&notes, &["--crs EPSG:32610"]), "{notes:?}");
 }
 
-fn with_control_points(path: &Path, points: Vec<gdal::gcp::Gcp>) {
+fn with_control_points(path: &Path, points: Vec<gdal::Gcp>) {
     Tiff { transform: None, crs: None, ..Tiff::utm([100, 100], |_, _| 500.0f32) }.write(path);
     let options = gdal::DatasetOptions { open_flags: gdal::GdalOpenFlags::GDAL_OF_UPDATE, ..Default::default() };
     let dataset = gdal::Dataset::open_ex(path, options).unwrap();
@@ -273,7 +273,7 @@ fn with_control_points(path: &Path, points: Vec<gdal::gcp::Gcp>) {
 #[test]
 fn bent_rasters_are_refused_with_the_command_that_straightens_them() {
     let folder = TestFolder::new();
-    let point = |row: f64, column: f64, bend: f64| gdal::gcp::Gcp {
+    let point = |row: f64, column: f64, bend: f64| gdal::Gcp {
         id: String::new(),
         info: String::new(),
         pixel: column,

@@ -73,6 +73,24 @@ const LABELS: [&str; 21] = [
     "GenBin",
 ];
 
+/// Drivers whose name on the command line has the address itself in it. (Lists of files have to be trusted.)
+const SERVICES: [&str; 14] = [
+    "WMS",
+    "WMTS",
+    "WCS",
+    "OGCAPI",
+    "PLMOSAIC",
+    "PLScenes",
+    "DAAS",
+    "EEDA",
+    "EEDAI",
+    "NGW",
+    "PostGISRaster",
+    "GeoRaster",
+    "RASDAMAN",
+    "JPIPKAK",
+];
+
 /// What the beginning of a file that leads elsewhere has in it, and what such a file is.
 const MARKERS: [(&str, &str); 14] = [
     ("<VRTDataset", "a VRT (a list of other files)"),
@@ -109,7 +127,6 @@ fn asked_for(name: &str) -> Option<&'static str> {
         return Some("VRT");
     }
     let prefix = match lower.split_once(':') {
-        Some(("derived_subdataset", _)) => "derived",
         Some(("pg", _)) => "postgisraster",
         Some(("geor" | "georaster", _)) => "georaster",
         Some((prefix, _)) => prefix,
@@ -117,7 +134,14 @@ fn asked_for(name: &str) -> Option<&'static str> {
             .into_iter()
             .find(|service| lower.trim_start().strip_prefix("<gdal_").is_some_and(|rest| rest.starts_with(service)))?,
     };
-    LEADING.into_iter().find(|driver| driver.eq_ignore_ascii_case(prefix))
+    SERVICES.into_iter().find(|driver| driver.eq_ignore_ascii_case(prefix))
+}
+
+/// Whether a name asks for a driver that reads lists of other files, which takes the user's word.
+pub(super) fn names_a_list(name: &str) -> bool {
+    let prefix = name.split(':').next().unwrap_or_default();
+    let prefix = if prefix.eq_ignore_ascii_case("derived_subdataset") { "DERIVED" } else { prefix };
+    name.contains(':') && asked_for(name).is_none() && LEADING.iter().any(|d| d.eq_ignore_ascii_case(prefix))
 }
 
 /// The beginning of a file; empty where it cannot be read.
@@ -160,7 +184,11 @@ impl Access {
             return None;
         }
         let asked = asked_for(name);
-        let leads = |driver: &str| LEADING.iter().any(|l| l.eq_ignore_ascii_case(driver));
+        // A Zarr store is a folder; a file that is one would be a list of references.
+        let is_file = Path::new(name).is_file();
+        let leads = |driver: &str| {
+            LEADING.iter().any(|l| l.eq_ignore_ascii_case(driver)) || is_file && driver.eq_ignore_ascii_case("Zarr")
+        };
         let all = DriverManager::all().map(|driver| driver.short_name());
         Some(all.filter(|d| !leads(d) || asked.is_some_and(|a| a.eq_ignore_ascii_case(d))).collect())
     }
@@ -207,7 +235,10 @@ impl Access {
         }
         let (path, driver) = (Path::new(name), dataset.driver().short_name());
         if path.is_file() && LABELS.contains(&driver.as_str()) {
-            let label = head(path, LABEL_BYTES);
+            let mut label = head(path, LABEL_BYTES);
+            // Behind the label's text there may be samples.
+            let is_text = |byte: &u8| *byte >= b' ' || byte.is_ascii_whitespace();
+            label.truncate(label.iter().position(|byte| !is_text(byte)).unwrap_or(label.len()));
             let leaving = ["../", "..\\", "/vsi", "\"/", "'/", "=/", "= /", ">/"];
             if leaving.iter().any(|sign| has(&label, sign)) {
                 return Err(format!(
@@ -245,6 +276,9 @@ mod tests {
         assert_eq!(asked_for("WMTS:https://example.org/x,layer=y"), Some("WMTS"));
         assert_eq!(asked_for("<GDAL_WMS><Service/></GDAL_WMS>"), Some("WMS"));
         assert_eq!(asked_for("PG:dbname=x"), Some("PostGISRaster"));
+        assert_eq!(asked_for("GTI:tiles.gpkg"), None);
+        assert!(names_a_list("GTI:tiles.gpkg") && names_a_list("DERIVED_SUBDATASET:LOGAMPLITUDE:a.tif"));
+        assert!(!names_a_list("WMTS:https://example.org") && !names_a_list("GTIFF_DIR:1:a.tif"));
         assert_eq!(asked_for("NETCDF:\"a.nc\":Band1"), None);
         assert_eq!(asked_for("dem.tif"), None);
     }

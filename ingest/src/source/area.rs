@@ -20,7 +20,8 @@ pub fn check(rasters: &[&Raster], note: &mut dyn FnMut(Note)) -> Result<(), Inge
     let mut places: BTreeMap<&str, Option<Place>> = BTreeMap::new();
     for raster in rasters {
         check_degrees(raster)?;
-        let place = places.entry(&raster.wkt).or_insert_with(|| raster.srs().ok().and_then(|srs| Place::of(&srs)));
+        let place =
+            places.entry(&raster.wkt).or_insert_with(|| raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg)));
         let Some(place) = place else { continue };
         let (xs, ys) = raster.grid(9, true);
         let Some(reason) = place.complaint(xs, ys) else { continue };
@@ -36,10 +37,10 @@ pub fn check(rasters: &[&Raster], note: &mut dyn FnMut(Note)) -> Result<(), Inge
 
 /// Warns when sources lie outside the area of use of the CRS that the user chose for the world.
 pub fn check_target(target: &TargetCrs, rasters: &[&Raster], note: &mut dyn FnMut(Note)) {
-    let Some(place) = target.srs().ok().as_ref().and_then(Place::of) else { return };
+    let Some(place) = target.srs().ok().and_then(|srs| Place::of(&srs, target.crs.epsg)) else { return };
     let Some(area) = &place.area else { return };
     let is_out = |raster: &&Raster| {
-        let own = raster.srs().ok().as_ref().and_then(Place::of)?;
+        let own = raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg))?;
         let (xs, ys) = raster.grid(9, true);
         let points = own.lon_lat(xs, ys);
         Some(!points.is_empty() && !points.iter().any(|p| area.has(*p)))

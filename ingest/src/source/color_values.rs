@@ -4,7 +4,7 @@ use super::Note;
 use super::open::open_raster;
 use super::raster::{Raster, Shows};
 use super::values::{NodataChoice, SENTINEL_GAP, SENTINELS, lone_sentinels};
-use crate::error::{IngestError, gdal_message};
+use crate::error::IngestError;
 use gdal::raster::GdalDataType;
 
 /// Which bands make the picture and how samples become eight bits.
@@ -171,8 +171,7 @@ fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
     let size = (raster.size[0], raster.size[1]);
     let first = (raster.first[0] as isize, raster.first[1] as isize);
     let samples = dataset.rasterband(band).and_then(|band| band.read_as::<f32>(first, size, thin(raster), None));
-    let samples =
-        samples.map_err(|e| IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(&e))))?;
+    let samples = samples.map_err(|e| raster.fails("cannot be read", &e))?;
     Ok(samples.data().to_vec())
 }
 
@@ -189,10 +188,10 @@ fn thin_mask(raster: &Raster) -> Result<Option<Vec<bool>>, IngestError> {
     let dataset = open_raster(raster)?;
     let (size, shape) = ((raster.size[0], raster.size[1]), thin(raster));
     let first = (raster.first[0] as isize, raster.first[1] as isize);
-    let mask =
-        dataset.rasterband(1).and_then(|band| band.open_mask_band()?.read_as::<u8>(first, size, shape, None)).map_err(
-            |e| IngestError::source(&raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e))),
-        )?;
+    let mask = dataset
+        .rasterband(1)
+        .and_then(|band| band.open_mask_band()?.read_as::<u8>(first, size, shape, None))
+        .map_err(|e| raster.fails("has a mask that cannot be read", &e))?;
     Ok(Some(mask.data().iter().map(|m| *m != 0).collect()))
 }
 

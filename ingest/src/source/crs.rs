@@ -183,7 +183,7 @@ fn spread(sources: &[Raster]) -> Result<Spread, IngestError> {
             )
         };
         let geographic = traditional(srs.geog_cs().map_err(|e| nowhere(gdal_message(&e)))?);
-        if let Some(crop) = &raster.crop {
+        if let Some(crop) = raster.crop.as_ref().filter(|crop| !crop.lon_lat.is_empty()) {
             points.extend(crop.lon_lat.iter().copied());
             continue;
         }

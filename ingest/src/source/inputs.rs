@@ -1,6 +1,6 @@
 //! From what the user names to rasters: files, folders, archives, addresses, and whatever else GDAL has names for.
 
-use super::access::{Access, leads_elsewhere};
+use super::access::{Access, leads_elsewhere, names_a_list};
 use super::{Note, Raster};
 use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
@@ -87,9 +87,13 @@ impl Inputs<'_> {
         if let Some((_, prefix)) = ARCHIVES.iter().find(|(ending, _)| name.to_ascii_lowercase().ends_with(ending)) {
             return self.archive(&name, prefix, &shown, note);
         }
+        let failed = failed.without(&name, &shown).without(&typed, &shown);
         let is_a_name = name.contains(':') || name.starts_with("/vsi") || name.trim_start().starts_with('<');
         match failed {
             Failed::Refused(reason) => Err(IngestError::source(shown, reason)),
+            Failed::Unknown(_) if names_a_list(&name) => {
+                Err(IngestError::source(shown, "is a list of other files; --trust-vrt opens it"))
+            }
             Failed::Unknown(_) if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
             Failed::Unknown(reason) if name.starts_with("/vsicurl/") => Err(IngestError::source(
                 shown,
@@ -98,7 +102,7 @@ impl Inputs<'_> {
             Failed::Unknown(reason) => match leads_elsewhere(local).filter(|_| is_local) {
                 Some(what) => Err(IngestError::source(
                     shown,
-                    format!("is {what}, though its name does not say so; --trust-vrt opens it all the same"),
+                    format!("is {what}, though its name does not say so; --trust-vrt opens it nevertheless"),
                 )),
                 None => Err(IngestError::source(shown, format!("is no raster that GDAL can read: {reason}"))),
             },
@@ -208,6 +212,15 @@ enum Failed {
 }
 
 impl Failed {
+    /// Without what a message may not show: the name as typed may have a password in it.
+    fn without(self, name: &str, shown: &Path) -> Self {
+        let cleaned = |reason: String| reason.replace(name, &shown.to_string_lossy());
+        match self {
+            Self::Refused(reason) => Self::Refused(cleaned(reason)),
+            Self::Unknown(reason) => Self::Unknown(cleaned(reason)),
+        }
+    }
+
     fn reason(self) -> String {
         match self {
             Self::Refused(reason) => reason,

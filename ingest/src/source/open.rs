@@ -3,7 +3,7 @@
 use super::access::Access;
 use super::raster::{Raster, Shows};
 use super::values::{ColorValues, ElevationValues};
-use crate::error::{IngestError, gdal_message};
+use crate::error::IngestError;
 use crate::sample::window::Window;
 use gdal::Dataset;
 use gdal::raster::RasterBand;
@@ -14,7 +14,7 @@ pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
     Access::default()
         .open(&raster.open_name, Some(&raster.driver))
         .or_else(|_| Access::default().open(&raster.open_name, None))
-        .map_err(|e| IngestError::source(&raster.path, format!("cannot be opened again: {}", gdal_message(&e))))
+        .map_err(|e| raster.fails("cannot be opened again", &e))
 }
 
 /// A source whose samples have `C` channels.
@@ -35,12 +35,7 @@ fn read_band<T: Copy + gdal::raster::GdalType>(
     [x, y]: [usize; 2],
     [w, h]: [usize; 2],
 ) -> Result<Vec<T>, IngestError> {
-    let fail = |e: &gdal::errors::GdalError| {
-        IngestError::source(
-            &raster.path,
-            format!("cannot be read (it may be damaged or cut short): {}", gdal_message(e)),
-        )
-    };
+    let fail = |e: &gdal::errors::GdalError| raster.fails("cannot be read (it may be damaged or cut short)", e);
     let band = band.as_ref().map_err(fail)?;
     let first = [raster.first[0] + x, raster.first[1] + y].map(|v| v as isize);
     let buffer = band.read_as::<T>((first[0], first[1]), (w, h), (w, h), None).map_err(|e| fail(&e))?;
@@ -62,9 +57,7 @@ pub(super) fn read_mask(
         let mask = band.open_mask_band()?;
         mask.read_as::<u8>((first[0], first[1]), (size[0], size[1]), (size[0], size[1]), None)
     });
-    let mask = mask.map_err(|e| {
-        IngestError::source(&raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
-    })?;
+    let mask = mask.map_err(|e| raster.fails("has a mask that cannot be read", &e))?;
     Ok(Some(mask.data().iter().map(|m| *m != 0).collect()))
 }
 

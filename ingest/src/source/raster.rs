@@ -127,6 +127,13 @@ impl Raster {
         })
     }
 
+    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the file. Without its full name, which
+    /// may have a password in it.
+    pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
+        let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
+        IngestError::source(&self.path, format!("{what}: {reason}"))
+    }
+
     /// File name without folders.
     #[must_use]
     pub fn file_name(&self) -> String {

@@ -19,29 +19,29 @@ const MARGIN_SHARE: f64 = 0.05;
 /// What is left of a source.
 #[derive(Debug, Clone)]
 pub struct Crop {
-    /// Longitudes and latitudes of the region, degrees.
+    /// Longitudes and latitudes of the region, degrees, for a source around the whole body; empty for others, whose part tells.
     pub lon_lat: Arc<Vec<[f64; 2]>>,
     /// Least and greatest easting and northing in the world's CRS, once it is chosen.
     pub rect: Option<[[f64; 2]; 2]>,
 }
 
 impl Crop {
-    /// Cuts what a source covers. On a lattice the cut is along its samples, inwards where something is left.
-    pub(crate) fn cut(&self, low: &mut [f64; 2], high: &mut [f64; 2], lattice: Option<f64>) {
+    /// Cuts what a source covers down to the rectangle and up to a post around it, so that the posts of the world cover it; on
+    /// the source's own lattice if its samples are one.
+    pub(crate) fn cut(&self, low: &mut [f64; 2], high: &mut [f64; 2], spacing: f64, is_lattice: bool) {
         let Some([from, to]) = self.rect else { return };
         for axis in 0..2 {
             let (first, last) = (low[axis], high[axis]);
             let (mut start, mut end) = (from[axis].clamp(first, last), to[axis].clamp(first, last));
-            if let Some(step) = lattice {
-                let index = |v: f64| (v - first) / step;
-                let (inner, outer) = ((index(start) - 1e-3).ceil(), (index(end) + 1e-3).floor());
-                let (inner, outer) = match inner < outer {
-                    true => (inner, outer),
-                    false => (index(start).floor(), index(end).ceil()),
-                };
-                (start, end) = ((first + inner * step).max(first), (first + outer * step).min(last));
+            if is_lattice {
+                let index = |v: f64| (v - first) / spacing;
+                (start, end) =
+                    (first + (index(start) + 1e-3).floor() * spacing, first + (index(end) - 1e-3).ceil() * spacing);
+            } else {
+                // Not a whole post: the lattice is inside of what this leaves.
+                (start, end) = (start - 0.998 * spacing, end + 0.998 * spacing);
             }
-            (low[axis], high[axis]) = (start, end);
+            (low[axis], high[axis]) = (start.max(first), end.min(last));
         }
     }
 }
@@ -132,12 +132,12 @@ impl Region {
         let mut parts = Vec::new();
         for raster in rasters {
             let srs = raster.srs()?;
-            let lon_lat = Arc::new(self.points_in(&traditional(srs.geog_cs().map_err(|e| {
-                IngestError::source(&raster.path, format!("cannot be located: {}", gdal_message(&e)))
-            })?))?);
             let points = self.points_in(&srs)?;
-            let crop = Crop { lon_lat, rect: None };
-            parts.extend(window(raster, &points).map(|part| Raster { crop: Some(crop), ..part }));
+            let Some(part) = window(raster, &points) else { continue };
+            let turn = 360.0 / part.affine.0[1].abs();
+            let is_around = part.is_geographic && part.size[0] as f64 > 0.99 * turn;
+            let lon_lat = Arc::new(if is_around { points } else { Vec::new() });
+            parts.push(Raster { crop: Some(Crop { lon_lat, rect: None }), ..part });
         }
         if parts.is_empty() {
             return Err(IngestError::usage(format!(
@@ -270,13 +270,15 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_keeps_to_the_lattice_and_leaves_something() {
-        let crop = |low, high| Crop { lon_lat: Arc::default(), rect: Some([low, high]) };
-        let (mut low, mut high) = ([5.0, 5.0], [105.0, 105.0]);
-        crop([22.0, -50.0], [61.0, 61.0]).cut(&mut low, &mut high, Some(10.0));
-        assert_eq!((low, high), ([25.0, 5.0], [55.0, 55.0]));
-        let (mut low, mut high) = ([5.0, 5.0], [105.0, 105.0]);
-        crop([22.0, 22.0], [23.0, 23.0]).cut(&mut low, &mut high, Some(10.0));
-        assert_eq!((low, high), ([15.0, 15.0], [25.0, 25.0]));
+    fn a_cut_keeps_to_the_lattice_and_covers_the_rectangle() {
+        let cut = |from, to, is_lattice| {
+            let (mut low, mut high) = ([5.0, 5.0], [105.0, 105.0]);
+            Crop { lon_lat: Arc::default(), rect: Some([from, to]) }.cut(&mut low, &mut high, 10.0, is_lattice);
+            (low, high)
+        };
+        assert_eq!(cut([22.0, -50.0], [61.0, 65.0], true), ([15.0, 5.0], [65.0, 65.0]));
+        assert_eq!(cut([22.0, 22.0], [23.0, 23.0], true), ([15.0, 15.0], [25.0, 25.0]));
+        let (low, high) = cut([22.0, -50.0], [61.0, 100.0], false);
+        assert!((low[0] - 12.02).abs() < 1e-9 && low[1] == 5.0 && (high[0] - 70.98).abs() < 1e-9 && high[1] == 105.0);
     }
 }

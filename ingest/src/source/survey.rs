@@ -3,7 +3,7 @@
 use super::open::{open_raster, read_alpha, read_mask};
 use super::raster::Raster;
 use super::values::{ElevationValues, MAX_HEIGHT_M, SENTINEL_GAP, SENTINELS, lone_sentinels};
-use crate::error::{IngestError, gdal_message};
+use crate::error::IngestError;
 use crate::work::Work;
 use gdal::Dataset;
 use gdal::raster::GdalDataType;
@@ -181,7 +181,7 @@ fn parts_of(raster: &Raster) -> Result<Vec<[usize; 4]>, IngestError> {
 }
 
 fn unreadable(raster: &Raster, error: &gdal::errors::GdalError) -> IngestError {
-    IngestError::source(&raster.path, format!("cannot be read: {}", gdal_message(error)))
+    raster.fails("cannot be read", error)
 }
 
 fn look_at(
