@@ -120,8 +120,12 @@ impl std::fmt::Display for Area {
 }
 
 impl Place {
-    fn of(srs: &SpatialRef) -> Option<Self> {
-        let area = srs
+    fn of(srs: &SpatialRef, epsg: Option<u32>) -> Option<Self> {
+        // WKT as databases and files have it has no area; PROJ knows it by the code.
+        let known = epsg.and_then(|code| SpatialRef::from_epsg(code).ok());
+        let area = known
+            .as_ref()
+            .unwrap_or(srs)
             .area_of_use()
             .map(|a| Area([a.west_lon_degree, a.south_lat_degree, a.east_lon_degree, a.north_lat_degree]));
         // Areas of use are in Greenwich degrees; other bodies have none.
