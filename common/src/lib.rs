@@ -9,12 +9,15 @@
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
+//! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
 //! * [`run`]: what the launcher tells each stage about the run that it is part of.
 
+pub mod bug;
 pub mod camera;
 pub mod database;
 pub mod event;
 pub mod facet;
+pub mod files;
 pub mod film;
 pub mod level;
 pub mod lonlat;
@@ -29,6 +32,7 @@ pub mod slot;
 pub mod stage;
 pub mod sync;
 pub mod synthetic;
+pub mod terminal;
 pub mod texels;
 pub mod top_levels;
 pub mod traversal;

@@ -9,6 +9,8 @@ use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use terravision_common::bug::report_panics;
+use terravision_common::terminal::{complain, printable, printable_json};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
 use terravision_ingest::job::{Job, summary};
@@ -17,13 +19,23 @@ use terravision_ingest::sparse::{self, SparseOptions};
 use terravision_ingest::work::Work;
 
 fn main() -> ExitCode {
+    report_panics("terravision: ");
     // Also tells which GDAL was found; `terravision doctor` asks.
     if std::env::args_os().skip(1).eq(["--version"]) {
         let gdal = gdal::version::version_info("RELEASE_NAME");
         writeln!(io::stdout(), "terravision-ingest {}, GDAL {gdal}", env!("CARGO_PKG_VERSION")).ok();
         return ExitCode::SUCCESS;
     }
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and the like.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            // Names of files that a shell has put there are foreign.
+            error.to_string().lines().for_each(complain);
+            return ExitCode::from(2);
+        }
+    };
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Without a handler an interrupt simply kills us, and the next run cleans up.
@@ -35,7 +47,7 @@ fn main() -> ExitCode {
         }
         Verb::Synth(args) => args.validate().and_then(|options| {
             terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
-            Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
+            Ok(printable(&format!("{}: dem.tif and ortho.tif", options.output.display())).into_owned())
         }),
         Verb::Sparse(args) => {
             let options = SparseOptions {
@@ -47,7 +59,8 @@ fn main() -> ExitCode {
             };
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());
-            sparse::write(&args.output, options, &work).map(|_| args.output.display().to_string())
+            sparse::write(&args.output, options, &work)
+                .map(|_| printable(&args.output.display().to_string()).into_owned())
         }
     };
     match result {
@@ -63,7 +76,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Makes a database; what is to be printed about it.
+/// Makes a database; what is to be printed about it, fit for a terminal.
 fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
     job.access.restrict_process(job.elevation.iter().chain(&job.color));
     let mut notes = Vec::new();
@@ -73,26 +86,27 @@ fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, 
     };
     let manifest = job.run(stop, io::stderr().is_terminal(), &mut note)?;
     if wants_json {
-        return Ok(format!("{:#}", summary(&job.output, &manifest, &notes)));
+        let text = format!("{:#}", summary(&job.output, &manifest, &notes));
+        return Ok(printable_json(&text).into_owned());
     }
-    Ok(format!(
+    let line = format!(
         "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
         job.output.display(),
         manifest.elevation.archive.tiles,
         manifest.color.archive.tiles,
         manifest.elevation.range_m[0],
         manifest.elevation.range_m[1]
-    ))
+    );
+    Ok(printable(&line).into_owned())
 }
 
 fn print_note(note: &Note) {
-    let line = match note {
+    complain(&match note {
         Note::Info(text) => format!("note: {text}"),
         Note::Warning(text) => format!("warning: {text}"),
-    };
-    writeln!(io::stderr(), "{line}").ok();
+    });
 }
 
 fn print_error(error: &IngestError) {
-    writeln!(io::stderr(), "terravision: {error}").ok();
+    complain(&format!("terravision: {error}"));
 }

@@ -10,6 +10,7 @@ use terravision_common::event::{Event, EventKind};
 use terravision_common::run::{OPEN_END, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::shm::{Control, RunState};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError};
+use terravision_common::terminal::complain;
 use terravision_renderer::bench::floor;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
@@ -24,7 +25,7 @@ use terravision_renderer::source::LiveSource;
 const HELP: &str = "\
 terravision-renderer: the stage of TerraVision that draws. The launcher (terravision) starts it.
 
-  --run JSON             draw the frames of this run
+  --run JSON             draw the frames of this run; --run - reads it from standard input
   --doctor-json          print the Vulkan devices, and what they lack, as JSON
   --floor-json WxH N     draw N frames of full-screen grids of this size, textured and depth-tested, and print the
                          times as JSON: the floor that no renderer on this device gets below
@@ -40,9 +41,10 @@ const MAX_LANES: usize = 4;
 const MAX_FRAMES_IN_FLIGHT: u32 = 8;
 
 fn main() -> ExitCode {
+    terravision_common::bug::report_panics("");
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["--run", json] => render(json),
+        ["--run", run] => render(run),
         ["--doctor-json"] => doctor(),
         ["--floor-json", size, frames] => floors(size, frames),
         ["--help" | "-h"] => print(HELP),
@@ -64,11 +66,6 @@ fn main() -> ExitCode {
 
 fn print(text: &str) -> anyhow::Result<()> {
     std::io::stdout().write_all(text.as_bytes()).context("standard output cannot be written")
-}
-
-fn complain(sentence: &str) {
-    // Without a standard error there is nobody to tell.
-    let _written = writeln!(std::io::stderr(), "{sentence}");
 }
 
 fn doctor() -> anyhow::Result<()> {
@@ -94,11 +91,11 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
     print(&format!("{}\n", serde_json::to_string_pretty(&serde_json::json!({ "passes": passes }))?))
 }
 
-fn render(json: &str) -> anyhow::Result<()> {
+fn render(run_text: &str) -> anyhow::Result<()> {
     // A launcher that dies takes its stages along.
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
         .context("the signal of the launcher's death cannot be set")?;
-    let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
+    let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Index::open(&config.world)?.world();
     let mut source =

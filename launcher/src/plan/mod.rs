@@ -4,7 +4,9 @@
 mod checks;
 mod compression;
 mod course;
+mod film;
 mod live;
+mod planes;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 pub use course::{LoadedPath, georeference, load_path};
@@ -15,15 +17,17 @@ use crate::cli::{
     FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
     StillArgs,
 };
+use crate::data_set::DataSet;
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
-use crate::machine::{bytes_for_people, find_program};
+use crate::machine::bytes_for_people;
 use crate::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
+use crate::stream::film::Container;
 use crate::world::{self, open_world};
 use anyhow::anyhow;
 use checks::{
@@ -32,18 +36,33 @@ use checks::{
 };
 use compression::TexelQuestion;
 use glam::DVec3;
+use planes::PlaneFolders;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
+use terravision_common::film::even;
 use terravision_common::run::{
     OPEN_END, PlaneTarget, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
 };
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
+/// Names of pictures end with one of these.
+const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp"];
 const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+fn sky_of(body: &str) -> [u8; 3] {
+    match body {
+        "Mars" => [210, 170, 125],
+        "Venus" => [215, 180, 110],
+        "Titan" => [190, 140, 60],
+        "Moon" | "Mercury" | "Ceres" | "Vesta" => [0, 0, 0],
+        _ => DEFAULT_SKY,
+    }
+}
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
 
@@ -62,6 +81,8 @@ pub struct FlightPlan {
     pub live: Option<LiveCamera>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
+    /// Depth and ground of every frame, if they go into files. Before the folder of frames, in which its folders may be.
+    pub data_set: Option<DataSet>,
     /// The folder of frames, if that is where they go.
     pub folder: Option<FrameFolder>,
     /// The stream, if that is where frames go.
@@ -122,8 +143,12 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     };
 
     let run = draft.run.to_string();
-    draft.share = live::share(&args.output, &args.live)?;
+    draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
+    let is_film = !is_folder_name(&args.output) && has_extension(&args.output, &Container::EXTENSIONS);
+    if !is_film {
+        film::refuse(&args.film, &args.output)?;
+    }
     if live::shared_name(&args.output).is_some() || args.output == Path::new("/dev/null") {
         draft.sink = SinkConfig::Null;
     } else if args.output == Path::new("-") {
@@ -139,29 +164,55 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
         draft.sink = SinkConfig::PngFolder(folder.path().to_owned());
         draft.folder = Some(folder);
-    } else if has_extension(&args.output, &["mp4", "mkv", "mov"]) {
-        if find_program("ffmpeg").is_none() {
-            return Err(Failure::failed(anyhow!(
-                "ffmpeg is not installed, and makes the film: apt-get install ffmpeg, or write frames with -o DIR/"
-            )));
-        }
+    } else if let Some(format) = film::format(&args.output, &args.film)? {
         let file = TemporaryFile::create(&args.output, &run).map_err(Failure::bad_input)?;
-        draft.stream_into(StreamTarget::Film { path: args.output.clone(), temporary: file.temporary().to_owned() });
+        let temporary = file.temporary().to_owned();
+        draft.stream_into(StreamTarget::Film { path: args.output.clone(), temporary, format });
         draft.files.push(file);
     } else {
-        return Err(Failure::bad_input(anyhow!(
-            "-o {}: expected a film (.mp4, .mkv, .mov), a folder that ends with a slash, - for standard output, or \
-             shared:NAME",
-            args.output.display()
-        )));
+        return Err(no_output(&args.output));
     }
+    draft.planes = PlaneFolders::create(args, &run)?;
+    [draft.depth, draft.ground] = draft.planes.targets();
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
     let mut plan = draft.finish(texels, &args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
     plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
+    plan.notes.extend(of_odd_sides(&plan));
     Ok(plan)
+}
+
+/// What a film of odd sides becomes.
+fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
+    let size = [plan.config.width, plan.config.height];
+    let [width, height] = even(size);
+    let is_padded = matches!(plan.stream, Some(StreamTarget::Film { .. })) && size != [width, height];
+    is_padded.then(|| {
+        format!(
+            "a film has even sides: {}x{} becomes {width}x{height}, its last column or row is repeated",
+            size[0], size[1]
+        )
+    })
+}
+
+/// What can be written in place of what was asked for.
+fn no_output(output: &Path) -> Failure {
+    if has_extension(output, &PICTURES) {
+        return Failure::bad_input(anyhow!(
+            "-o {0}: a flight has many frames; expected a folder for them, e.g. -o {1}/ (PNG files), or a film (.{2}); \
+             terravision still makes one picture",
+            output.display(),
+            output.with_extension("").display(),
+            Container::EXTENSIONS.join(", .")
+        ));
+    }
+    Failure::bad_input(anyhow!(
+        "-o {}: expected a film (.{}), a folder that ends with a slash, - for standard output, or shared:NAME",
+        output.display(),
+        Container::EXTENSIONS.join(", .")
+    ))
 }
 
 /// The plan of `terravision still`.
@@ -185,7 +236,30 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
-        return Err(Failure::bad_input(anyhow!("-o {}: expected a PNG file, e.g. a.png", args.output.display())));
+        let is_other = !is_folder_name(&args.output) && has_extension(&args.output, &PICTURES);
+        let advice = if is_other {
+            "; JPEG and the like are made of it by other programs, e.g. ffmpeg -i a.png a.jpg"
+        } else {
+            ""
+        };
+        return Err(Failure::bad_input(anyhow!(
+            "-o {}: expected a PNG file, e.g. a.png{advice}",
+            args.output.display()
+        )));
+    }
+    for (flag, path, values) in
+        [("--depth", &args.depth, "depths are float32"), ("--ground", &args.ground, "positions are float64")]
+    {
+        if let Some(path) = path
+            && !path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())
+            && (is_folder_name(path) || !has_extension(path, &["tif", "tiff"]))
+        {
+            return Err(Failure::bad_input(anyhow!(
+                "{flag} {}: expected a TIFF file, e.g. {}.tif: {values}, which other kinds of pictures do not hold",
+                path.display(),
+                flag.trim_start_matches('-')
+            )));
+        }
     }
     let mut named: Vec<PathBuf> = Vec::new();
     let mut temporary = |path: &Path| -> Result<PathBuf, Failure> {
@@ -229,6 +303,7 @@ struct Draft<'a> {
     depth: Option<PlaneTarget>,
     ground: Option<PlaneTarget>,
     share: Option<ShareConfig>,
+    planes: PlaneFolders,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
     stream: Option<StreamTarget>,
@@ -260,6 +335,7 @@ impl<'a> Draft<'a> {
             depth: None,
             ground: None,
             share: None,
+            planes: PlaneFolders::default(),
             files: Vec::new(),
             folder: None,
             stream: None,
@@ -344,38 +420,44 @@ impl<'a> Draft<'a> {
         let index = database.index().path();
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
-        Ok(FlightPlan {
-            config: RunConfig {
-                run_id: run.clone(),
-                // The stages run in this folder too, but an absolute name reads better in messages.
-                world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
-                database: world::config(database.location(), access),
-                width: size.width,
-                height: size.height,
-                fps: self.fps,
-                frames: self.frames,
-                r_z_px,
-                r_c_px,
-                measure: picture.measure.into(),
-                exaggeration,
-                texels,
-                decoder_threads,
-                prefetch: prefetch(self.realtime),
-                render: RenderConfig {
-                    technique,
-                    rays,
-                    sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
-                    samples: picture.samples.unwrap_or(samples),
-                    has_tree_overlay: picture.overlay == Some(Overlay::Tree),
-                    has_validation: resources.validation,
-                    frames_in_flight: FRAMES_IN_FLIGHT,
-                    sink: self.sink,
-                    depth: self.depth,
-                    ground: self.ground,
-                    share: self.share,
-                },
-                realtime,
+        let config = RunConfig {
+            run_id: run.clone(),
+            // The stages run in this folder too, but an absolute name reads better in messages.
+            world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
+            database: world::config(database.location(), access),
+            width: size.width,
+            height: size.height,
+            fps: self.fps,
+            frames: self.frames,
+            r_z_px,
+            r_c_px,
+            measure: picture.measure.into(),
+            exaggeration,
+            texels,
+            decoder_threads,
+            prefetch: prefetch(self.realtime),
+            render: RenderConfig {
+                technique,
+                rays,
+                sky_rgb: picture
+                    .sky
+                    .map(|Rgb(rgb)| rgb)
+                    .or(settings.sky_rgb)
+                    .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
+                samples: picture.samples.unwrap_or(samples),
+                has_tree_overlay: picture.overlay == Some(Overlay::Tree),
+                has_validation: resources.validation,
+                frames_in_flight: FRAMES_IN_FLIGHT,
+                sink: self.sink,
+                depth: self.depth,
+                ground: self.ground,
+                share: self.share,
             },
+            realtime,
+        };
+        Ok(FlightPlan {
+            data_set: self.planes.into_data_set(&config, &database),
+            config,
             report: measurements.report.as_deref().map(temporary).transpose()?,
             trace: measurements.trace.as_deref().map(temporary).transpose()?,
             metrics: measurements.metrics.map(MetricsSocket::open).transpose()?,

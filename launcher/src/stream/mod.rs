@@ -5,12 +5,14 @@
 //! its successor ──────▶ another pipe ──┘
 //! ```
 //!
-//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg.
+//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg. [`film`]: codecs.
 
 pub mod encoder;
+pub mod film;
 pub mod relay;
 
 use encoder::Encoder;
+use film::FilmFormat;
 use relay::{Passage, Relay, StreamShape};
 use std::fs::File;
 use std::io::{self, PipeReader, PipeWriter, Write};
@@ -38,6 +40,8 @@ pub enum StreamTarget {
         path: PathBuf,
         /// Where it is written to.
         temporary: PathBuf,
+        /// How it is encoded.
+        format: FilmFormat,
     },
     /// Y4M on standard output.
     Stdout,
@@ -128,8 +132,8 @@ impl StreamKeeper {
             has_gaps: config.realtime.is_some(),
         };
         let (encoder, out): (_, Box<dyn Write + Send>) = match target {
-            StreamTarget::Film { temporary, .. } => {
-                let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, size, config.fps)?;
+            StreamTarget::Film { temporary, format, .. } => {
+                let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, *format, size, config.fps)?;
                 (Some(encoder), Box::new(input))
             }
             StreamTarget::Stdout => {
