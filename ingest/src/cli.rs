@@ -31,7 +31,7 @@ pub enum Verb {
         terravision ingest --elevation N46W122.hgt.zip N46W123.hgt.zip -o cascades.tv --crs EPSG:32610\n  \
         terravision ingest --elevation dem.tif --color landsat.tif --bands 3,2,1 -o scene.tv\n  \
         terravision ingest --elevation globe.tif --bounds 6.6,35.5,18.6,47.1 -o italy.tv")]
-    Ingest(IngestArgs),
+    Ingest(Box<IngestArgs>),
     /// Make a believable mountain world: dem.tif (float32) and ortho.tif (RGB, twice as fine), in UTM.
     ///
     /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and seed give the same

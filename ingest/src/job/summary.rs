@@ -19,12 +19,12 @@ pub fn summary(path: &Path, manifest: &Manifest, notes: &[Note]) -> Value {
     let srs = parse("the CRS of the database", &manifest.crs.wkt).ok();
     let lon_lat = world.zip(srs).and_then(|(world, srs)| bounds_deg(&world, &srs, true));
     let said = |is_warning: bool| -> Vec<&str> {
-        let text = |note| match note {
-            &Note::Warning(ref text) if is_warning => Some(text.as_str()),
-            &Note::Info(ref text) if !is_warning => Some(text.as_str()),
+        let texts = notes.iter().filter_map(|note| match note {
+            Note::Warning(text) if is_warning => Some(text.as_str()),
+            Note::Info(text) if !is_warning => Some(text.as_str()),
             _ => None,
-        };
-        notes.iter().filter_map(text).collect()
+        });
+        texts.collect()
     };
     let files = |sources: &[Source]| -> Vec<Value> {
         sources.iter().map(|s| json!({"file": s.file, "size": s.size, "crs": s.crs, "is_exact": s.is_exact})).collect()
