@@ -169,10 +169,7 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     if beyond.count == 0 {
         return Ok(());
     }
-    let range = match beyond.low == beyond.high {
-        true => format!("of {}", grouped(beyond.low)),
-        false => format!("from {} to {}", grouped(beyond.low), grouped(beyond.high)),
-    };
+    let range = range_of(&beyond);
     if survey.heights.count == 0 {
         return Err(IngestError::source(
             &raster.path,
@@ -191,16 +188,23 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     Ok(())
 }
 
+/// "from 590,000 to 1,100,000".
+fn range_of(stats: &Stats) -> String {
+    match stats.low == stats.high {
+        true => format!("of {}", grouped(stats.low)),
+        false => format!("from {} to {}", grouped(stats.low), grouped(stats.high)),
+    }
+}
+
 /// Warns of heights that the ground of the body does not have.
 fn check_ground(raster: &Raster, heights: &Stats, body: &str, note: &mut dyn FnMut(Note)) {
     let Some((_, [low, high])) = GROUND.iter().find(|(name, _)| *name == body) else { return };
     if heights.count > 0 && (heights.low < *low || heights.high > *high) {
         note(Note::Warning(format!(
-            "{} has heights from {} to {} m, but the ground of {body} lies between {} and {} m: if they are not metres, \
+            "{} has heights {} m, but the ground of {body} lies between {} and {} m: if they are not metres, \
              --elevation-unit cm (or mm, dm, ft, …) tells, and --nodata V if some of them mean \"no data\"",
             raster.path.display(),
-            grouped(heights.low),
-            grouped(heights.high),
+            range_of(heights),
             grouped(*low),
             grouped(*high)
         )));
