@@ -351,7 +351,7 @@ fn bounds_make_a_world_of_a_country() {
         run(&job).unwrap()
     };
     let (italy, notes) = world("italy.tv", [6.6, 35.5, 18.6, 47.1]);
-    assert!(matches!(&notes[..], [Note::Info(text)] if text.contains("around the data")), "{notes:?}");
+    assert!(matches!(&notes[0], Note::Info(text) if text.contains("around the data")), "{notes:?}");
     // Longitudes 6.6 to 18.6: heights of 66 to 186, and latitudes on top.
     let [low, high] = italy.manifest().elevation.range_m;
     assert!((60.0..110.0).contains(&low) && (220.0..260.0).contains(&high), "{low} to {high}");

@@ -46,7 +46,10 @@ fn head(crs: &str, fps: f64, settings: &PathSettings) -> Map<String, Value> {
         head.insert("width".into(), json!(width));
         head.insert("height".into(), json!(height));
     }
-    if let Some(vfov_rad) = settings.vfov_rad {
+    // A horizontal field of view is one of the picture that is flown if nobody says another size.
+    let size = plan::DEFAULT_SIZE;
+    let (width, height) = (settings.width.unwrap_or(size.width), settings.height.unwrap_or(size.height));
+    if let Some(vfov_rad) = settings.vfov_of(width, height) {
         head.insert("vfov_deg".into(), json!(vfov_rad.to_degrees()));
     }
     if let Some(sky) = settings.sky_rgb {

@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 
 /// No VRT is larger: it has a few hundred bytes for each source.
 const MAX_BYTES: u64 = 16 << 20;
+/// No tag is longer, and no more namespaces are named: what a parser does with them costs their square.
+const MAX_TAG_BYTES: usize = 8 << 10;
+const MAX_NAMESPACES: usize = 1000;
 /// VRTs in VRTs.
 const MAX_DEPTH: usize = 8;
 /// How the user allows what is refused.
@@ -43,7 +46,12 @@ fn check_file(path: &Path, root: &Path, depth: usize) -> Result<(), String> {
         return Err(format!("has a list of files of more than {} MiB; {ALLOW}", MAX_BYTES >> 20));
     }
     let text = fs::read_to_string(path).map_err(|e| unreadable(&e))?;
-    // Without this, entities could say what the text does not show.
+    if text.split('<').any(|tag| tag.split('>').next().is_some_and(|tag| tag.len() > MAX_TAG_BYTES))
+        || text.matches("xmlns").count() > MAX_NAMESPACES
+    {
+        return Err(format!("has a list of files with tags of a length that none has; {ALLOW}"));
+    }
+    // The parser knows no entities of the file's own, which could say what the text does not show.
     let document = Document::parse(text.trim_start_matches('\u{feff}')).map_err(|e| unreadable(&e))?;
     let folder = folder_of(path).map_err(|e| unreadable(&e))?;
     for node in document.descendants().filter(Node::is_element) {

@@ -17,7 +17,7 @@ use planes::PlaneArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
-use technique::{CompressionArg, MeasureChoice, RaysArg, TechniqueArg};
+use technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
@@ -180,9 +180,18 @@ pub struct PictureArgs {
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
     #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
+    /// What is drawn where the world ends, for an eye beside it
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Edge::Skirt)]
+    pub edge: Edge,
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
+    /// What depth and ground say where the world's sources had no data and the ground was made up from around it
+    ///
+    /// 'nan': not a number, as for sky. 'mark': the values that are drawn, and a band more in files: 1 where the ground was measured,
+    /// 0 where it was made up. Shared frames tell it in any case (docs/frame-ring.md).
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = MadeUpArg::Nan)]
+    pub made_up: MadeUpArg,
 }
 
 /// What a run may use; shared by `fly` and `still`.
@@ -213,7 +222,7 @@ pub struct ResourceArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct CourseArgs {
-    /// The camera path: a file (JSON, KML tour or GPX track), or 'orbit'
+    /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
     /// 'orbit' circles the point of the world with the strongest relief once in 240 frames. The formats of files are
     /// in docs/camera-paths.md.
@@ -228,12 +237,28 @@ pub struct CourseArgs {
     /// else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Height above ground at which a GPX track is flown, metres [default: 150]
+    /// Height above ground at which a track is flown (GPX, or a track or line of KML), metres [default: 150, or the heights of
+    /// a KML track that was in the air]
     #[arg(long, value_name = "METRES")]
     pub agl: Option<f64>,
     /// Fly a path that is given in time N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
+    /// Whether rests and silence within a segment of a recorded track are flown in full
+    ///
+    /// 'shorten' makes seconds of two minutes and more within 30 m, and leaves out silence of more than ten minutes. Gaps between
+    /// segments and tracks are left out either way.
+    #[arg(long, value_enum, default_value_t = Rests::Shorten)]
+    pub rests: Rests,
+}
+
+/// What becomes of the rests of a recorded track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Rests {
+    /// They become seconds
+    Shorten,
+    /// They are flown as they were
+    Keep,
 }
 
 /// How other programs take part in a flight.
@@ -247,7 +272,7 @@ pub struct LiveArgs {
     ///
     /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
     /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
-    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed"])]
+    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests"])]
     pub camera: Option<CameraSource>,
     /// End the flight when no pose has come for so many seconds [default: wait for ever]
     #[arg(long, value_name = "SECONDS", requires = "camera")]
@@ -478,6 +503,15 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+}
+
+/// What is drawn where the world ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Edge {
+    /// Plain walls down to the world's lowest height, and a floor there
+    Skirt,
+    /// Nothing: the ground is a sheet
+    None,
 }
 
 /// What is drawn over the picture.

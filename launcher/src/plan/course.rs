@@ -1,18 +1,17 @@
 //! The path that a command line means, in the world's CRS.
 
 use super::checks::in_range;
-use crate::cli::CourseArgs;
+use crate::cli::{CourseArgs, Rests};
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::path::crs::Georeference;
-use crate::path::{self, CameraPath, CourseOptions, orbit};
+use crate::path::{self, CameraPath, CourseOptions, Remarks, orbit};
+use anyhow::anyhow;
 use std::path::Path;
 use terravision_store::Store;
 
 /// Where `--path orbit` is meant, unless a file has that name.
 const ORBIT: &str = "orbit";
-/// Default height of a GPX track above ground, metres.
-const DEFAULT_AGL_M: f64 = 150.0;
 
 /// A camera path, and what is to be said about it.
 #[derive(Debug)]
@@ -39,16 +38,27 @@ pub fn georeference(database: &Store) -> Georeference {
 /// # Errors
 /// Bad input: the file cannot be read or is no path.
 pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
-    let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
+    let agl = |agl| in_range("--agl", agl, 1.0, 1e6, "metres from 1 to 1000000");
+    let agl_m = args.agl.map(agl).transpose()?;
     let world = database.world();
     if args.path == Path::new(ORBIT) {
+        if agl_m.is_some() {
+            return Err(Failure::bad_input(anyhow!(
+                "--agl is the height above ground of a track (GPX, or a line or track of KML); the orbit has a height of \
+                 its own: leave --agl out, or name a track with --path"
+            )));
+        }
         let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
         let ground = WorldGround::coarse(database, world, exaggeration, spacing);
         let path = orbit::orbit(&ground.extent(), &ground);
         return Ok(LoadedPath { path, notes: Vec::new(), warnings: Vec::new() });
     }
     let ground = WorldGround::finest(database, world, exaggeration);
+    let options = CourseOptions { agl_m, keeps_rests: args.rests == Rests::Keep };
+    let mut remarks = Remarks::default();
     let georeference = georeference(database);
-    let path = path::load(&args.path, &georeference, &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)?;
-    Ok(LoadedPath { path, notes: Vec::new(), warnings: georeference.take_doubts() })
+    let path = path::load(&args.path, &georeference, &ground, options, &mut remarks).map_err(Failure::bad_input)?;
+    let Remarks { notes, mut warnings } = remarks;
+    warnings.extend(georeference.take_doubts());
+    Ok(LoadedPath { path, notes, warnings })
 }

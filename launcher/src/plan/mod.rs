@@ -14,7 +14,7 @@ pub use course::{LoadedPath, georeference, load_path};
 use crate::cli::database::DatabaseArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    Edge, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
     StillArgs,
 };
 use crate::data_set::DataSet;
@@ -49,7 +49,8 @@ use terravision_store::Store;
 
 /// Names of pictures end with one of these.
 const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp"];
-const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
+/// Size of a picture for which neither the command line nor the path says one.
+pub const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
 
@@ -352,12 +353,13 @@ impl<'a> Draft<'a> {
     fn finish(self, texels: TexelQuestion, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
         let Self { database, access, picture, resources, settings, .. } = self;
         let world = &database.world().clone();
-        let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
-        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let size = picture.size.unwrap_or(PictureSize {
             width: settings.width.unwrap_or(DEFAULT_SIZE.width),
             height: settings.height.unwrap_or(DEFAULT_SIZE.height),
         });
+        let of_path = settings.vfov_of(size.width, size.height).map(f64::to_degrees);
+        let vfov_deg = picture.vfov.or(of_path).unwrap_or(DEFAULT_VFOV_DEG);
+        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let (asked, rays) = checks::technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
@@ -444,6 +446,9 @@ impl<'a> Draft<'a> {
                     .map(|Rgb(rgb)| rgb)
                     .or(settings.sky_rgb)
                     .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
+                skirt_low_m: (picture.edge == Edge::Skirt)
+                    .then(|| database.ranges().range(world.root()).map(|[low, _]| exaggeration * f64::from(low)))
+                    .flatten(),
                 samples: picture.samples.unwrap_or(samples),
                 has_tree_overlay: picture.overlay == Some(Overlay::Tree),
                 has_validation: resources.validation,
@@ -452,6 +457,7 @@ impl<'a> Draft<'a> {
                 depth: self.depth,
                 ground: self.ground,
                 share: self.share,
+                made_up: picture.made_up.into(),
             },
             realtime,
         };
