@@ -316,7 +316,7 @@ fn wrong_wishes_are_told_before_anything_is_made() {
         (&["-o", "a.png", "--depth", "d.png"], "expected a TIFF file, e.g. depth.tif"),
         (&["-o", "a.png", "--ground", "g.jpg"], "expected a TIFF file, e.g. ground.tif"),
     ] {
-        let still = Terravision::verb("still").arg(synth_world(1024).database()).arg(&eye);
+        let still = Terravision::verb("still").arg("--quality=default").arg(synth_world(1024).database()).arg(&eye);
         let finished = still.args(["--heading=0", "--pitch=-20"]).args(arguments).current_dir(folder.path()).run();
         finished.assert_told(2);
         assert!(finished.stderr.contains(expected), "{arguments:?}: {}", finished.stderr);
