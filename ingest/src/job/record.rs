@@ -5,13 +5,14 @@ use crate::plan::Plan;
 use crate::source::raster::traditional;
 use crate::source::values::{ColorValues, ElevationValues};
 use crate::source::{Raster, TargetCrs};
-use gdal::spatial_ref::CoordTransform;
+use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
-    ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION, Manifest,
+    ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FORMAT_VERSION, Manifest,
     NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
+use terravision_common::world::World;
 
 /// What a manifest is made of.
 pub(super) struct Parts<'a> {
@@ -28,6 +29,8 @@ pub(super) struct Parts<'a> {
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    /// With sparse levels: from which level on all nodes exist.
+    pub(super) complete_level: Option<u8>,
     pub(super) lonlat: Option<LonLatTable>,
 }
 
@@ -48,6 +51,12 @@ pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f6
     format!("elevation has no data for {void_km2:.3} km² ({:.1} %): {became}", 100.0 * share)
 }
 
+/// What a program has to know to read the database.
+fn features(has_validity: bool, is_sparse: bool) -> Vec<String> {
+    let all = [(FEATURE_VALIDITY, has_validity), (FEATURE_SPARSE_LEVELS, is_sparse)];
+    all.into_iter().filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect()
+}
+
 pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let Parts { plan, target, .. } = parts;
     let source = |raster: &Raster, is_exact: bool| Source {
@@ -62,8 +71,9 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
     Manifest {
         format: String::new(),
-        format_version: if parts.voids.is_some() { FEATURES_VERSION } else { FORMAT_VERSION },
-        features: parts.voids.iter().map(|_| FEATURE_VALIDITY.to_owned()).collect(),
+        format_version: FORMAT_VERSION,
+        features: features(parts.voids.is_some(), parts.complete_level.is_some()),
+        complete_level: parts.complete_level,
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
@@ -98,21 +108,30 @@ fn elevation_encoding(has_validity: bool) -> &'static str {
     if has_validity { "terravision-elevation-2" } else { "terravision-elevation-1" }
 }
 
-/// West, south, east, north in degrees; zeros when PROJ cannot tell.
-fn bounds_deg(plan: &Plan, target: &TargetCrs) -> Option<[f64; 4]> {
-    let srs = target.srs().ok()?;
+/// West, south, east, north of a world in degrees; `None` when PROJ cannot tell. A world across the date line goes around
+/// the body unless `crosses`: then its west is the greater one.
+pub(super) fn bounds_deg(world: &World, srs: &SpatialRef, crosses: bool) -> Option<[f64; 4]> {
     let geographic = traditional(srs.geog_cs().ok()?);
-    let transform = CoordTransform::new(&srs, &geographic).ok()?;
-    let ([x0, y0], [w, h]) = (plan.world.fields().origin, plan.world.extent_m());
+    let transform = CoordTransform::new(srs, &geographic).ok()?;
+    let ([x0, y0], [w, h]) = (world.fields().origin, world.extent_m());
     let side = 21usize;
     let along = |k: usize| k as f64 / (side - 1) as f64;
     let (mut x, mut y): (Vec<f64>, Vec<f64>) =
         (0..side * side).map(|k| (x0 + w * along(k % side), y0 + h * along(k / side))).unzip();
     // Points that have no longitude and latitude come back infinite and are left out.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
+    // Far longitudes on both sides and none between: they are one side.
+    let is_split = x.iter().any(|x| *x > 90.0) && x.iter().any(|x| *x < -90.0) && !x.iter().any(|x| x.abs() <= 90.0);
+    if crosses && is_split {
+        x.iter_mut().filter(|x| **x < 0.0).for_each(|x| *x += 360.0);
+    }
     let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
     for (x, y) in x.iter().zip(&y).filter(|(x, y)| x.is_finite() && y.is_finite()) {
         bounds = [bounds[0].min(*x), bounds[1].min(*y), bounds[2].max(*x), bounds[3].max(*y)];
+    }
+    if crosses && bounds[2] > 180.0 {
+        bounds[2] -= 360.0;
+        return Some(bounds);
     }
     let limits = [180.0, 90.0, 180.0, 90.0];
     (bounds[0] <= bounds[2]).then(|| [0, 1, 2, 3].map(|i| bounds[i].clamp(-limits[i], limits[i])))
@@ -125,14 +144,15 @@ pub(super) fn archive_info(
     name: &str,
     has_validity: bool,
 ) -> (ArchiveInfo, ArchiveInfo) {
-    let bounds_deg = bounds_deg(plan, target).unwrap_or([0.0; 4]);
+    let bounds_deg = target.srs().ok().and_then(|srs| bounds_deg(&plan.world, &srs, false)).unwrap_or([0.0; 4]);
     let info = |layer: &str, format: &str, payload: &str| ArchiveInfo {
         bounds_deg,
         metadata: json!({
             "name": format!("{name} {layer}"),
             "description": format!("{layer} tiles of a TerraVision terrain database"),
             "type": "overlay",
-            "version": FORMAT_VERSION.to_string(),
+            // Of this object.
+            "version": "1",
             "format": format,
             "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
             // Zooms and rows count as in web maps, but the root is a square of this CRS, not the globe.
