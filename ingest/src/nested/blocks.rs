@@ -58,11 +58,11 @@ pub(super) fn samples_of(
     size: [u64; 2],
 ) -> Option<Rect> {
     let mut rect = Rect::new([0; 2], [0; 2]);
-    for axis in 0..2 {
+    for (axis, count) in size.into_iter().enumerate() {
         let margin = bounds.pixel + 0.01 * (bounds.high[axis] - bounds.low[axis]);
         let at = |v: f64| (v - lattice.first[axis]) / lattice.step;
         let first = at(bounds.low[axis] - margin).floor().max(0.0);
-        let last = at(bounds.high[axis] + margin).ceil().min(size[axis] as f64 - 1.0);
+        let last = at(bounds.high[axis] + margin).ceil().min(count as f64 - 1.0);
         if last < first {
             return None;
         }

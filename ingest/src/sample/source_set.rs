@@ -39,6 +39,9 @@ impl<T> Kept<T> {
     }
 }
 
+/// The number of the source that has data at a place, and its value.
+type Sampled<const C: usize> = Option<(usize, [f32; C])>;
+
 /// How a file is opened.
 type Open<'a, V, R> = fn(&'a Raster, &'a V) -> Result<R, IngestError>;
 
@@ -99,7 +102,7 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         block: Rect,
         is_wanted: &dyn Fn(usize) -> bool,
         is_left_out: &dyn Fn(usize) -> bool,
-    ) -> Result<Vec<Option<(usize, [f32; C])>>, IngestError>
+    ) -> Result<Vec<Sampled<C>>, IngestError>
     where
         R: Reader<C>,
     {
