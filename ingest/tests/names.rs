@@ -74,9 +74,9 @@ fn archives_and_folders_of_tiles_are_layers() {
         (folder.path("two.zip"), folder.path("one.zip"), folder.path("none.zip"), folder.path("twice.zip"));
     zip(&two, &[("L32/a.tif", a.clone()), ("L32/b.tif", b.clone()), readme.clone()]);
     zip(&one, &[("a.tif", a.clone()), readme.clone()]);
-    zip(&none, &[readme.clone()]);
+    zip(&none, std::slice::from_ref(&readme));
     zip(&twice, &[("a.tif", a.clone()), ("mask.tif", a.clone())]);
-    let (database, notes) = run(&job(&[two.clone()], &[], folder.path("two.tv"))).unwrap();
+    let (database, notes) = run(&job(std::slice::from_ref(&two), &[], folder.path("two.tv"))).unwrap();
     assert!(matches!(&notes[0], Note::Info(t) if t.contains("a.tif, b.tif")), "{notes:?}");
     assert_eq!(database.world().extent(), [119, 49]);
     let named: Vec<_> = database.manifest().elevation.sources.iter().map(|s| s.file.as_str()).collect();
@@ -99,7 +99,7 @@ fn archives_and_folders_of_tiles_are_layers() {
     fs::write(tiles.join("a.tif"), &a).unwrap();
     fs::write(tiles.join("b.tif"), &b).unwrap();
     fs::write(tiles.join("notes.txt"), "mine").unwrap();
-    let (database, _) = run(&job(&[tiles.clone()], &[], folder.path("tiles.tv"))).unwrap();
+    let (database, _) = run(&job(std::slice::from_ref(&tiles), &[], folder.path("tiles.tv"))).unwrap();
     assert_eq!(database.world().extent(), [119, 49]);
     let other = Tiff { crs: Some("EPSG:32633"), ..Tiff::utm([20, 20], hills) };
     other.write(&tiles.join("c.tif"));

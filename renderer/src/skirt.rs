@@ -131,7 +131,7 @@ impl Skirt {
             if ends[0] < ends[1] && border.iter().all(|height| height.is_finite()) {
                 let inner = [k, k + step].map(|k| self.height(axis, at.saturating_sub(step), k));
                 match ground_along([k, k + step].map(|k| self.ground_share(axis, at, k))) {
-                    Some(part) if part == [0.0, 1.0] => add_stretch(out, ends, border, cut.map(|share| (share, inner))),
+                    Some([0.0, 1.0]) => add_stretch(out, ends, border, cut.map(|share| (share, inner))),
                     Some(part) => {
                         let between = |v: [f64; 2]| part.map(|t| v[0] + t * (v[1] - v[0]));
                         out.push(Stretch { ends: between(ends), heights: between(border) });

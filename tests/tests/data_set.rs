@@ -98,7 +98,7 @@ impl Frame {
         }
         let first = y as usize * width + x as usize;
         let corners = [first, first + 1, first + width, first + width + 1];
-        if corners.iter().any(|&index| !((self.depth[index] / z - 1.0).abs() < 0.02)) {
+        if !corners.iter().all(|&index| (self.depth[index] / z - 1.0).abs() < 0.02) {
             return None;
         }
         let [a, b, c, d] = corners.map(|index| self.at(index));

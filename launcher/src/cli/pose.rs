@@ -89,6 +89,5 @@ pub struct AglArgs {
     /// Height above ground at which a track is flown, metres [default of GPX: 150]; without a number: the Z of --eye and
     /// --look-at are heights above the ground
     #[arg(long, value_name = "METRES", num_args = 0..=1, value_parser = parse_agl)]
-    #[expect(clippy::option_option, reason = "not given, given alone, given with a number")]
     pub agl: Option<Option<f64>>,
 }

@@ -178,7 +178,9 @@ impl Known {
 
 /// The number that a text is, to the last bit.
 fn number(raw: &RawValue) -> io::Result<f64> {
-    raw.get().parse().map_err(|_| io::Error::new(io::ErrorKind::InvalidData, format!("{} is not a number", raw.get())))
+    raw.get()
+        .parse()
+        .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, format!("{} is not a number: {error}", raw.get())))
 }
 
 /// Frames by number, each as its text.
@@ -202,7 +204,8 @@ impl Listing {
                 let text = format!("it has {} bytes, at most {MAX_BYTES} are read", found.len());
                 return Err(io::Error::new(io::ErrorKind::InvalidData, text));
             }
-            found => drop(found?),
+            Err(error) => return Err(error),
+            Ok(_) => {}
         }
         let text = String::from_utf8_lossy(&fs::read(path)?).into_owned();
         let Ok(before) = serde_json::from_str::<Before<'_>>(&text) else { return Ok((listing, 0)) };

@@ -86,6 +86,7 @@ impl fmt::Debug for Georeference {
 }
 
 /// The way of a path's coordinates into the world's CRS.
+#[expect(clippy::large_enum_variant, reason = "a path has one")]
 enum Way {
     /// By the planes alone.
     Planes { from: Plane, to: Plane },
@@ -210,7 +211,8 @@ impl Georeference {
         let named = self.epsg.and_then(definition).unwrap_or(own);
         let is_same = datum_words(text) == datum_words(named) || datum_words(text) == datum_words(own);
         let is_known_as_same = is_same && datum_words(text).len() > ELLIPSOID_WORDS;
-        if !is_known_as_same && !(is_same && datum_of(text) == Datum::Unknown) {
+        let is_taken_for_same = is_same && datum_of(text) == Datum::Unknown;
+        if !(is_known_as_same || is_taken_for_same) {
             return None;
         }
         // What the world's table adds to its plane beyond the datum cannot be told from it.
