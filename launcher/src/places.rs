@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::lonlat::{LonLatTable, Plane, lonlat_of_body};
 use terravision_common::node::NodeId;
+use terravision_common::validity::{HALF, MEASURED_PLANE};
 use terravision_store::Store;
 
 /// Tiles that are read for one of the two. The ranges of nodes tell which ones can have it: a few around a summit.
@@ -119,13 +120,20 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
     // The range of a node bounds coarser levels too: the one that is nearest to the height most likely has it.
     candidates.sort_by(|a, b| (a.0 - height_m).abs().partial_cmp(&(b.0 - height_m).abs()).unwrap_or(Ordering::Equal));
     let posts = world.elevation_posts() as usize;
-    let (mut heights, mut scratch) = (vec![0.0f32; posts * posts], TileScratch::default());
+    let (mut values, mut scratch) = (vec![0.0f32; world.elevation_values()], TileScratch::default());
     for (_, node) in candidates.into_iter().take(MOST_TILES) {
-        if database.read_elevation(node, &mut heights, &mut scratch).is_err() {
+        if database.read_elevation(node, &mut values, &mut scratch).is_err() {
             continue;
         }
+        let (heights, shares) = values.split_at(posts * posts);
+        // What was made up is no place to name. (A world without voids has no shares.)
+        let is_measured = |at: usize| {
+            let measured = (MEASURED_PLANE - 1) * posts * posts + at;
+            shares.get(measured).is_none_or(|share| *share >= HALF)
+        };
         // The border beyond the extent repeats what is within.
-        let Some(at) = heights.iter().position(|h| (f64::from(*h) - height_m).abs() <= STEP_M) else { continue };
+        let is_found = |at: &usize| (f64::from(heights[*at]) - height_m).abs() <= STEP_M && is_measured(*at);
+        let Some(at) = (0..heights.len()).find(is_found) else { continue };
         let spacing = world.elevation_spacing_m(q);
         let (side_m, [x, y], [width, height]) = (world.node_side_m(q), world.fields().origin, world.extent_m());
         let along =

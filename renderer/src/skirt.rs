@@ -326,7 +326,7 @@ mod tests {
         assert_eq!(seen(100.5, 110.0), wall, "10 m high where the ground is 25 m");
         assert_eq!(seen(100.5, 90.0), None, "30 m high");
         assert_eq!(seen(60.0, 94.9), wall, "the north is higher");
-        assert_eq!(seen(140.0, 115.0), None, "the south lower");
+        assert_eq!(seen(140.0, 114.0), None, "the south lower");
         assert_eq!(seen(160.0, 110.0), None, "past the corner");
         assert_eq!(seen(100.5, 129.0), wall, "just above the lowest height");
         assert_eq!(seen(100.5, 131.0), None, "below it");

@@ -235,3 +235,21 @@ fn no_sky_is_seen_away_from_holes() {
         }
     }
 }
+
+#[test]
+fn info_of_a_world_with_voids_names_points_that_were_measured() {
+    let folder = TestFolder::new("voids-info");
+    for voids in ["clip", "fill", "keep"] {
+        let (world, _) = ingest(&folder, voids, rough);
+        let told = Terravision::verb("info").arg(&world).arg("--json").succeed().stdout;
+        let info: serde_json::Value = serde_json::from_slice(&told).unwrap();
+        let highest = &info["highest"];
+        let [x, y] = [0, 1].map(|axis| highest["place"][axis].as_f64().unwrap_or(f64::NAN));
+        let (i, j) = (((x - ORIGIN[0]) / SPACING_M).round() as usize, ((y - ORIGIN[1]) / SPACING_M).round() as usize);
+        assert!(!is_rim(i, j) && !is_gap(i, j), "{voids}: {highest}");
+        assert!(
+            (highest["height_m"].as_f64().unwrap_or(0.0) - f64::from(rough(i, j))).abs() < 0.01,
+            "{voids}: {highest}"
+        );
+    }
+}

@@ -245,10 +245,11 @@ mod tests {
         // 900 rows of 1.6 kB: more than one strip.
         let size = [400u32, 900];
         let depths: Vec<f32> = (0..400 * 900u32).map(|k| k as f32).collect();
+        let rgba = vec![255; 4 * depths.len()];
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
         for frame in [3, 4] {
             let camera = Camera::zeroed();
-            let picture = Picture { frame, size, rgba: &[], reversed_depth: Some(&depths), camera, is_settled: true };
+            let picture = Picture { frame, size, rgba: &rgba, reversed_depth: Some(&depths), camera, is_settled: true };
             sink.write(&picture).unwrap();
         }
         let mut expected = std::io::Cursor::new(Vec::new());
