@@ -9,7 +9,7 @@
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
-//! * [`run`]: what the launcher tells each stage about the run that it is part of.
+//! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
 
 pub mod camera;
 pub mod database;
@@ -29,6 +29,7 @@ pub mod stage;
 pub mod sync;
 pub mod synthetic;
 pub mod texels;
+pub mod threads;
 pub mod top_levels;
 pub mod traversal;
 pub mod tree;

@@ -30,6 +30,7 @@ pub mod plan;
 pub mod realtime_report;
 pub mod report;
 pub mod stream;
+pub mod thread;
 pub mod trace;
 pub mod world;
 
@@ -45,6 +46,8 @@ use terravision_common::event::monotonic_nanos;
 #[must_use]
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let started_nanos = monotonic_nanos();
+    // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
+    terravision_common::stage::note_file_limit().ok();
     let result = match Cli::try_parse_from(arguments) {
         Ok(cli) => dispatch(cli.command, started_nanos),
         Err(error) => usage(&error),

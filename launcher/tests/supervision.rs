@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use terravision_common::shm::{Control, Layout, RunId, RunSegments, RunState, Stage};
+use terravision_launcher::flight::hang::HangRules;
 use terravision_launcher::flight::restart::{RestartRules, Restarts};
 use terravision_launcher::flight::stage::{StageProcess, StartError};
 use terravision_launcher::flight::supervisor::{Ending, watch};
@@ -87,7 +88,7 @@ impl Flight {
     ) -> Ending {
         let mut pids: Vec<u32> = stages.iter().map(StageProcess::pid).collect();
         let end = Instant::now() + Duration::from_secs(60);
-        let ending = watch(&mut stages, &self.control, &is_interrupted, restarts, &mut |stages| {
+        let ending = watch(&mut stages, &self.control, &is_interrupted, &|| false, restarts, &mut |stages| {
             assert!(Instant::now() < end, "the stages do not end");
             tick(stages);
         });
@@ -238,7 +239,7 @@ fn a_stage_that_is_not_there_is_named() {
     assert!(text.contains("the program of the generator") && text.contains("is missing"), "{text}");
 }
 
-const RULES: RestartRules = RestartRules { limit: 5, hang_after: Duration::from_secs(3600) };
+const RULES: RestartRules = RestartRules { limit: 5, hang: HangRules::NEVER };
 
 /// A flight of these scripts by these rules: its ending, what was said of restarts, and how many there were.
 fn fly_again(rules: RestartRules, scripts: [(Stage, &str); 4], flight: &Flight) -> (Ending, Vec<String>, u32) {
@@ -303,7 +304,8 @@ fn what_would_happen_again_is_not_tried_again() {
 
 #[test]
 fn a_stage_that_falls_silent_is_killed_and_started_again() {
-    let rules = RestartRules { limit: 1, hang_after: Duration::from_secs(1) };
+    let hang = HangRules { after: Duration::from_secs(1), ..HangRules::NEVER };
+    let rules = RestartRules { limit: 1, hang };
     let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
     let (flight, mut said) = (Flight::new(), Vec::new());
     let mut say = |sentence: &str| said.push(sentence.to_owned());

@@ -8,6 +8,7 @@ mod live;
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
 
 use crate::cli::database::DatabaseArgs;
+use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
     CourseArgs, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
@@ -233,7 +234,9 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.depth = depth;
     draft.ground = ground;
     draft.destination = args.output.display().to_string();
-    draft.finish(texels, &args.measurements)
+    let mut plan = draft.finish(texels, &args.measurements)?;
+    plan.restarts = checks::restarts(&SupervisionArgs::default(), &plan.config)?;
+    Ok(plan)
 }
 
 /// A plan in the making.

@@ -4,8 +4,10 @@
 //! it: the same pictures make the same bytes on any machine with the same ffmpeg.
 
 use super::StreamError;
+use crate::flight::supervisor::signal_name;
+use crate::thread::in_thread;
 use std::io::Read;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
 use std::thread::JoinHandle;
@@ -50,10 +52,20 @@ impl Encoder {
             // Ctrl-C is for this program: ffmpeg ends when its input does, or when it is killed.
             .process_group(0);
         let mut child = command.spawn().map_err(|source| StreamError::StartEncoder { source })?;
-        let messages = child.stderr.take().map(|stderr| std::thread::spawn(move || last_words(stderr)));
-        let no_input = || StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() };
-        let input = child.stdin.take().ok_or_else(no_input)?;
-        Ok((Self { child, messages }, input))
+        let (stderr, stdin) = (child.stderr.take(), child.stdin.take());
+        let mut encoder = Self { child, messages: None };
+        let (Some(stderr), Some(input)) = (stderr, stdin) else {
+            encoder.kill();
+            return Err(StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() });
+        };
+        match in_thread("encoder", move || last_words(stderr)) {
+            Ok(thread) => encoder.messages = Some(thread),
+            Err(source) => {
+                encoder.kill();
+                return Err(StreamError::Thread { source });
+            }
+        }
+        Ok((encoder, input))
     }
 
     /// Its process id.
@@ -72,12 +84,15 @@ impl Encoder {
     /// # Errors
     /// It gave up: its last words.
     pub fn end(mut self) -> Result<(), String> {
-        let is_success = self.child.wait().is_ok_and(|status| status.success());
+        let status = self.child.wait();
         let words = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
         // It tells errors alone (-loglevel error), and ends with success when only the end of the file could not be written.
         match words.lines().rev().find(|line| !line.trim().is_empty()) {
-            None if is_success => Ok(()),
-            None => Err("it ended without a word".to_owned()),
+            None => match status.map(|status| (status.success(), status.signal())) {
+                Ok((true, _)) => Ok(()),
+                Ok((_, Some(signal))) => Err(format!("it was killed by signal {signal}{}", signal_name(signal))),
+                _ => Err("it ended without a word".to_owned()),
+            },
             Some(line) => Err(line.trim().to_owned()),
         }
     }

@@ -43,7 +43,7 @@ impl FrameSink for SharedSink {
         let ground = view.positions(reversed, width);
         let Picture { frame, camera, is_settled, .. } = picture;
         let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
-        self.ring.write(&info, picture.rgba, depth, ground);
+        self.ring.write(&info, picture.rgba, depth, ground)?;
         Ok(())
     }
 
