@@ -145,6 +145,15 @@ impl TemporaryFile {
     }
 }
 
+/// Whether standard output was closed when this program was started (`>&-`), or leads nowhere. A Rust program finds the null device
+/// in place of one that is closed, open for reading and writing, as nobody opens it to write.
+#[must_use]
+pub fn is_stdout_closed() -> bool {
+    let stdout = io::stdout();
+    let is_null = rustix::fs::fstat(&stdout).is_ok_and(|found| found.st_rdev == rustix::fs::makedev(1, 3));
+    is_null && rustix::fs::fcntl_getfl(&stdout).is_ok_and(|flags| flags.contains(OFlags::RDWR))
+}
+
 /// Opens a file to be written. A FIFO that nobody reads is waited for, but not for ever.
 fn open(path: &Path, is_truncated: bool) -> io::Result<File> {
     let mut options = OpenOptions::new();

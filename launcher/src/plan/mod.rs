@@ -20,7 +20,7 @@ use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::{bytes_for_people, find_program};
 use crate::metrics::MetricsSocket;
-use crate::output::{FrameFolder, TemporaryFile};
+use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::crs::Georeference;
 use crate::path::orbit;
 use crate::path::{self, CameraPath, CourseOptions, Pose};
@@ -159,6 +159,11 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
             )));
         }
         draft.stream_into(StreamTarget::Stdout);
+        if output::is_stdout_closed() {
+            draft
+                .warnings
+                .push("-o -: standard output is closed, or the null device; the film goes nowhere".to_owned());
+        }
         draft.destination = "standard output".into();
     } else if is_folder_name(&args.output) {
         let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
@@ -259,6 +264,7 @@ struct Draft<'a> {
     stream: Option<StreamTarget>,
     destination: String,
     realtime: Option<&'a RealtimeArgs>,
+    warnings: Vec<String>,
 }
 
 impl<'a> Draft<'a> {
@@ -288,6 +294,7 @@ impl<'a> Draft<'a> {
             stream: None,
             destination: String::new(),
             realtime: None,
+            warnings: Vec::new(),
         })
     }
 
@@ -331,7 +338,7 @@ impl<'a> Draft<'a> {
         })?;
 
         let ground = WorldGround::finest(&database, world, exaggeration).bounded(database.ranges());
-        let mut warnings = Vec::new();
+        let mut warnings = self.warnings;
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut warnings)?;
         }
