@@ -39,7 +39,7 @@ pub enum Outcome {
     },
     /// It cannot be had.
     Unavailable {
-        /// Why: 1 missing, 2 corrupt, 3 cannot be read.
+        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused.
         code: u8,
     },
     /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.
@@ -73,6 +73,13 @@ impl TileOutcome {
         };
         Some((tile, outcome))
     }
+}
+
+/// Whether a tile that could not be had for this cause may come soon, when the server answers again: it could not be read, or what
+/// came was damaged. A server that has no such tile, or refuses it, will do so again.
+#[must_use]
+pub const fn may_come(code: u8) -> bool {
+    matches!(code, 2 | 3)
 }
 
 /// The number of a layer in events: 0 elevation, 1 colour.

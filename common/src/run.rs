@@ -189,10 +189,10 @@ pub struct RenderConfig {
     pub frames_in_flight: u32,
     /// Where frames go.
     pub sink: SinkConfig,
-    /// Also write depth (float32 GeoTIFF-like TIFF, metres along the view axis, NaN for sky) of the only frame.
-    pub depth: Option<PathBuf>,
-    /// Also write ground position (3 x float64 TIFF: easting, northing, height; NaN for sky) of the only frame.
-    pub ground: Option<PathBuf>,
+    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky.
+    pub depth: Option<PlaneTarget>,
+    /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky.
+    pub ground: Option<PlaneTarget>,
     /// Also put every frame into a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
@@ -240,6 +240,33 @@ pub enum RaysChoice {
 
 /// How the renderer's words of what casts rays begin as long as [`RaysChoice::Auto`] has not been decided.
 pub const UNDECIDED_RAYS: &str = "not tried yet:";
+
+/// Where one plane of values, depth or ground, of every frame goes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlaneTarget {
+    /// One file, of the only frame.
+    File(PathBuf),
+    /// `frame-000000.tif` and so on, in this folder.
+    Folder(PathBuf),
+}
+
+impl PlaneTarget {
+    /// The file of a frame.
+    #[must_use]
+    pub fn path(&self, frame: u64) -> PathBuf {
+        match self {
+            Self::File(path) => path.clone(),
+            Self::Folder(folder) => folder.join(frame_file_name(frame, "tif")),
+        }
+    }
+}
+
+/// Name of a frame's file in a folder of frames.
+#[must_use]
+pub fn frame_file_name(frame: u64, extension: &str) -> String {
+    format!("frame-{frame:06}.{extension}")
+}
 
 /// What other programs get.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -166,6 +166,7 @@ impl Report {
                 cause: match cause {
                     1 => "missing",
                     2 => "corrupt",
+                    4 => "refused",
                     _ => "read error",
                 },
             })

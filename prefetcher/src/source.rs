@@ -26,6 +26,15 @@ pub enum FetchError {
         #[source]
         source: Box<dyn Error + Send + Sync>,
     },
+    /// The server refuses it, and will do so again.
+    #[error("the {tile} is refused: {source}")]
+    Refused {
+        /// The tile.
+        tile: Tile,
+        /// Why.
+        #[source]
+        source: Box<dyn Error + Send + Sync>,
+    },
     /// It cannot be read, now at least.
     #[error("the {tile} cannot be read: {source}")]
     Unreadable {
@@ -38,13 +47,14 @@ pub enum FetchError {
 }
 
 impl FetchError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error.
+    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 refused.
     #[must_use]
     pub fn code(&self) -> u8 {
         match self {
             Self::Missing { .. } => 1,
             Self::Corrupt { .. } => 2,
             Self::Unreadable { .. } => 3,
+            Self::Refused { .. } => 4,
         }
     }
 }
@@ -72,6 +82,8 @@ impl PayloadSource for Arc<Store> {
         read.map_err(|error| match error.cause() {
             None => FetchError::Missing { tile },
             Some(Cause::Damaged) => FetchError::Corrupt { tile, source: error.into() },
+            // That the cache lacks it, or the disk fails, is nobody's refusal.
+            Some(cause) if cause.is_refusal() => FetchError::Refused { tile, source: error.into() },
             Some(_) => FetchError::Unreadable { tile, source: error.into() },
         })
     }

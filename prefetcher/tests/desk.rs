@@ -105,6 +105,28 @@ fn outcomes_are_told_when_a_tile_ends_and_again_for_every_list_that_names_it() {
 }
 
 #[test]
+fn what_was_only_expected_is_lost_when_a_frame_lacks_it_and_not_before() {
+    let mut office = Office::warmed(64, true);
+    office.expect(&[color(1), color(2)]);
+    for tile in [color(1), color(2)] {
+        office.crew.refuse(tile, 3, office.now);
+    }
+    office.step();
+    let lost = |office: &Office| {
+        let lost = office.desk.news.iter().filter_map(|news| match news {
+            News::Unavailable { tile, frame, .. } => Some((*tile, *frame)),
+            _ => None,
+        });
+        (lost.collect::<Vec<_>>(), office.control.counter(Counter::TilesUnavailable))
+    };
+    assert_eq!(lost(&office), (vec![], 0));
+    for sequence in 1..3 {
+        office.want(sequence, &[color(2)]);
+        assert_eq!(lost(&office), (vec![(color(2), 101)], 1), "once");
+    }
+}
+
+#[test]
 fn a_tile_that_could_not_be_had_is_tried_again_after_a_while_if_at_all() {
     for (has_retries, code, cycles) in [(false, 3, 1000), (true, 3, 10), (true, 1, 300)] {
         let mut office = Office::warmed(64, has_retries);

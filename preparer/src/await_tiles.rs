@@ -84,30 +84,38 @@ impl TileWait {
         Ok(())
     }
 
-    /// Waits for as long as `patience` until the root's tiles are there, also when they could not be had at first. Whether they
-    /// are.
+    /// Waits for as long as `patience` until the top levels are there, also when some of them could not be had at first: a server
+    /// may be away for longer than one read may take. What it refuses is not waited for, but for the root, without which
+    /// there is no picture. Whether the root is there.
     ///
     /// # Errors
     /// [`AwaitError`].
-    pub fn insist_on_root(
+    pub fn insist_on_top_levels(
         &mut self,
         loader: &mut impl TileLoader,
         patience: Duration,
         control: &Control,
     ) -> Result<bool, AwaitError> {
         let end = Instant::now() + patience;
-        self.pending.clear();
-        self.pending.extend(self.locked.iter().filter(|tile| tile.node == self.world.root()));
+        let root = self.world.root();
         loop {
             loader.drain()?;
             // Its own clock ends this wait.
             control.progress();
+            let (mut is_root_there, mut is_over) = (true, true);
             // All of them are wanted, whatever the first is.
-            let there = self.pending.iter().filter(|tile| loader.want(**tile, 0, 0, control) == TileState::Resident);
-            let is_there = there.count() == self.pending.len();
+            for tile in &self.locked {
+                let (is_there, is_awaited) = match loader.want(*tile, 0, 0, control) {
+                    TileState::Resident => (true, false),
+                    TileState::Unavailable { may_come } => (false, may_come || tile.node == root),
+                    TileState::Loading | TileState::NoRoom => (false, true),
+                };
+                is_root_there &= is_there || tile.node != root;
+                is_over &= !is_awaited;
+            }
             loader.ask(0, 0);
-            if is_there || Instant::now() >= end {
-                return Ok(is_there);
+            if is_over || Instant::now() >= end {
+                return Ok(is_root_there);
             }
             loader.wait(control)?;
         }
@@ -153,7 +161,7 @@ impl TileWait {
             loader.drain()?;
             self.pending.retain(|tile| match loader.want(*tile, frame, sequence, control) {
                 TileState::Resident => false,
-                TileState::Unavailable => {
+                TileState::Unavailable { .. } => {
                     unavailable += 1;
                     false
                 }
@@ -219,5 +227,109 @@ impl TileWait {
             (Some(needed_mib), Some(given_mib)) => AwaitError::TooLittleMemory { frame, needed_mib, given_mib },
             _ => AwaitError::TooManyTiles { frame, layer, needed, capacity },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::node::NodeId;
+    use terravision_common::shm::memory;
+    use terravision_common::world::WorldFields;
+
+    /// Answers by a script: `states(tile, round)`; a round ends with each wait.
+    struct Scripted<F> {
+        round: usize,
+        states: F,
+    }
+
+    impl<F> crate::truncation::Tiles for Scripted<F> {
+        fn color(&self, _node: NodeId) -> Option<(u32, u32)> {
+            None
+        }
+
+        fn elevation(&self, _node: NodeId) -> Option<&[f32]> {
+            None
+        }
+    }
+
+    impl<F: Fn(Tile, usize) -> TileState> TileLoader for Scripted<F> {
+        fn want(&mut self, tile: Tile, _frame: u64, _sequence: u64, _control: &Control) -> TileState {
+            (self.states)(tile, self.round)
+        }
+
+        fn ask(&mut self, _frame: u64, _sequence: u64) {}
+
+        fn wait(&mut self, _control: &Control) -> Result<(), LoadError> {
+            self.round += 1;
+            Ok(())
+        }
+
+        fn drain(&mut self) -> Result<(), LoadError> {
+            Ok(())
+        }
+
+        fn in_flight(&self) -> usize {
+            0
+        }
+
+        fn capacity(&self, _layer: Layer) -> u32 {
+            100
+        }
+
+        fn close(&mut self) {}
+    }
+
+    /// Rounds that are waited, and whether the root is there then.
+    fn rounds(patience: Duration, states: impl Fn(Tile, NodeId, usize) -> TileState) -> (usize, bool) {
+        let world = World::new(WorldFields {
+            origin: [0.0; 2],
+            lattice_unit_m: 1.0,
+            extent: [64, 64],
+            elevation_tile: 4,
+            color_tile: 16,
+            levels: 5,
+            finest_elevation_level: 0,
+            finest_color_level: 0,
+        })
+        .expect("valid");
+        let control = memory::control().expect("a control block");
+        let mut wait = TileWait::new(&world, TexelFormat::Rgba8, 64);
+        let mut loader = Scripted { round: 0, states: |tile, round| states(tile, world.root(), round) };
+        let is_there = wait.insist_on_top_levels(&mut loader, patience, &control).expect("waits");
+        (loader.round, is_there)
+    }
+
+    const FOREVER: Duration = Duration::from_secs(1 << 30);
+    const FAILING: TileState = TileState::Unavailable { may_come: true };
+    const REFUSED: TileState = TileState::Unavailable { may_come: false };
+
+    #[test]
+    fn a_start_waits_for_all_that_may_come_and_for_the_root_whatever_is_said_of_it() {
+        let resident_from = |at: usize, round: usize, before: TileState| {
+            if round >= at { TileState::Resident } else { before }
+        };
+        let not_root = |tile: Tile, root: NodeId| tile.node != root;
+        // A tile beside the root that failed is waited for.
+        assert_eq!(
+            rounds(FOREVER, |tile, root, round| resident_from(
+                if not_root(tile, root) { 7 } else { 0 },
+                round,
+                FAILING
+            )),
+            (7, true)
+        );
+        // One that is refused is not, the root is.
+        assert_eq!(
+            rounds(FOREVER, |t, root, _| if not_root(t, root) { REFUSED } else { TileState::Resident }),
+            (0, true)
+        );
+        assert_eq!(rounds(FOREVER, |_, _, round| resident_from(3, round, REFUSED)), (3, true));
+        // Patience ends.
+        assert_eq!(
+            rounds(Duration::ZERO, |t, root, _| if not_root(t, root) { FAILING } else { TileState::Resident }),
+            (0, true)
+        );
+        assert_eq!(rounds(Duration::ZERO, |_, _, _| FAILING), (0, false));
     }
 }

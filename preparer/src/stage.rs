@@ -172,7 +172,7 @@ impl<L: TileLoader> Preparer<L> {
         preparer.resume(ports)?;
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
-            preparer.wait.insist_on_root(&mut preparer.loader, patience, &ports.control)?;
+            preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
         }
         // Also of frames that show nothing but sky: where no height is known, the camera itself may be anywhere.
         if let Some(tile) = preparer.wait.missing_of_root(&mut preparer.loader, &ports.control) {
@@ -280,7 +280,7 @@ impl<L: TileLoader> Preparer<L> {
     }
 }
 
-/// How long a flight against the clock waits for the root at its start, although it could not be had: a server may be away for
+/// How long a flight against the clock waits for the top levels at its start, although they could not be had: a server may be away for
 /// longer than one read may take. In exact mode what is drawn must not depend on when a tile came.
 fn start_patience(config: &RunConfig) -> Option<Duration> {
     let DatabaseConfig { is_offline, request_timeout_ms, .. } = config.database;

@@ -11,7 +11,8 @@ fn realtime() -> Flight {
 
 #[test]
 fn frames_are_made_of_what_is_there_and_may_be_left_out() {
-    let flight = realtime();
+    let held = 30;
+    let flight = Flight { held: Some(held), ..realtime() };
     // Every slot that is named holds the right tile until the frame is completed: the flight's renderer looks.
     let (frames, events) = flight.fly().expect("a flight");
     let numbers: Vec<u64> = frames.iter().map(|frame| frame.marker.frame).collect();
@@ -28,9 +29,10 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
             .zip(&lacked)
             .all(|(share, (_, count))| (0.0..=1.0).contains(share) && (*count > 0 || *share == 1.0))
     );
-    assert!(
-        sharp.iter().any(|share| *share < 0.9) && sharp[30..].iter().sum::<f32>() > sharp[..30].iter().sum::<f32>()
-    );
+    // With the top levels alone none is as fine as wanted; later each lacks what has just come into view, at most.
+    let (before, after) = sharp.split_at(held as usize);
+    assert!(before.iter().all(|share| *share < 0.1), "{before:?}");
+    assert!(after[1..].iter().all(|share| *share > 0.8), "{after:?}");
     assert_eq!(lacked, frames.iter().map(|f| (f.marker.frame, f.end.unavailable_count.into())).collect::<Vec<_>>());
 }
 

@@ -14,7 +14,8 @@ use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, StreamSink,
+    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, SinkError,
+    StreamSink,
 };
 use terravision_renderer::source::LiveSource;
 
@@ -150,46 +151,49 @@ fn render(json: &str) -> anyhow::Result<()> {
 }
 
 /// The sinks of a run, one for each lane. So many frames were written by renderers before this one.
-fn sinks(
-    config: &RunConfig,
-    origin: [f64; 2],
-    written: u64,
-) -> Result<Vec<Box<dyn FrameSink>>, terravision_renderer::sink::SinkError> {
+fn sinks(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
     let render = &config.render;
-    let mut first: Vec<Box<dyn FrameSink>> = match &render.sink {
-        SinkConfig::PngFolder(folder) => {
-            let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
-            let mut lanes: Vec<Box<dyn FrameSink>> = Vec::new();
-            for _ in 0..threads {
-                lanes.push(Box::new(PngFolderSink::new(folder)?));
-            }
-            lanes
-        }
-        SinkConfig::PngFile(path) => vec![Box::new(PngFileSink::new(path))],
-        SinkConfig::Stream(encoding) => vec![Box::new(StreamSink::stdout(*encoding)?)],
-        SinkConfig::Null => vec![Box::new(NullSink)],
+    // Files may be written in any order. A stream and shared frames have one, and so have frames that stand in for those
+    // before them.
+    let is_in_any_order = render.share.is_none()
+        && config.realtime.is_none()
+        && match render.sink {
+            SinkConfig::PngFolder(_) => true,
+            SinkConfig::Null => render.depth.is_some() || render.ground.is_some(),
+            SinkConfig::PngFile(_) | SinkConfig::Stream(_) => false,
+        };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
+    (0..if is_in_any_order { threads } else { 1 }).map(|_lane| lane(config, origin, written)).collect()
+}
+
+/// The sinks of one lane.
+fn lane(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+    let render = &config.render;
+    let mut picture: Box<dyn FrameSink> = match &render.sink {
+        SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
+        SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
+        SinkConfig::Stream(encoding) => Box::new(StreamSink::stdout(*encoding)?),
+        SinkConfig::Null => Box::new(NullSink),
     };
-    // What is left out of a stream the launcher makes up for.
+    // What is left out of a stream the launcher makes up for; of files, the frame before.
     if config.realtime.is_some() && !matches!(render.sink, SinkConfig::Stream(_)) {
-        // Frames that were left out are made up for by the one before: one lane, which knows it.
-        let repeat = |sink| Ok(Box::new(RepeatSink::new(sink, config.frames, written)?) as Box<dyn FrameSink>);
-        first = first.into_iter().take(1).map(repeat).collect::<Result<_, terravision_renderer::sink::SinkError>>()?;
+        picture = Box::new(RepeatSink::new(picture, config.frames, written)?);
     }
     if render.depth.is_none() && render.ground.is_none() && render.share.is_none() {
-        return Ok(first);
+        return Ok(picture);
     }
-    // Depth and ground are of the only frame, and shared frames have an order: one lane.
     let mut all = AllOf(Vec::new());
     if let Some(share) = &render.share {
         // First: who reads it waits for it, files can wait.
         all.0.push(Box::new(SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?));
     }
-    all.0.extend(first.into_iter().take(1));
-    if let Some(path) = &render.depth {
-        all.0.push(Box::new(DepthSink::new(path)));
+    if let Some(target) = &render.depth {
+        all.0.push(Box::new(DepthSink::new(target)?));
     }
-    if let Some(path) = &render.ground {
-        all.0.push(Box::new(GroundSink::new(path, origin, config.exaggeration)));
+    if let Some(target) = &render.ground {
+        all.0.push(Box::new(GroundSink::new(target, origin, config.exaggeration)?));
     }
-    Ok(vec![Box::new(all)])
+    // Last: where there is a picture of a frame, there is all of it.
+    all.0.push(picture);
+    Ok(Box::new(all))
 }

@@ -186,7 +186,8 @@ impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, lanes: Lanes) -> Result<Self, RunError> {
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
-        let affordable = (READBACK_BYTES / (pixels * 4).max(1)).max(2) as usize;
+        let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
+        let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
         let engine = Engine::new(options.clone(), source)?;
         let shape = source.shape();
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;

@@ -11,6 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::node::NodeId;
+use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent};
 use terravision_common::texels::TexelFormat;
@@ -109,8 +110,8 @@ fn a_still_has_picture_depth_and_ground() {
     let [png, depth, ground] = ["a.png", "d.tif", "g.tif"].map(|name| base.join(name));
     let sinks: Vec<Box<dyn FrameSink>> = vec![Box::new(AllOf(vec![
         Box::new(PngFileSink::new(&png)),
-        Box::new(DepthSink::new(&depth)),
-        Box::new(GroundSink::new(&ground, [500_000.0, 4_000_000.0], 1.0)),
+        Box::new(DepthSink::new(&PlaneTarget::File(depth.clone())).unwrap()),
+        Box::new(GroundSink::new(&PlaneTarget::File(ground.clone()), [500_000.0, 4_000_000.0], 1.0).unwrap()),
     ]))];
     let mut source = RecordedSource::new(recording, 1);
     let with_depth = EngineOptions { has_depth: true, ..options(SIZE) };

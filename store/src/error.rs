@@ -124,6 +124,22 @@ impl Cause {
         }
     }
 
+    /// Whether the server has answered, or was not to be trusted, and will answer the same next time.
+    #[must_use]
+    pub fn is_refusal(self) -> bool {
+        matches!(
+            self,
+            Self::NotFound
+                | Self::Denied
+                | Self::Credentials
+                | Self::Refused
+                | Self::NoRanges
+                | Self::Redirects
+                | Self::Certificate
+                | Self::WebPage
+        )
+    }
+
     /// Whether a failure of this kind may be gone at the next request.
     #[must_use]
     pub fn is_passing(self) -> bool {

@@ -122,8 +122,7 @@ pub struct PictureArgs {
     pub technique: Option<TechniqueArg>,
     /// How rays are cast [default: mipmap; in real time: auto]
     ///
-    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU (untried: it may be slower
-    /// than the processor); else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
+    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU; else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
     /// from then on the faster one, which is told. In exact mode, whose pictures must not depend on a machine's speed, it is
     /// always 'mipmap'.
     #[arg(long, value_enum, value_name = "HOW")]

@@ -64,7 +64,7 @@ pub struct Collector {
     most_frames: usize,
     /// By frame, from the first.
     pub frames: Vec<FrameFigures>,
-    /// Cause by tile: 1 missing, 2 corrupt, 3 read error.
+    /// Cause by tile: 1 missing, 2 corrupt, 3 read error, 4 refused.
     pub unavailable: BTreeMap<UnavailableTile, u64>,
     /// Tiles that could not be had at first, and came later.
     pub came_later: u64,

@@ -9,7 +9,7 @@ pub(super) const BOUNDS_S: [f64; 14] =
     [0.002, 0.005, 0.01, 0.0167, 0.02, 0.0334, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
 
 /// Why tiles could not be had, by the code of the event less one.
-pub(super) const CAUSES: [&str; 3] = ["missing", "corrupt", "read_error"];
+pub(super) const CAUSES: [&str; 4] = ["missing", "corrupt", "read_error", "refused"];
 
 /// Figures of frames.
 #[derive(Debug, Clone, Default)]
@@ -107,6 +107,6 @@ mod tests {
         assert_eq!((tally.drawn, tally.late, tally.skipped), (4, 1, 1));
         assert_eq!(tally.by_time.iter().sum::<u64>(), 4);
         assert!((tally.time_s - 0.114).abs() < 1e-9);
-        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0]));
+        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0, 0]));
     }
 }

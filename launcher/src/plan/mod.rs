@@ -37,7 +37,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
 use terravision_common::run::{
-    OPEN_END, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
+    OPEN_END, PlaneTarget, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
 };
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
@@ -236,8 +236,8 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let depth = args.depth.as_deref().map(&mut temporary).transpose()?;
     let ground = args.ground.as_deref().map(&mut temporary).transpose()?;
     draft.sink = SinkConfig::PngFile(picture);
-    draft.depth = depth;
-    draft.ground = ground;
+    draft.depth = depth.map(PlaneTarget::File);
+    draft.ground = ground.map(PlaneTarget::File);
     draft.destination = args.output.display().to_string();
     let mut plan = draft.finish(texels, &args.measurements)?;
     plan.restarts = checks::restarts(&SupervisionArgs::default(), &plan.config)?;
@@ -256,8 +256,8 @@ struct Draft<'a> {
     frames: [u64; 2],
     poses: Vec<Pose>,
     sink: SinkConfig,
-    depth: Option<PathBuf>,
-    ground: Option<PathBuf>,
+    depth: Option<PlaneTarget>,
+    ground: Option<PlaneTarget>,
     share: Option<ShareConfig>,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,

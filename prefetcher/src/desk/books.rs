@@ -150,13 +150,18 @@ impl Books {
         }
     }
 
-    /// Notes that a tile cannot be had. The frame that it was asked for, and whether this is the first time.
-    pub(super) fn fail(&mut self, tile: Tile, code: u8, now: u64) -> (Option<u64>, bool) {
-        let frame = self.loads.remove(&tile).map(|load| load.frame);
+    /// Notes that a tile cannot be had. What it was asked for, if it still was.
+    pub(super) fn fail(&mut self, tile: Tile, code: u8, now: u64) -> Option<Load> {
+        let load = self.loads.remove(&tile);
         let wait = if code == MISSING { RETRY_MISSING_NANOS } else { RETRY_NANOS };
         let until = self.has_retries.then(|| now.saturating_add(wait));
         self.unavailable.insert(tile, Unavailable { code, until });
-        (frame, self.told_unavailable.insert(tile))
+        load
+    }
+
+    /// A frame lacks a tile that cannot be had. Whether this is the first time.
+    pub(super) fn is_first_told(&mut self, tile: Tile) -> bool {
+        self.told_unavailable.insert(tile)
     }
 
     /// A tile is there. Its load, if it was one.

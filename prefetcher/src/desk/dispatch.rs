@@ -87,13 +87,21 @@ impl Desk {
     }
 
     fn fail(&mut self, tile: Tile, code: u8, now: u64, control: &Control) {
-        let (frame, is_first) = self.books.fail(tile, code, now);
-        if is_first {
-            control.count(Counter::TilesUnavailable, 1);
-            let frame = frame.unwrap_or(self.head.frame);
-            self.news.push(News::Unavailable { tile, frame, code, at_nanos: now });
+        let load = self.books.fail(tile, code, now);
+        // What is only expected is no loss yet: a frame may never want it, or find it there.
+        if load.as_ref().is_none_or(|load| load.wish != Wish::Ahead) {
+            let frame = load.map_or(self.head.frame, |load| load.frame);
+            self.lose(tile, frame, code, now, control);
         }
         self.tell(tile, Outcome::Unavailable { code });
+    }
+
+    /// A frame lacks a tile that cannot be had: the launcher is told once.
+    pub(super) fn lose(&mut self, tile: Tile, frame: u64, code: u8, now: u64, control: &Control) {
+        if self.books.is_first_told(tile) {
+            control.count(Counter::TilesUnavailable, 1);
+            self.news.push(News::Unavailable { tile, frame, code, at_nanos: now });
+        }
     }
 
     /// Ends a load that is not being decoded. The cycle of its request, if that was under way.

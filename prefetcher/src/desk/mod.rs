@@ -81,13 +81,13 @@ pub enum News {
         /// How long it took.
         duration_nanos: u64,
     },
-    /// A tile was found to be unavailable; told once for each tile.
+    /// A tile that a frame wants, or one of the top levels, was found to be unavailable; told once for each tile.
     Unavailable {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was asked for.
         frame: u64,
-        /// Why: 1 missing, 2 corrupt, 3 cannot be read.
+        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused.
         code: u8,
         /// When, nanoseconds of the monotonic clock.
         at_nanos: u64,
@@ -230,7 +230,10 @@ impl Desk {
                 Residency::Resident { slot, generation } => self.tell(tile, Outcome::Resident { slot, generation }),
                 Residency::Filling => {}
                 Residency::Absent => match self.books.is_unavailable(tile, now) {
-                    Some(code) => self.tell(tile, Outcome::Unavailable { code }),
+                    Some(code) => {
+                        self.lose(tile, self.head.frame, code, now, control);
+                        self.tell(tile, Outcome::Unavailable { code });
+                    }
                     None => missing.push(tile),
                 },
             }

@@ -31,7 +31,10 @@ pub enum TileState {
     /// Every slot of its pool is named by a frame in flight.
     NoRoom,
     /// It cannot be had.
-    Unavailable,
+    Unavailable {
+        /// Whether the next try may have it ([`terravision_common::outcome::may_come`]).
+        may_come: bool,
+    },
 }
 
 /// Why tiles cannot be waited for.

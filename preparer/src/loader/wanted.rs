@@ -6,7 +6,7 @@ use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
-use terravision_common::outcome::{Outcome, TileOutcome};
+use terravision_common::outcome::{Outcome, TileOutcome, may_come};
 use terravision_common::shm::{
     Activity, Consumer, Control, PoolIndex, PoolReader, RunId, SegmentKind, ShmError, Stage, WAIT_BOUND, WaitError,
     WantHead, WantListWriter,
@@ -148,8 +148,8 @@ impl TileLoader for WantedTiles {
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }
-        if self.unavailable.contains_key(&tile) {
-            return TileState::Unavailable;
+        if let Some(code) = self.unavailable.get(&tile) {
+            return TileState::Unavailable { may_come: may_come(*code) };
         }
         if self.has_no_room(tile.layer, control) {
             return TileState::NoRoom;

@@ -1,7 +1,7 @@
 //! A whole flight through a preparer, over memory of this process: the test writes trees as the generator does, and
 //! reads the rings as the renderer does.
 
-use super::server::{Desk, Server};
+use super::server::{Desk, Gate, Server};
 use bytemuck::Zeroable;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -117,6 +117,8 @@ pub struct Flight {
     pub first_frame: u64,
     /// Realtime mode; every so many frames one is made and the others are left out.
     pub realtime: Option<u64>,
+    /// So many frames have the top levels alone; each later one has all that the frames before it lacked.
+    pub held: Option<u64>,
 }
 
 impl Flight {
@@ -130,6 +132,7 @@ impl Flight {
             frames: 40,
             first_frame: 100,
             realtime: None,
+            held: None,
         }
     }
 
@@ -145,11 +148,11 @@ impl Flight {
 
     fn fly_here(&self) -> Result<(Vec<Frame>, Vec<Event>), PreparerError> {
         let parts = self.parts();
-        let Parts { control, mut ports, mut trees, mut ring, mut elevation, colors, mut events, loader, server } =
+        let Parts { control, mut ports, mut trees, mut ring, mut elevation, colors, mut events, loader, server, gate } =
             parts;
         let world = small_world();
         std::thread::scope(|scope| {
-            scope.spawn(|| self.generate(&control, &mut trees));
+            scope.spawn(|| self.generate(&control, &gate, &mut trees));
             let renderer = scope.spawn(|| self.render(&control, &mut ring, &mut elevation, &colors));
             let prepared = (|| {
                 let mut preparer = Preparer::new(&world, &self.config(), loader, &mut ports)?;
@@ -191,15 +194,20 @@ impl Flight {
             elevation: arrays,
             events: Events::new(told),
         };
+        let gate = Arc::new(Gate::default());
+        if self.held.is_none() {
+            gate.open();
+        }
         let server = Server::start(Desk {
             control: Arc::clone(&control),
+            gate: Arc::clone(&gate),
             source: self.source.clone(),
             pools: [elevation_pool, color_pool],
             wants: wanted,
             outcomes: told_outcomes,
             rotation: self.rotation,
         });
-        Parts { control, ports, trees, ring, elevation, colors, events, loader, server }
+        Parts { control, ports, trees, ring, elevation, colors, events, loader, server, gate }
     }
 
     pub fn config(&self) -> RunConfig {
@@ -236,10 +244,22 @@ impl Flight {
     }
 
     /// Writes the trees of the path, as long as anyone takes them.
-    fn generate(&self, control: &Control, trees: &mut TreeWriter) {
+    fn generate(&self, control: &Control, gate: &Gate, trees: &mut TreeWriter) {
         let mut traversal = Traversal::new(&small_world(), limits());
-        for (frame, camera) in (self.first_frame..).step_by(self.realtime.unwrap_or(1) as usize).zip(path(self.frames))
-        {
+        let numbers = (self.first_frame..).step_by(self.realtime.unwrap_or(1) as usize);
+        for (made, (frame, camera)) in (0..).zip(numbers.zip(path(self.frames))) {
+            match self.held {
+                Some(held) if made == held => {
+                    // When all frames before it have been made.
+                    while control.completed_sequence() < held && control.check_running().is_ok() {
+                        std::thread::sleep(Duration::from_millis(1));
+                    }
+                    gate.open();
+                }
+                // Frames are counted from 1: the one before this one is number `made`.
+                Some(held) if made > held => gate.await_served(made, control),
+                _ => {}
+            }
             if self.generate_one(&mut traversal, frame, &camera, control, trees).is_err() {
                 return;
             }
@@ -349,6 +369,7 @@ pub struct Parts {
     pub events: Consumer<Event>,
     pub loader: WantedTiles,
     pub server: Server,
+    pub gate: Arc<Gate>,
 }
 
 /// The sum of pool slots that no frame of the flight can do without.

@@ -2,7 +2,9 @@
 
 use super::flight::Source;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use terravision_common::database::{Layer, Tile, TileScratch, TileSource};
 use terravision_common::outcome::{Outcome, TileOutcome};
 use terravision_common::shm::{
@@ -15,8 +17,34 @@ pub struct Server {
     thread: Option<JoinHandle<()>>,
 }
 
+/// Makes what is there, when a frame is made, a matter of the test instead of who is faster.
+#[derive(Debug, Default)]
+pub struct Gate {
+    is_open: AtomicBool,
+    served: AtomicU64,
+}
+
+impl Gate {
+    /// From now on frames are served; until then the top levels alone.
+    pub fn open(&self) {
+        self.is_open.store(true, Ordering::Release);
+    }
+
+    fn lets_through(&self, sequence: u64) -> bool {
+        sequence == 0 || self.is_open.load(Ordering::Acquire)
+    }
+
+    /// Waits until all has been served that frame `sequence` of the run lacked, or the run is over.
+    pub fn await_served(&self, sequence: u64, control: &Control) {
+        while self.served.load(Ordering::Acquire) < sequence && control.check_running().is_ok() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
 pub struct Desk {
     pub control: Arc<Control>,
+    pub gate: Arc<Gate>,
     pub source: Source,
     /// Elevation, colour.
     pub pools: [PoolWriter; 2],
@@ -34,8 +62,11 @@ impl Server {
             loop {
                 match desk.wants.read(&mut tiles).expect("not corrupt") {
                     Some(head) if head.is_last => return,
-                    Some(head) => desk.serve(head, &mut tiles, &mut scratch),
-                    None => {}
+                    Some(head) if desk.gate.lets_through(head.sequence) => {
+                        desk.serve(head, &mut tiles, &mut scratch);
+                        desk.gate.served.store(head.sequence, Ordering::Release);
+                    }
+                    _ => {}
                 }
                 if desk.wants.wait(&desk.control, WAIT_BOUND, || false).is_err() {
                     return;

@@ -6,6 +6,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use std::fs;
 use std::path::{Path, PathBuf};
+use terravision_common::run::frame_file_name;
 
 /// Writes `frame-000000.png` and so on.
 #[derive(Debug)]
@@ -27,7 +28,7 @@ impl PngFolderSink {
 
 impl PngFolderSink {
     fn path(&self, frame: u64) -> PathBuf {
-        self.folder.join(format!("frame-{frame:06}.png"))
+        self.folder.join(frame_file_name(frame, "png"))
     }
 }
 

@@ -1,35 +1,38 @@
-//! TIFF files of what each pixel sees: depth, and ground position.
+//! TIFF files of what each pixel sees: depth, and ground position. One file, or one for every frame in a folder.
 
 use super::temporary::{failure, write_whole};
 use super::{FrameSink, Picture, SinkError};
 use crate::technique::NEAR_M;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::fs;
+use std::path::Path;
 use terravision_common::camera::Camera;
-use tiff::encoder::{TiffEncoder, colortype};
+use terravision_common::run::PlaneTarget;
+use tiff::encoder::colortype::{ColorType, Gray32Float, RGB64Float};
+use tiff::encoder::{TiffEncoder, TiffValue};
 use tiff::{TiffError, TiffResult};
 
 /// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]` float32.
 #[derive(Debug)]
 pub struct DepthSink {
-    path: PathBuf,
+    target: PlaneTarget,
 }
 
 impl DepthSink {
-    /// To this file.
-    #[must_use]
-    pub fn new(path: &Path) -> Self {
-        Self { path: path.to_owned() }
+    /// To this file, or into this folder, which is made if it is missing.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn new(target: &PlaneTarget) -> Result<Self, SinkError> {
+        Ok(Self { target: opened(target)? })
     }
 }
 
 impl FrameSink for DepthSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
-        let metres: Vec<f32> = depths.iter().map(|&depth| depth_m(depth) as f32).collect();
-        write_tiff(&self.path, |encoder| {
-            encoder.write_image::<colortype::Gray32Float>(picture.size[0], picture.size[1], &metres)
-        })
+        let path = self.target.path(picture.frame);
+        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
+        write_tiff::<Gray32Float>(&path, picture.size, depths.iter().map(|&depth| depth_m(depth) as f32))
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
@@ -41,33 +44,42 @@ impl FrameSink for DepthSink {
 /// database's CRS and metres, heights without exaggeration.
 #[derive(Debug)]
 pub struct GroundSink {
-    path: PathBuf,
+    target: PlaneTarget,
     origin: [f64; 2],
     exaggeration: f64,
 }
 
 impl GroundSink {
-    /// To this file. `origin`: easting and northing of the world's origin.
-    #[must_use]
-    pub fn new(path: &Path, origin: [f64; 2], exaggeration: f64) -> Self {
-        Self { path: path.to_owned(), origin, exaggeration }
+    /// To this file, or into this folder, which is made if it is missing. `origin`: easting and northing of the world's
+    /// origin.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn new(target: &PlaneTarget, origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
+        Ok(Self { target: opened(target)?, origin, exaggeration })
     }
 }
 
 impl FrameSink for GroundSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: self.path.clone() })?;
+        let path = self.target.path(picture.frame);
+        let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
         let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
-        let ground: Vec<f64> = view.positions(depths, width).flatten().collect();
-        write_tiff(&self.path, |encoder| {
-            encoder.write_image::<colortype::RGB64Float>(picture.size[0], picture.size[1], &ground)
-        })
+        write_tiff::<RGB64Float>(&path, picture.size, view.positions(depths, width).flatten())
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
         Ok(())
     }
+}
+
+/// The target, its folder made.
+fn opened(target: &PlaneTarget) -> Result<PlaneTarget, SinkError> {
+    if let PlaneTarget::Folder(folder) = target {
+        fs::create_dir_all(folder).map_err(|source| failure(folder, source))?;
+    }
+    Ok(target.clone())
 }
 
 /// Metres along the view axis from a value of the depth buffer; NaN for sky.
@@ -112,11 +124,29 @@ impl GroundView {
     }
 }
 
-type FileEncoder<'a> = TiffEncoder<&'a mut std::io::BufWriter<std::fs::File>>;
-
-fn write_tiff(path: &Path, write: impl FnOnce(&mut FileEncoder<'_>) -> TiffResult<()>) -> Result<(), SinkError> {
+/// Writes a whole file of these samples, rows from the top. A strip of about a megabyte is in memory at a time, so that
+/// several of these writers together take little.
+fn write_tiff<C: ColorType>(
+    path: &Path,
+    [width, height]: [u32; 2],
+    samples: impl Iterator<Item = C::Inner>,
+) -> Result<(), SinkError>
+where
+    [C::Inner]: TiffValue,
+{
     write_whole(path, |out| {
-        TiffEncoder::new(out).and_then(|mut encoder| write(&mut encoder)).map_err(|error| match error {
+        let write = || -> TiffResult<()> {
+            let mut encoder = TiffEncoder::new(out)?;
+            let mut image = encoder.new_image::<C>(width, height)?;
+            let (mut samples, mut strip) = (samples, Vec::new());
+            while image.next_strip_sample_count() > 0 {
+                strip.clear();
+                strip.extend(samples.by_ref().take(usize::try_from(image.next_strip_sample_count())?));
+                image.write_strip(&strip)?;
+            }
+            image.finish()
+        };
+        write().map_err(|error| match error {
             TiffError::IoError(source) => failure(path, source),
             other => SinkError::Encode { reason: other.to_string(), path: path.to_owned() },
         })
@@ -132,6 +162,30 @@ mod tests {
     fn depth_is_metres_and_sky_is_not_a_number() {
         assert_eq!(depth_m(0.5 / 1000.0).round(), 1000.0);
         assert!(depth_m(0.0).is_nan());
+    }
+
+    #[test]
+    fn every_frame_has_a_file_in_a_folder_and_strips_are_those_of_the_whole_picture() {
+        let folder = std::env::temp_dir().join(format!("terravision-planes-{}", std::process::id()));
+        // 900 rows of 1.6 kB: more than one strip.
+        let size = [400u32, 900];
+        let depths: Vec<f32> = (0..400 * 900u32).map(|k| k as f32).collect();
+        let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
+        for frame in [3, 4] {
+            let camera = Camera::zeroed();
+            let picture = Picture { frame, size, rgba: &[], reversed_depth: Some(&depths), camera, is_settled: true };
+            sink.write(&picture).unwrap();
+        }
+        let mut expected = std::io::Cursor::new(Vec::new());
+        let metres: Vec<f32> = depths.iter().map(|&depth| depth_m(depth) as f32).collect();
+        TiffEncoder::new(&mut expected).unwrap().write_image::<Gray32Float>(400, 900, &metres).unwrap();
+        let mut names: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        names.sort();
+        assert_eq!(names, [folder.join("frame-000003.tif"), folder.join("frame-000004.tif")], "nothing else is left");
+        for name in names {
+            assert!(fs::read(name).unwrap() == *expected.get_ref());
+        }
+        fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]
