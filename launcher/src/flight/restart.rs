@@ -162,22 +162,22 @@ impl<'a> Restarts<'a> {
         Ok(true)
     }
 
-    /// Kills a stage that hangs. Called once a tick; `is_output_blocked` as in [`HangWatch::look`].
+    /// Kills a stage that hangs, and says which. Called once a tick; `is_output_blocked` as in [`HangWatch::look`].
     pub fn kill_what_hangs(
         &mut self,
         stages: &mut [StageProcess],
         control: &Control,
         is_output_blocked: &dyn Fn() -> bool,
-    ) {
+    ) -> Option<Hang> {
         // Nobody can blame those that wait for one that is about to be started.
         if !self.waiting.is_empty() {
-            return;
+            return None;
         }
-        let Some(Hang { stage, how }) = self.hangs.look(stages, control, is_output_blocked) else { return };
-        if let Some(place) = stages.iter_mut().find(|place| place.stage() == stage) {
-            self.hung.push((place.pid(), how));
-            place.signal(Signal::KILL);
-        }
+        let hang = self.hangs.look(stages, control, is_output_blocked)?;
+        let place = stages.iter_mut().find(|place| place.stage() == hang.stage)?;
+        self.hung.push((place.pid(), hang.how.clone()));
+        place.signal(Signal::KILL);
+        Some(hang)
     }
 
     /// How a stage died that was killed because it hung.

@@ -1,6 +1,7 @@
 //! Watches the stages of a run: notices one that dies, has it started again or ends them all, and passes on an
 //! interruption.
 
+use super::hang::Hang;
 use super::restart::Restarts;
 use super::stage::StageProcess;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -65,12 +66,20 @@ pub fn watch(
         let is_done = stages.iter().zip(&ended).any(|(stage, status)| is_renderer_done(stage, *status));
         let is_flying = control.state() == RunState::Running && !is_interrupted();
         if ending.is_none() && is_flying && !is_done {
-            restarts.kill_what_hangs(stages, control, is_output_blocked);
+            let hang = restarts.kill_what_hangs(stages, control, is_output_blocked);
+            // It may take a while to be gone, and those that wait for it may give up meanwhile.
+            ending = hang.filter(|_| !restarts.is_on()).map(|Hang { stage, how }| {
+                let place = stages.iter().find(|place| place.stage() == stage);
+                let words = place.map(StageProcess::last_words).unwrap_or_default();
+                Ending::Died { stage, how, words, is_bad_input: false, restarts: 0 }
+            });
+        }
+        if ending.is_none() && is_flying && !is_done {
             ending = revive(stages, &mut ended, control, restarts);
-            if ending.is_some() {
-                control.set_state(RunState::Failed);
-                deadline = Some(Instant::now());
-            }
+        }
+        if ending.is_some() && deadline.is_none() {
+            control.set_state(RunState::Failed);
+            deadline = Some(Instant::now());
         }
         if ending.is_none() {
             let is_over = control.state() == RunState::Finished;

@@ -6,17 +6,21 @@
 use super::StreamError;
 use crate::flight::supervisor::signal_name;
 use crate::thread::in_thread;
+use rustix::process::{Pid, Signal, kill_process_group};
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 use terravision_common::film::{even, rational_fps};
 
 /// Threads of the encoder, on every machine.
 const ENCODER_THREADS: &str = "4";
 /// x264's constant rate factor: 18 is taken for visually lossless; 23, its default, smears forests.
 const QUALITY: &str = "18";
+/// How long the end of an encoder's messages is waited for after its own.
+const WORDS_PATIENCE: Duration = Duration::from_millis(500);
 /// Bytes of ffmpeg's messages that are kept.
 const MESSAGE_BYTES: usize = 4096;
 
@@ -85,7 +89,7 @@ impl Encoder {
     /// It gave up: its last words.
     pub fn end(mut self) -> Result<(), String> {
         let status = self.child.wait();
-        let words = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let words = self.messages.take().map(|thread| self.last_words(thread)).unwrap_or_default();
         // It tells errors alone (-loglevel error), and ends with success when only the end of the file could not be written.
         match words.lines().rev().find(|line| !line.trim().is_empty()) {
             None => match status.map(|status| (status.success(), status.signal())) {
@@ -97,11 +101,33 @@ impl Encoder {
         }
     }
 
-    /// Ends it at once.
-    pub fn kill(mut self) {
-        // It may have ended already.
-        drop(self.child.kill());
+    /// What it said last. It has ended, but a child of it may hold its standard error open, and would for ever.
+    fn last_words(&self, thread: JoinHandle<String>) -> String {
+        for _ in 0..2 {
+            let end = Instant::now() + WORDS_PATIENCE;
+            while !thread.is_finished() && Instant::now() < end {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            if thread.is_finished() {
+                return thread.join().unwrap_or_default();
+            }
+            kill_group(self.pid());
+        }
+        String::new()
+    }
+
+    /// Ends it at once, and what it has started.
+    pub fn kill(self) {
+        kill_group(self.pid());
         drop(self.end());
+    }
+}
+
+/// Kills an encoder that has not been waited for, or whose children live, with all of its group.
+pub(super) fn kill_group(pid: u32) {
+    if let Some(group) = Pid::from_raw(pid.cast_signed()) {
+        // It may have ended already.
+        kill_process_group(group, Signal::KILL).ok();
     }
 }
 

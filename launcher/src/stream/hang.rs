@@ -1,9 +1,9 @@
 //! Whether ffmpeg takes what it is given.
 
 use super::StreamKeeper;
+use super::encoder::kill_group;
 use crate::flight::hang::{BUSY, LONGEST_TICK};
 use crate::flight::vitals::Mark;
-use rustix::process::{Pid, Signal, kill_process};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -53,10 +53,7 @@ impl EncoderWatch {
             return;
         }
         self.hung_after = Some(self.still);
-        // It may end just now.
-        if let Some(pid) = Pid::from_raw(pid.cast_signed()) {
-            kill_process(pid, Signal::KILL).ok();
-        }
+        kill_group(pid);
     }
 
     /// For how long it had taken nothing when it was killed, if it was.
