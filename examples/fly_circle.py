@@ -1,12 +1,17 @@
 """Flies a circle and saves what it sees: fly_circle.py NAME X Y RADIUS HEIGHT [FRAMES [FOLDER]], X Y the centre. Beside it:
 
     terravision fly WORLD --camera shm:NAME -o shared:NAME --depth --size 640x360
+
+It needs NumPy and Pillow.
 """
 import math
 import sys
 
-import numpy as np
-from PIL import Image
+try:
+    import numpy as np
+    from PIL import Image
+except ImportError as missing:
+    sys.exit(f"fly_circle.py: {missing.name} is missing: apt-get install python3-numpy python3-pil, or pip install numpy pillow")
 from terravision_live import Camera, Frames
 
 sys.tracebacklimit = 0  # what goes wrong is said in a sentence

@@ -1,6 +1,9 @@
-"""Prints statistics of the live pictures of a flight:  read_frames.py NAME [COUNT]   (layout: docs/frame-ring.md)"""
+"""Prints statistics of the live pictures of a flight:  read_frames.py NAME [COUNT]   (layout: docs/frame-ring.md; needs NumPy)"""
 import mmap, os, struct, sys, time
-import numpy as np
+try:
+    import numpy as np
+except ImportError:
+    sys.exit("read_frames.py: NumPy is missing: apt-get install python3-numpy, or pip install numpy")
 
 name, count = sys.argv[1] if len(sys.argv) > 1 else sys.exit(__doc__), int(sys.argv[2]) if len(sys.argv) > 2 else sys.maxsize
 path, until = f"/dev/shm/terravision-{name}", time.monotonic() + 30

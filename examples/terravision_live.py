@@ -1,11 +1,15 @@
-"""Frames from a flight, and poses to it, in shared memory. The layouts are those of docs/frame-ring.md."""
+"""Frames from a flight, and poses to it, in shared memory. The layouts are those of docs/frame-ring.md. Needs NumPy."""
 import math
 import mmap
 import os
 import struct
+import sys
 import time
 
-import numpy as np
+try:
+    import numpy as np
+except ImportError:
+    sys.exit("terravision_live.py: NumPy is missing: apt-get install python3-numpy, or pip install numpy")
 
 
 def _open(file, magic, timeout, prot):

@@ -4,12 +4,12 @@
 
 use anyhow::Context;
 use clap::Parser;
-use std::io::Write;
 use std::process::ExitCode;
 use terravision_bench::cli::{Cli, Verb};
 use terravision_bench::{queues, realtime, report};
 
 fn main() -> ExitCode {
+    terravision_common::bug::report_panics("terravision bench: ");
     let cli = Cli::parse();
     let result = match &cli.verb {
         Some(Verb::Reader(reader)) => queues::read(reader, &mut std::io::stdout()),
@@ -19,8 +19,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nobody is left to tell when standard error is closed.
-            drop(writeln!(std::io::stderr(), "terravision bench: {error:#}"));
+            terravision_common::terminal::complain(&format!("terravision bench: {error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::files::temporary_folder;
 use terravision_common::level::Measure;
 use terravision_common::run::{
     DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
@@ -304,8 +305,7 @@ impl Scratch {
     /// # Errors
     /// When it cannot be made.
     pub fn new(bench: &str) -> anyhow::Result<Self> {
-        let path = std::env::temp_dir().join(format!("terravision-bench-{bench}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).with_context(|| format!("cannot make {}", path.display()))?;
+        let path = temporary_folder(&format!("terravision-bench-{bench}")).context("cannot make a temporary folder")?;
         Ok(Self(path))
     }
 

@@ -10,7 +10,7 @@ pub enum EventKind {
     /// A span of work on a frame: `start_nanos`, `duration_nanos`; `value` is [`SpanName`] as a number.
     Span = 1,
     /// A tile could not be had: `node`; `value` is 0 for elevation and 1 for colour, plus 256 times a cause code
-    /// (1 missing, 2 corrupt, 3 read error, 4 refused).
+    /// (1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache).
     TileUnavailable = 2,
     /// A frame was drawn: `value` is the number of triangles, `start_nanos` the end of its read-back, and
     /// `duration_nanos` the time since the frame before was finished.

@@ -4,19 +4,23 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
-//! * [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
+//! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
+//! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
 //! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
 
+pub mod bug;
 pub mod camera;
 pub mod database;
 pub mod event;
 pub mod facet;
+pub mod files;
 pub mod film;
 pub mod level;
+pub mod lonlat;
 pub mod node;
 pub mod node_table;
 pub mod outcome;
@@ -28,6 +32,7 @@ pub mod slot;
 pub mod stage;
 pub mod sync;
 pub mod synthetic;
+pub mod terminal;
 pub mod texels;
 pub mod threads;
 pub mod top_levels;

@@ -39,7 +39,7 @@ pub enum Outcome {
     },
     /// It cannot be had.
     Unavailable {
-        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused.
+        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused, 5 not in the cache.
         code: u8,
     },
     /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.

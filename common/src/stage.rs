@@ -1,14 +1,18 @@
 //! What the programs of all stages have in common: the command line, signals, events, exit codes.
 //!
-//! A stage is started by the launcher as `terravision-<stage> --run JSON`. It ends by itself after the last frame, or
+//! A stage is started by the launcher as `terravision-<stage> --run -`, with the run as JSON on its standard input: what it says may be secret (the
+//! password in a database's URL), and everybody can read a command line (`/proc/PID/cmdline`), while a pipe is nobody else's, leaves no copy in
+//! an environment that children would inherit, and has no limit. `--run JSON` does, too. It ends by itself after the last frame, or
 //! when a wait tells it that the run is over. SIGINT and SIGHUP are left to the launcher, which the terminal tells as well; SIGTERM
 //! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
 
+use crate::bug::report_panics;
 use crate::event::{Event, EventKind, SpanName, monotonic_nanos};
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
+use crate::terminal::complain;
 use bytemuck::Zeroable;
-use std::io::Write;
+use std::io::Read;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -17,6 +21,11 @@ use std::sync::atomic::AtomicBool;
 pub const BAD_USAGE: u8 = 2;
 /// Exit code of a stage whose run was stopped.
 pub const INTERRUPTED: u8 = 130;
+
+/// What stands for the run on a command line when the run itself comes on standard input.
+pub const FROM_STDIN: &str = "-";
+/// Longest text of a run.
+pub const MOST_RUN_BYTES: u64 = 1 << 20;
 
 /// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes in every frame; glibc
 /// would give them back to the kernel each time, and the page faults of getting them again are a tenth of the frame.
@@ -28,7 +37,9 @@ pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
 #[non_exhaustive]
 pub enum UsageError {
     /// Not `--run JSON`.
-    #[error("expected --run and one JSON object: the launcher (terravision fly) starts this program, nobody else")]
+    #[error(
+        "expected --run and one JSON object, or - for one on standard input: the launcher (terravision fly) starts this program, nobody else"
+    )]
     Arguments,
     /// The JSON is no run.
     #[error("the run cannot be read: {source}")]
@@ -36,6 +47,12 @@ pub enum UsageError {
         /// What is wrong with it.
         #[from]
         source: serde_json::Error,
+    },
+    /// It is longer than any run.
+    #[error("the run has more than {most} bytes")]
+    TooLong {
+        /// What a run may have.
+        most: u64,
     },
     /// The run's id is none.
     #[error("the run cannot be read: {source}")]
@@ -78,9 +95,20 @@ impl StageRun {
     pub fn parse(arguments: impl IntoIterator<Item = String>) -> Result<Self, UsageError> {
         let arguments: Vec<String> = arguments.into_iter().collect();
         match arguments.as_slice() {
+            [flag, dash] if flag == "--run" && dash == FROM_STDIN => Self::read(std::io::stdin().lock()),
             [flag, json] if flag == "--run" => Self::new(serde_json::from_str(json)?),
             _ => Err(UsageError::Arguments),
         }
+    }
+
+    /// Reads a run to the end of its input.
+    fn read(input: impl Read) -> Result<Self, UsageError> {
+        let mut json = Vec::new();
+        input.take(MOST_RUN_BYTES + 1).read_to_end(&mut json)?;
+        if json.len() as u64 > MOST_RUN_BYTES {
+            return Err(UsageError::TooLong { most: MOST_RUN_BYTES });
+        }
+        Self::new(serde_json::from_slice(&json)?)
     }
 
     /// Checks a run.
@@ -136,6 +164,7 @@ pub trait StageError: std::error::Error {
 /// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an exit code of the
 /// outcome, with one sentence on standard error when it is a failure.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
+    report_panics("");
     let started = StageRun::parse(std::env::args().skip(1)).and_then(|stage_run| {
         set_up_process()?;
         Ok(stage_run)
@@ -152,8 +181,7 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
 }
 
 fn fail(error: &dyn std::error::Error, code: u8) -> ExitCode {
-    // With standard error closed there is nobody left to tell.
-    drop(writeln!(std::io::stderr(), "{error}"));
+    complain(&error.to_string());
     ExitCode::from(code)
 }
 
@@ -256,6 +284,10 @@ mod tests {
         let refused = |arguments: Vec<String>| StageRun::parse(arguments).expect_err("no run").to_string();
         assert!(refused(vec![]).contains("--run"));
         assert!(refused(vec!["--run".into(), "{".into()]).contains("cannot be read"));
+        let text = json(|_| {})[1].clone();
+        assert_eq!(StageRun::read(text.as_bytes()).expect("valid").config().frames, [0, 5]);
+        let endless = StageRun::read(std::io::repeat(b' ')).expect_err("no run").to_string();
+        assert!(endless.contains("more than 1048576 bytes"), "{endless}");
         assert!(refused(json(|run| run["run_id"] = "x".into()).into()).contains("run"));
         assert!(refused(json(|run| run["r_z_px"] = 0.0.into()).into()).contains("r_z_px is 0"));
         assert!(refused(json(|run| run["exaggeration"] = (-1.0).into()).into()).contains("exaggeration is -1"));

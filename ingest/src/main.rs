@@ -9,6 +9,8 @@ use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use terravision_common::bug::report_panics;
+use terravision_common::terminal::{complain, printable};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
 use terravision_ingest::source::Note;
@@ -16,13 +18,23 @@ use terravision_ingest::sparse::{self, SparseOptions};
 use terravision_ingest::work::Work;
 
 fn main() -> ExitCode {
+    report_panics("terravision: ");
     // Also tells which GDAL was found; `terravision doctor` asks.
     if std::env::args_os().skip(1).eq(["--version"]) {
         let gdal = gdal::version::version_info("RELEASE_NAME");
         writeln!(io::stdout(), "terravision-ingest {}, GDAL {gdal}", env!("CARGO_PKG_VERSION")).ok();
         return ExitCode::SUCCESS;
     }
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and the like.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            // Names of files that a shell has put there are foreign.
+            error.to_string().lines().for_each(complain);
+            return ExitCode::from(2);
+        }
+    };
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Without a handler an interrupt simply kills us, and the next run cleans up.
@@ -61,7 +73,7 @@ fn main() -> ExitCode {
     match result {
         Ok(line) => {
             // A closed standard output is no failure of the ingest.
-            writeln!(io::stdout(), "{line}").ok();
+            writeln!(io::stdout(), "{}", printable(&line)).ok();
             ExitCode::SUCCESS
         }
         Err(error) => {
@@ -72,13 +84,12 @@ fn main() -> ExitCode {
 }
 
 fn print_note(note: Note) {
-    let line = match note {
+    complain(&match note {
         Note::Info(text) => format!("note: {text}"),
         Note::Warning(text) => format!("warning: {text}"),
-    };
-    writeln!(io::stderr(), "{line}").ok();
+    });
 }
 
 fn print_error(error: &IngestError) {
-    writeln!(io::stderr(), "terravision: {error}").ok();
+    complain(&format!("terravision: {error}"));
 }

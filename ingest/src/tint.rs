@@ -7,16 +7,28 @@ use std::io;
 /// Slope (rise over run, root mean square) that shading makes of any terrain: flat land gets relief, too.
 const SHADED_SLOPE: f64 = 0.3;
 
-/// Land on Earth: meadow, field, heath, rock, snow.
-const EARTH: [(f32, [f32; 3]); 7] = [
+/// Land on Earth: meadow, field, heath, rock.
+const EARTH: [(f32, [f32; 3]); 6] = [
     (0.0, [88.0, 128.0, 82.0]),
     (0.18, [126.0, 156.0, 94.0]),
     (0.38, [184.0, 182.0, 124.0]),
     (0.58, [176.0, 150.0, 108.0]),
     (0.78, [148.0, 126.0, 110.0]),
-    (0.9, [186.0, 180.0, 176.0]),
-    (1.0, [244.0, 246.0, 248.0]),
+    (1.0, [186.0, 180.0, 176.0]),
 ];
+const SNOW: [f32; 3] = [244.0, 246.0, 248.0];
+/// Height of the climatic snow line on Earth at every tenth degree of latitude, metres: highest in the dry belts beside the tropics.
+/// Rounded from textbooks of physical geography; both hemispheres alike.
+const SNOW_LINE_M: [f32; 10] = [4800.0, 5000.0, 5300.0, 5000.0, 3600.0, 2300.0, 1300.0, 700.0, 200.0, 0.0];
+/// Snow begins so far below the line, in hollows, and is whole so far above it, metres.
+const SNOW_BAND_M: [f32; 2] = [-600.0, 200.0];
+/// Snow lies in the upper part of the terrain's range alone, or a plateau above the line would be blank: it begins and is whole
+/// at these shares of the range.
+const SNOW_SHARE: [f32; 2] = [0.35, 0.65];
+/// More than this share of all posts at exactly 0 m is water: elevation models give the sea so, where they have no depths.
+const FLAT_SEA_SHARE: f64 = 0.005;
+/// Half a step of stored heights, metres.
+const AT_ZERO_M: f32 = 1.0 / 256.0;
 /// Below the sea, by share of the greatest depth.
 const SEA: [(f32, [f32; 3]); 3] =
     [(0.0, [18.0, 44.0, 84.0]), (0.7, [50.0, 104.0, 150.0]), (1.0, [136.0, 184.0, 204.0])];
@@ -32,6 +44,29 @@ const MARS: [(f32, [f32; 3]); 5] = [
 const GREY: [(f32, [f32; 3]); 3] =
     [(0.0, [74.0, 72.0, 72.0]), (0.6, [150.0, 146.0, 142.0]), (1.0, [226.0, 224.0, 220.0])];
 
+/// What a tint has to know of the place.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'a> {
+    /// The body's name.
+    pub body: &'a str,
+    /// Latitude of the terrain's middle, degrees, where the CRS tells.
+    pub latitude_deg: Option<f64>,
+}
+
+/// The snow line at a latitude, metres.
+fn snow_line_m(latitude_deg: f64) -> f32 {
+    let at = (latitude_deg.abs() / 10.0).clamp(0.0, 9.0);
+    let (below, s) = ((at as usize).min(8), at);
+    let [a, b] = [SNOW_LINE_M[below], SNOW_LINE_M[below + 1]];
+    a + (s as f32 - below as f32) * (b - a)
+}
+
+/// 0 below the first bound, 1 above the second, smooth between.
+fn smooth([from, to]: [f32; 2], v: f32) -> f32 {
+    let t = ((v - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
 /// Makes colour from the finest elevation level.
 #[derive(Debug)]
 pub struct Tint<'a> {
@@ -41,7 +76,12 @@ pub struct Tint<'a> {
     ratio: f64,
     low: f32,
     high: f32,
+    /// Heights below 0 are depths.
     has_sea: bool,
+    /// Heights of exactly 0 are water.
+    has_flat_sea: bool,
+    /// Where it snows, metres; nowhere on other bodies.
+    snow_line_m: Option<f32>,
     land: &'static [(f32, [f32; 3])],
     /// Factor on heights for shading.
     relief: f32,
@@ -56,7 +96,7 @@ fn ramp(stops: &[(f32, [f32; 3])], t: f32) -> [f32; 3] {
 }
 
 impl<'a> Tint<'a> {
-    /// A tint for the terrain in `posts` (without voids, `spacing_m` apart), in texels of `texel_m`, for a body.
+    /// A tint for the terrain in `posts` (without voids, `spacing_m` apart), in texels of `texel_m`, for a place.
     /// `overview` is a coarser level of it, small enough to be looked at as a whole.
     ///
     /// # Errors
@@ -66,8 +106,9 @@ impl<'a> Tint<'a> {
         spacing_m: f64,
         texel_m: f64,
         overview: (&Level<f32>, f64),
-        body: &str,
+        place: Place<'_>,
     ) -> io::Result<Self> {
+        let Place { body, latitude_deg } = place;
         let (level, overview_m) = overview;
         let [w, h] = level.size().map(|v| v as usize);
         let heights = level.read(Rect::new([0, 0], [w, h]))?;
@@ -75,12 +116,15 @@ impl<'a> Tint<'a> {
             heights.chunks_exact(w).flat_map(|row| row.windows(2).map(|p| f64::from(p[1] - p[0]) / overview_m));
         let (count, sum) = slopes.fold((0.0, 0.0), |(n, sum), slope| (n + 1.0, sum + slope * slope));
         let slope = (sum / f64::max(count, 1.0)).sqrt();
+        let is_earth = matches!(body, "Earth" | "unknown");
+        let at_zero = heights.iter().filter(|z| z.abs() <= AT_ZERO_M).count();
         let mut sorted = heights;
         sorted.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share).round() as usize];
         // Earth's seas end at 0; elsewhere 0 is only a height.
         let has_sea = body == "Earth" && at(0.02) < -5.0 && at(1.0) > 0.0;
-        let low = if has_sea { 0.0 } else { at(0.005) };
+        let has_flat_sea = body == "Earth" && at_zero as f64 > FLAT_SEA_SHARE * sorted.len() as f64 && at(1.0) > 0.0;
+        let low = if has_sea || has_flat_sea { 0.0 } else { at(0.005) };
         Ok(Self {
             posts,
             spacing_m,
@@ -88,6 +132,8 @@ impl<'a> Tint<'a> {
             low,
             high: at(0.998).max(low + 1.0),
             has_sea,
+            has_flat_sea,
+            snow_line_m: is_earth.then(|| snow_line_m(latitude_deg.unwrap_or(45.0))),
             land: match body {
                 "Earth" | "Titan" | "unknown" => &EARTH,
                 "Mars" | "Venus" => &MARS,
@@ -101,7 +147,15 @@ impl<'a> Tint<'a> {
         if self.has_sea && height < 0.0 {
             return ramp(&SEA, 1.0 + height / 6000.0);
         }
-        ramp(self.land, (height - self.low) / (self.high - self.low))
+        if self.has_flat_sea && height.abs() <= AT_ZERO_M {
+            return ramp(&SEA, 0.85);
+        }
+        let share = (height - self.low) / (self.high - self.low);
+        let land = ramp(self.land, share);
+        let snow = self
+            .snow_line_m
+            .map_or(0.0, |line| smooth(SNOW_BAND_M.map(|v| line + v), height) * smooth(SNOW_SHARE, share));
+        [0, 1, 2].map(|c| land[c] + snow * (SNOW[c] - land[c]))
     }
 
     /// How bright a post is: light from the north west, 45 degrees high; flat ground is 1.
@@ -150,5 +204,62 @@ impl<'a> Tint<'a> {
             }
         }
         Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colours of 64 x 64 posts, 30 m apart, as the heights have them.
+    fn colors(body: &str, latitude_deg: f64, height: impl Fn(usize, usize) -> f32) -> Vec<Rgb> {
+        let level = Level::create(std::env::temp_dir().as_path(), [64, 64]).unwrap();
+        let all = Rect::new([0, 0], [64, 64]);
+        let heights: Vec<f32> = (0..64 * 64).map(|k| height(k % 64, k / 64)).collect();
+        level.write(all, &heights).unwrap();
+        let place = Place { body, latitude_deg: Some(latitude_deg) };
+        let tint = Tint::new(&level, 30.0, 30.0, (&level, 30.0), place).unwrap();
+        tint.block(Rect::new([0, 0], [63, 63])).unwrap()
+    }
+
+    fn is_blue([r, g, b]: Rgb) -> bool {
+        b > g && g > r
+    }
+
+    fn is_white([r, g, b]: Rgb) -> bool {
+        let [low, high] = [r.min(g).min(b), r.max(g).max(b)];
+        low > 150 && high - low < 12
+    }
+
+    #[test]
+    fn the_sea_is_blue_also_where_the_model_has_no_depths() {
+        // A coast: sea in the west, hills in the east.
+        let coast = |i: usize, j: usize| if i < 20 { 0.0 } else { (i - 19) as f32 * 4.0 + (j % 5) as f32 };
+        let picture = colors("Earth", 37.0, coast);
+        assert!(
+            picture
+                .chunks_exact(63)
+                .all(|row| row[..18].iter().all(|c| is_blue(*c)) && !row[22..].iter().any(|c| is_blue(*c)))
+        );
+        // Elsewhere 0 is a height like any other.
+        assert!(!colors("Mars", 37.0, coast).iter().any(|c| is_blue(*c)));
+        // One post of 0 is no sea.
+        let spot = |i: usize, j: usize| if (i, j) == (9, 9) { 0.0 } else { 50.0 + (i + j) as f32 };
+        assert!(!colors("Earth", 37.0, spot).iter().any(|c| is_blue(*c)));
+    }
+
+    #[test]
+    fn snow_goes_by_latitude_and_by_height() {
+        let ramp_to = |top: f32| move |i: usize, _: usize| top * (0.1 + 0.9 * i as f32 / 63.0);
+        let whites = |latitude: f64, top: f32| {
+            colors("Earth", latitude, ramp_to(top)).into_iter().filter(|c| is_white(*c)).count()
+        };
+        assert_eq!(whites(37.0, 292.0), 0, "a hill has none");
+        assert_eq!(whites(10.0, 4000.0), 0, "nor have 4000 m in the tropics");
+        assert!(whites(47.0, 4000.0) > 200, "the Alps have");
+        assert!(whites(78.0, 1200.0) > 200, "and the far north");
+        assert_eq!(snow_line_m(0.0), 4800.0);
+        assert_eq!(snow_line_m(-45.0), 2950.0);
+        assert_eq!(snow_line_m(95.0), 0.0);
     }
 }

@@ -6,11 +6,12 @@ use crate::failure::Failure;
 use crate::flight::own_folder;
 use crate::machine::{bytes_for_people, find_program, outcome_words};
 use anyhow::{Context, anyhow};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use terravision_common::shm::{Layout, Stage, free_bytes, reap_dead_runs};
+use terravision_common::terminal::printable;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::{World, WorldFields};
 
@@ -66,6 +67,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         gdal(&programs),
         memory(args.memory.0),
     ];
+    let print = if args.json { print_json } else { print };
     print(&findings).context("cannot write to standard output").map_err(Failure::failed)?;
     let missing: Vec<&str> =
         findings.iter().filter(|finding| finding.health == Health::Missing).map(|finding| finding.subject).collect();
@@ -85,12 +87,32 @@ fn print(findings: &[Finding]) -> io::Result<()> {
             Health::Missing => ("MISSING", "31"),
         };
         let mark = if has_color { format!("\x1b[{color}m{mark:<8}\x1b[0m") } else { format!("{mark:<8}") };
-        writeln!(out, "{mark} {:<14} {}", finding.subject, finding.text)?;
+        writeln!(out, "{mark} {:<14} {}", finding.subject, printable(&finding.text))?;
         if let Some(advice) = &finding.advice {
             writeln!(out, "{:8} {:14} → {advice}", "", "")?;
         }
     }
     out.flush()
+}
+
+/// One object: `ok` says whether a flight has what it needs.
+fn print_json(findings: &[Finding]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{:#}", as_json(findings))?;
+    out.flush()
+}
+
+fn as_json(findings: &[Finding]) -> Value {
+    let each = findings.iter().map(|finding| {
+        let health = match finding.health {
+            Health::Good => "ok",
+            Health::Limited => "limited",
+            Health::Missing => "missing",
+        };
+        json!({"subject": finding.subject, "health": health, "text": finding.text, "advice": finding.advice})
+    });
+    let is_ok = findings.iter().all(|finding| finding.health != Health::Missing);
+    json!({"schema": "terravision-doctor-1", "ok": is_ok, "findings": each.collect::<Vec<_>>()})
 }
 
 fn stages(programs: &Path) -> Finding {
@@ -250,7 +272,6 @@ fn memory(memory_bytes: u64) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
 
     #[test]
     fn a_device_that_lacks_something_is_told_by_it() {
@@ -269,6 +290,18 @@ mod tests {
             let finding = vulkan_finding(&nothing);
             assert!(finding.health == Health::Limited && finding.text.contains("by rays"), "{finding:?}");
         }
+    }
+
+    #[test]
+    fn findings_are_one_object() {
+        let limited = Finding::limited("ffmpeg", "not installed".into(), "install it");
+        let value = as_json(&[Finding::good("memory", "much".into()), limited]);
+        assert_eq!((&value["ok"], &value["findings"][1]["health"]), (&json!(true), &json!("limited")));
+        assert_eq!(
+            (&value["findings"][0]["advice"], &value["findings"][1]["advice"]),
+            (&json!(null), &json!("install it"))
+        );
+        assert_eq!(as_json(&[Finding::missing("memory", "little".into(), "buy")])["ok"], false);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use crate::cli::PathArgs;
 use crate::failure::Failure;
+use crate::flight::progress::Progress;
 use crate::output::TemporaryFile;
 use crate::path::{PathSettings, Pose};
-use crate::plan;
+use crate::plan::{self, LoadedPath};
 use crate::world::open_world;
 use anyhow::{Context, anyhow};
 use serde_json::{Map, Value, json};
@@ -18,7 +19,10 @@ use terravision_common::shm::RunId;
 /// Bad input, or the output cannot be written to.
 pub fn export(args: &PathArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
-    let path = plan::load_path(&args.course, &database, args.exaggeration)?;
+    let LoadedPath { path, notes, warnings } = plan::load_path(&args.course, &database, args.exaggeration)?;
+    let progress = Progress::new(0, false);
+    notes.iter().for_each(|note| progress.say(&format!("note: {note}")));
+    warnings.iter().for_each(|warning| progress.warn(warning));
     let (fps, speed) = plan::pace(&args.course, &path)?;
     let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;
     let crs = &database.manifest().crs;
@@ -42,7 +46,10 @@ fn head(crs: &str, fps: f64, settings: &PathSettings) -> Map<String, Value> {
         head.insert("width".into(), json!(width));
         head.insert("height".into(), json!(height));
     }
-    if let Some(vfov_rad) = settings.vfov_rad {
+    // A horizontal field of view is one of the picture that is flown if nobody says another size.
+    let size = plan::DEFAULT_SIZE;
+    let (width, height) = (settings.width.unwrap_or(size.width), settings.height.unwrap_or(size.height));
+    if let Some(vfov_rad) = settings.vfov_of(width, height) {
         head.insert("vfov_deg".into(), json!(vfov_rad.to_degrees()));
     }
     if let Some(sky) = settings.sky_rgb {

@@ -8,6 +8,7 @@ use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
 use terravision_common::database::Source;
+use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
 
 /// Prints it.
@@ -16,12 +17,21 @@ use terravision_store::Store;
 /// Bad input: no database. Or standard output cannot be written to.
 pub fn info(args: &InfoArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
-    let text = if args.json { as_json(&database) } else { as_text(&database) };
+    let text = if args.json {
+        printable_json(&as_json(&database)).into_owned()
+    } else {
+        lines_for_people(&as_text(&database))
+    };
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
         .context("cannot write to standard output")
         .map_err(Failure::failed)
+}
+
+/// What a manifest says is foreign.
+fn lines_for_people(text: &str) -> String {
+    text.lines().map(|line| format!("{}\n", printable(line))).collect()
 }
 
 fn as_json(database: &Store) -> String {

@@ -6,12 +6,14 @@
 //! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
 //! * [`report`] (of a flight against the clock also [`realtime_report`], of where tiles came from [`network_report`]), [`trace`]: what a run says about itself afterwards;
 //!   [`output`]: files that appear whole or not at all. [`stream`]: films and Y4M.
+//! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
+pub mod data_set;
 pub mod device;
 pub mod doctor;
 pub mod export;
@@ -36,11 +38,12 @@ pub mod world;
 
 use clap::Parser;
 use clap::error::ErrorKind;
+use cli::planes::with_planes_last;
 use cli::{Cli, Command};
 use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
-use std::io::{self, Write};
 use terravision_common::event::monotonic_nanos;
+use terravision_common::terminal::complain;
 
 /// The whole program: reads the command line, does what it says, and returns the exit code.
 #[must_use]
@@ -48,7 +51,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let started_nanos = monotonic_nanos();
     // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
     terravision_common::stage::note_file_limit().ok();
-    let result = match Cli::try_parse_from(arguments) {
+    let result = match parse(arguments.into_iter().collect()) {
         Ok(cli) => dispatch(cli.command, started_nanos),
         Err(error) => usage(&error),
     };
@@ -56,10 +59,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(()) => 0,
         Err(failure) => {
             // Standard error may be closed; the exit code still tells.
-            drop(writeln!(io::stderr(), "terravision: {failure}"));
+            complain(&format!("terravision: {failure}"));
             failure.status as u8
         }
     }
+}
+
+fn parse(arguments: Vec<OsString>) -> Result<Cli, clap::Error> {
+    Cli::try_parse_from(&arguments).or_else(|error| {
+        let is_incomplete = error.kind() == ErrorKind::MissingRequiredArgument;
+        let moved = is_incomplete.then(|| with_planes_last(&arguments)).flatten();
+        moved.and_then(|arguments| Cli::try_parse_from(arguments).ok()).ok_or(error)
+    })
 }
 
 fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
@@ -112,6 +123,24 @@ mod tests {
         assert_eq!(failure.status, ExitStatus::BadInput);
         let text = failure.to_string();
         assert!(text.contains("'0x0'") && text.contains("1280x720") && !text.contains('\n'), "{text}");
+    }
+
+    #[test]
+    fn depth_takes_a_folder_and_never_the_world() {
+        let fly = |words: &[&str]| {
+            let words = ["terravision", "fly"].iter().chain(words).map(OsString::from).collect();
+            let Command::Fly(args) = parse(words).unwrap().command else { panic!("not fly") };
+            (args.world.display().to_string(), args.planes.depth, args.planes.ground)
+        };
+        let folder = |name: &str| Some(Some(name.into()));
+        let world = || "w.tv".to_owned();
+        assert_eq!(fly(&["w.tv", "-o", "a/", "--depth", "d", "--ground", "g"]), (world(), folder("d"), folder("g")));
+        assert_eq!(fly(&["w.tv", "-o", "shared:a", "--depth", "--ground"]), (world(), Some(None), Some(None)));
+        assert_eq!(fly(&["w.tv", "--depth", "--size", "8x8", "-o", "shared:a"]), (world(), Some(None), None));
+        // As it was written before they took folders.
+        assert_eq!(fly(&["--depth", "--ground", "w.tv", "-o", "shared:a"]), (world(), Some(None), Some(None)));
+        assert_eq!(fly(&["-o", "shared:a", "--depth", "w.tv"]), (world(), Some(None), None));
+        assert!(parse(["terravision", "fly", "--depth", "-o", "shared:a"].map(OsString::from).into()).is_err());
     }
 
     #[test]

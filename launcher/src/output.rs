@@ -2,17 +2,22 @@
 //! interrupted run leaves no half film.
 
 use crate::flight::interrupt;
-use rustix::fs::OFlags;
+use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use terravision_common::database::MANIFEST_FILE;
 use terravision_common::shm::RunId;
 
+/// Longest wait for the lock of a folder, which is held for moments.
+const LOCK_PATIENCE: Duration = Duration::from_secs(2);
+/// Between two tries.
+const LOCK_TICK: Duration = Duration::from_millis(5);
 /// How long a reader of a FIFO is waited for.
 const READER_PATIENCE: Duration = Duration::from_secs(30);
 
@@ -43,6 +48,17 @@ pub enum OutputError {
     IsWorld {
         /// The folder.
         path: PathBuf,
+    },
+    /// Another run writes this file.
+    #[error(
+        "{} is being written by another terravision, process {pid}; wait for its end, or write to another file",
+        path.display()
+    )]
+    Taken {
+        /// The file.
+        path: PathBuf,
+        /// Process id of the other run's launcher.
+        pid: u32,
     },
     /// There is something else of that name.
     #[error("cannot write {}: it is a folder; for frames in a folder end its name with a slash", path.display())]
@@ -78,7 +94,11 @@ impl TemporaryFile {
         let Some(stem) = path.file_stem() else {
             return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is no file name")));
         };
-        remove_dead_siblings(path, &stem.to_string_lossy());
+        // So that of two runs that begin at once one sees the other.
+        let _lock = FolderLock::wait(folder_of(path));
+        if let Some(pid) = other_writer(path, &stem.to_string_lossy(), run) {
+            return Err(OutputError::Taken { path: path.to_owned(), pid });
+        }
         let mut name = OsString::from(".");
         name.push(stem);
         name.push(format!(".{run}.part"));
@@ -87,14 +107,15 @@ impl TemporaryFile {
             name.push(extension);
         }
         let temporary = path.with_file_name(name);
-        File::create(&temporary).map_err(fail)?;
+        // New: a link of that name, which another user may have put there, is not followed.
+        File::create_new(&temporary).map_err(fail)?;
         Ok(Self { temporary, path: path.to_owned(), is_finished: false })
     }
 
     /// The folder that both names are in.
     #[must_use]
     pub fn folder(&self) -> &Path {
-        self.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+        folder_of(&self.path)
     }
 
     /// The temporary name.
@@ -197,24 +218,60 @@ pub fn remove_partials(folder: &Path, pid: u32) {
     }
 }
 
-/// Removes temporary files for `path` of runs whose launcher was killed.
-fn remove_dead_siblings(path: &Path, stem: &str) {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let Ok(entries) = fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Process id of the launcher of another run that writes `path`, if there is one. Removes temporary files of runs whose
+/// launcher was killed.
+fn other_writer(path: &Path, stem: &str, own: &str) -> Option<u32> {
+    let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
+    let mut writer = None;
+    for entry in fs::read_dir(folder_of(path)).ok()?.flatten() {
         let name = entry.file_name();
         let run = name.to_str().and_then(|name| name.strip_prefix(&format!(".{stem}."))?.split_once(".part"));
-        if run.and_then(|(run, _)| RunId::parse(run).ok()).is_some_and(|run| !run.is_alive()) {
+        let Some((run, kind)) = run.and_then(|(run, kind)| Some((RunId::parse(run).ok()?, kind))) else { continue };
+        if !run.is_alive() {
             drop(fs::remove_file(entry.path()));
+        } else if kind == extension && run.to_string() != own {
+            writer = Some(run.launcher_pid());
+        }
+    }
+    writer
+}
+
+/// Keeps other runs from a folder for a moment. Where it cannot be had (some network file systems have none) the moment
+/// passes without it.
+#[derive(Debug)]
+pub struct FolderLock {
+    /// Closed, it is given back.
+    _folder: Option<File>,
+}
+
+impl FolderLock {
+    /// Waits for it, some seconds at most.
+    #[must_use]
+    pub fn wait(folder: &Path) -> Self {
+        let until = Instant::now() + LOCK_PATIENCE;
+        let Ok(file) = File::open(folder) else { return Self { _folder: None } };
+        loop {
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => return Self { _folder: Some(file) },
+                Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < until => std::thread::sleep(LOCK_TICK),
+                Err(_none_here) => return Self { _folder: None },
+            }
         }
     }
 }
 
-/// A folder for frames. Dropped while it is empty and of our making, it is removed.
+/// A folder for frames. Dropped while it is empty and of our making, it is removed, and so are those above it.
 #[derive(Debug)]
 pub struct FrameFolder {
     path: PathBuf,
-    is_ours: bool,
+    /// What was made for it, itself first.
+    made: Vec<PathBuf>,
+    /// When it was taken into use, by the clock of its file system.
+    since: SystemTime,
 }
 
 impl FrameFolder {
@@ -227,11 +284,13 @@ impl FrameFolder {
         if path.join(MANIFEST_FILE).exists() {
             return Err(OutputError::IsWorld { path: path.to_owned() });
         }
-        let is_ours = !path.exists();
+        let missing = path.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+        let made = missing.map(Path::to_owned).collect();
+        let mut folder = Self { path: path.to_owned(), made, since: SystemTime::now() };
         fs::create_dir_all(path).map_err(fail)?;
-        let folder = Self { path: path.to_owned(), is_ours };
         let probe = path.join(format!(".{run}.part"));
-        File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(fail)?;
+        let since = File::create(&probe).and_then(|file| file.metadata()?.modified());
+        fs::remove_file(&probe).and(since.map(|since| folder.since = since)).map_err(fail)?;
         Ok(folder)
     }
 
@@ -240,13 +299,29 @@ impl FrameFolder {
     pub fn path(&self) -> &Path {
         &self.path
     }
+
+    /// Numbers of the frames of a range whose files in the folder, of this extension, were written since it was created.
+    /// Files have their names only when they are whole.
+    #[must_use]
+    pub fn whole_frames(&self, extension: &str, [first, end]: [u64; 2]) -> BTreeSet<u64> {
+        let number = |name: &str| -> Option<u64> {
+            name.strip_prefix("frame-")?.strip_suffix(extension)?.strip_suffix('.')?.parse().ok()
+        };
+        let Ok(entries) = fs::read_dir(&self.path) else { return BTreeSet::new() };
+        let whole = entries.flatten().filter_map(|entry| {
+            let frame = number(entry.file_name().to_str()?).filter(|frame| (first..end).contains(frame))?;
+            let found = entry.metadata().ok()?;
+            (found.is_file() && found.modified().ok()? >= self.since).then_some(frame)
+        });
+        whole.collect()
+    }
 }
 
 impl Drop for FrameFolder {
     fn drop(&mut self) {
-        if self.is_ours {
+        for folder in &self.made {
             // Fails, as it should, when there is a frame in it.
-            drop(fs::remove_dir(&self.path));
+            drop(fs::remove_dir(folder));
         }
     }
 }
@@ -321,6 +396,46 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_another_run_writes_is_told_by_its_process() {
+        let folder = scratch("taken");
+        let path = folder.join("film.mp4");
+        let other = RunId::new_for_this_process().unwrap().to_string();
+        let writing = TemporaryFile::create(&path, &other).unwrap();
+        let told = TemporaryFile::create(&path, "tv-1-2").unwrap_err().to_string();
+        assert!(
+            told.contains("is being written by another terravision") && told.contains(&std::process::id().to_string())
+        );
+        assert!(writing.temporary().exists());
+        // Another kind of file of that name is another file.
+        drop(TemporaryFile::create(&folder.join("film.webm"), "tv-1-2").unwrap());
+        drop(writing);
+        drop(TemporaryFile::create(&path, "tv-1-2").unwrap());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn frames_of_this_run_are_counted_and_no_others() {
+        let folder = scratch("count");
+        fs::write(folder.join("frame-000001.png"), "").unwrap();
+        let old = File::options().write(true).open(folder.join("frame-000001.png")).unwrap();
+        old.set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        let frames = FrameFolder::create(&folder, "r").unwrap();
+        for name in [
+            "frame-000002.png",
+            "frame-000003.tif",
+            "frame-1000000.png",
+            "frame-000009.png",
+            ".partial-7-frame-000004.png",
+        ] {
+            fs::write(folder.join(name), "").unwrap();
+        }
+        assert_eq!(frames.whole_frames("png", [0, 9]), BTreeSet::from([2]));
+        assert_eq!(frames.whole_frames("png", [2, 2_000_000]), BTreeSet::from([2, 9, 1_000_000]));
+        assert_eq!(frames.whole_frames("tif", [0, 9]), BTreeSet::from([3]));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn a_device_is_written_to_as_it_is() {
         let file = TemporaryFile::create(Path::new("/dev/full"), "r").unwrap();
         assert_eq!(file.temporary(), Path::new("/dev/full"));
@@ -331,7 +446,7 @@ mod tests {
     #[test]
     fn an_empty_folder_of_ours_goes_away_and_others_stay() {
         let folder = scratch("frames");
-        drop(FrameFolder::create(&folder.join("a"), "r").unwrap());
+        drop(FrameFolder::create(&folder.join("a/deep"), "r").unwrap());
         assert!(!folder.join("a").exists());
         let made = FrameFolder::create(&folder.join("b"), "r").unwrap();
         fs::write(made.path().join("frame-000000.png"), "").unwrap();

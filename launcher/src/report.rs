@@ -1,9 +1,11 @@
 //! The report of a run, JSON of the schema `terravision-fly-1` (docs/report.md).
 
+use crate::data_set::FlownFrame;
 use crate::flight::collector::{Collector, FrameFigures};
 use crate::flight::memory::MemoryPeaks;
 use crate::network_report::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
 use crate::realtime_report::RealtimeReport;
+use crate::trace::Phase;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -55,6 +57,10 @@ pub struct RunFigures {
     pub pids: Vec<(Stage, u32)>,
     /// How often stages were started again, by name.
     pub restarts: BTreeMap<&'static str, u32>,
+    /// Cameras of the poses that another program sent, each a frame.
+    pub poses: Vec<FlownFrame>,
+    /// What this program itself did, and its encoder, for the trace.
+    pub phases: Vec<Phase>,
 }
 
 /// The report. Field names are the schema's.
@@ -167,6 +173,7 @@ impl Report {
                     1 => "missing",
                     2 => "corrupt",
                     4 => "refused",
+                    5 => "not in the cache",
                     _ => "read error",
                 },
             })
@@ -322,12 +329,13 @@ fn seconds(from_nanos: u64, to_nanos: u64) -> f64 {
     to_nanos.saturating_sub(from_nanos) as f64 / 1e9
 }
 
-/// Time from the end of the frame before to the end of each; of the first from its beginning. In the order of frames.
+/// Time from the end of the frame before to the end of each; of the first from its beginning, and of one whose pose came later
+/// than that from its pose. In the order of frames.
 pub(crate) fn frame_ms(frames: &[FrameFigures]) -> Vec<f64> {
     let mut before = None;
     let done = frames.iter().filter(|frame| frame.done_nanos > 0);
     done.map(|frame| {
-        let from = before.unwrap_or(frame.draw_started_nanos);
+        let from = before.unwrap_or(frame.draw_started_nanos).max(if before.is_some() { frame.pose_nanos } else { 0 });
         before = Some(frame.done_nanos);
         if from == 0 { 0.0 } else { frame.done_nanos.saturating_sub(from) as f64 / NANOS_PER_MS }
     })
@@ -348,9 +356,14 @@ pub(crate) fn renderer_ms(frames: &[FrameFigures]) -> Vec<f64> {
         .collect()
 }
 
-/// Frames per second from the end of the first to the end of the last; of a single frame, the inverse of its time.
+/// Frames per second from the end of the first to the end of the last, without what was waited for poses; of a single frame,
+/// the inverse of its time.
 fn frames_per_second(frames: &[FrameFigures]) -> f64 {
     let done: Vec<&FrameFigures> = frames.iter().filter(|frame| frame.done_nanos > 0).collect();
+    if done.len() > 1 && done.iter().any(|frame| frame.pose_nanos > 0) {
+        let busy_s = frame_ms(frames).iter().skip(1).sum::<f64>() / 1e3;
+        return if busy_s > 0.0 { (done.len() - 1) as f64 / busy_s } else { 0.0 };
+    }
     let (Some(first), Some(last)) = (done.first(), done.last()) else { return 0.0 };
     let (count, from) = match done.len() {
         1 => (1, first.draw_started_nanos),
@@ -361,132 +374,4 @@ fn frames_per_second(frames: &[FrameFigures]) -> f64 {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use terravision_common::event::{Event, EventKind};
-    use terravision_common::level::Measure;
-    use terravision_common::node::NodeId;
-    use terravision_common::run::{
-        DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice,
-    };
-
-    pub(crate) fn config() -> RunConfig {
-        RunConfig {
-            run_id: "tv-1-2".into(),
-            world: "w.tv".into(),
-            database: DatabaseConfig::folder("w.tv".as_ref()),
-            width: 64,
-            height: 36,
-            fps: 30.0,
-            frames: [5, 8],
-            r_z_px: 10.0,
-            r_c_px: 1.0,
-            measure: Measure::Area,
-            exaggeration: 1.0,
-            texels: TexelFormat::Rgba8,
-            decoder_threads: 2,
-            prefetch: PrefetchConfig::EXACT,
-            render: RenderConfig {
-                technique: TechniqueChoice::Mesh,
-                rays: RaysChoice::Mipmap,
-                sky_rgb: [1, 2, 3],
-                samples: 1,
-                has_tree_overlay: false,
-                has_validation: false,
-                frames_in_flight: 2,
-                sink: SinkConfig::Null,
-                depth: None,
-                ground: None,
-                share: None,
-            },
-            realtime: None,
-        }
-    }
-
-    /// Three frames of 10 ms each, of which the renderer works 8, 10 and 4.
-    pub(crate) fn figures() -> RunFigures {
-        let mut collector = Collector::new(5, 3, true);
-        const MS: u64 = 1_000_000;
-        for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
-            let mut event = |stage, kind: EventKind, start, duration, value| {
-                let (start_nanos, duration_nanos) = (start * MS, duration * MS);
-                let kind = kind as u32;
-                collector.take(stage, Event { kind, thread: 0, frame, start_nanos, duration_nanos, value, node: 0 });
-            };
-            event(Stage::Generator, EventKind::Span, started - 50, 1, SpanName::Generate as u64);
-            event(Stage::Preparer, EventKind::Span, started - 20, frame - 4, SpanName::Prepare as u64);
-            event(Stage::Renderer, EventKind::Span, started, 1, SpanName::Record as u64);
-            event(Stage::Renderer, EventKind::FrameDone, done, 10, 1000 + frame);
-            event(Stage::Renderer, EventKind::FrameWritten, done + 5, 0, 1);
-        }
-        RunFigures {
-            started_nanos: 15 * MS,
-            ended_nanos: 215 * MS,
-            asked_frames: 3,
-            written_frames: 3,
-            tiles_wanted: 30,
-            tiles_loaded: 12,
-            tiles_evicted: 0,
-            tiles_uploaded: 6,
-            tiles_unavailable: 0,
-            frames_unsettled: 0,
-            events_dropped: 0,
-            trees_cut_short: 0,
-            clock_start_nanos: None,
-            shared_memory_bytes: 1 << 20,
-            collector,
-            memory: MemoryPeaks::default(),
-            prefetch: PrefetchFigures::default(),
-            window: WindowSpan::default(),
-            pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
-            restarts: BTreeMap::new(),
-        }
-    }
-
-    #[test]
-    fn the_report_has_the_schema_and_the_figures() {
-        let mut bytes = Vec::new();
-        Report::new(&config(), &figures()).write(&mut bytes).unwrap();
-        let report: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
-        assert_eq!(report["schema"], "terravision-fly-1");
-        assert_eq!(report["frames"], 3);
-        assert_eq!(report["fps"], 100.0);
-        assert_eq!(report["frame_ms"], serde_json::json!([8.0, 10.0, 10.0]));
-        assert_eq!(report["stages"]["generator"]["ms_median"], 1.0);
-        assert_eq!(report["stages"]["preparer"]["ms_median"], 2.0);
-        assert_eq!(report["stages"]["preparer"]["ms_p99"], 3.0);
-        assert_eq!(report["stages"]["renderer"]["ms_median"], 8.0);
-        assert_eq!(report["stages"]["renderer"]["ms_p99"], 10.0);
-        assert_eq!(
-            report["tiles"],
-            serde_json::json!({"wanted": 30, "loaded": 12, "evicted": 0, "uploaded": 6, "unavailable": [], "unavailable_count": 0})
-        );
-        assert_eq!(report["triangles_median"], 1006.0);
-        assert_eq!(report["time_to_first_frame_s"], 0.1);
-        assert_eq!(report["settled"], true);
-    }
-
-    #[test]
-    fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
-        let mut figures = figures();
-        let node = NodeId::new(3, 4, 1).unwrap().pack();
-        let kind = EventKind::TileUnavailable as u32;
-        let event = Event { kind, thread: 0, frame: 6, start_nanos: 0, duration_nanos: 0, value: 256 * 2, node };
-        figures.collector.take(Stage::Preparer, event);
-        let report = Report::new(&config(), &figures);
-        assert!(!report.is_complete());
-        assert_eq!(report.unavailable_count(), 1);
-        assert!(report.first_unavailable().contains("elevation tile of node (3, 4, 1), corrupt"));
-        let listed = serde_json::to_value(&report).unwrap()["tiles"]["unavailable"].clone();
-        assert_eq!(listed, serde_json::json!([{"layer": "elevation", "node": [3, 4], "level": 1, "cause": "corrupt"}]));
-    }
-
-    #[test]
-    fn a_run_of_nothing_has_a_report() {
-        let mut figures = figures();
-        figures.collector = Collector::new(0, 0, false);
-        figures.written_frames = 0;
-        let report = Report::new(&config(), &figures);
-        assert!(report.frame_ms.is_empty() && report.fps == 0.0);
-    }
-}
+pub(crate) mod tests;

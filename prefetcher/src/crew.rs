@@ -6,6 +6,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use terravision_common::bug::contained;
 use terravision_common::database::{
     Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_tile,
 };
@@ -292,7 +293,11 @@ fn decode_tiles(shared: &Shared, world: &World, texels: TexelFormat, thread: u32
         };
         let tile = job.tile;
         let start_nanos = monotonic_nanos();
-        let result = decode(world, texels, job, &mut scratch);
+        // A decoder that fails on foreign bytes costs its tile, not the flight.
+        let result = contained(|| decode(world, texels, job, &mut scratch)).unwrap_or_else(|_panic| {
+            scratch = DecodeScratch::default();
+            Err(CORRUPT)
+        });
         let duration_nanos = monotonic_nanos().saturating_sub(start_nanos);
         shared.end(Ended::Decoded { tile, result, thread, start_nanos, duration_nanos });
     }

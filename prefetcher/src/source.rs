@@ -35,6 +35,12 @@ pub enum FetchError {
         #[source]
         source: Box<dyn Error + Send + Sync>,
     },
+    /// It is not in the disk cache, and no server is asked.
+    #[error("the {tile} is not in the cache")]
+    NotCached {
+        /// The tile.
+        tile: Tile,
+    },
     /// It cannot be read, now at least.
     #[error("the {tile} cannot be read: {source}")]
     Unreadable {
@@ -47,7 +53,7 @@ pub enum FetchError {
 }
 
 impl FetchError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 refused.
+    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache.
     #[must_use]
     pub fn code(&self) -> u8 {
         match self {
@@ -55,6 +61,7 @@ impl FetchError {
             Self::Corrupt { .. } => 2,
             Self::Unreadable { .. } => 3,
             Self::Refused { .. } => 4,
+            Self::NotCached { .. } => 5,
         }
     }
 }
@@ -82,7 +89,8 @@ impl PayloadSource for Arc<Store> {
         read.map_err(|error| match error.cause() {
             None => FetchError::Missing { tile },
             Some(Cause::Damaged) => FetchError::Corrupt { tile, source: error.into() },
-            // That the cache lacks it, or the disk fails, is nobody's refusal.
+            Some(Cause::Offline) => FetchError::NotCached { tile },
+            // That the disk fails is nobody's refusal.
             Some(cause) if cause.is_refusal() => FetchError::Refused { tile, source: error.into() },
             Some(_) => FetchError::Unreadable { tile, source: error.into() },
         })

@@ -8,6 +8,7 @@ use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::{RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
+use terravision_common::terminal::complain;
 use terravision_renderer::bench::floor;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
@@ -22,7 +23,7 @@ use terravision_renderer::source::LiveSource;
 const HELP: &str = "\
 terravision-renderer: the stage of TerraVision that draws. The launcher (terravision) starts it.
 
-  --run JSON             draw the frames of this run
+  --run JSON             draw the frames of this run; --run - reads it from standard input
   --doctor-json          print the Vulkan devices, and what they lack, as JSON
   --floor-json WxH N     draw N frames of full-screen grids of this size, textured and depth-tested, and print the
                          times as JSON: the floor that no renderer on this device gets below
@@ -38,9 +39,10 @@ const MAX_LANES: usize = 4;
 const MAX_FRAMES_IN_FLIGHT: u32 = 8;
 
 fn main() -> ExitCode {
+    terravision_common::bug::report_panics("");
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["--run", json] => render(json),
+        ["--run", run] => render(run),
         ["--doctor-json"] => doctor(),
         ["--floor-json", size, frames] => floors(size, frames),
         ["--help" | "-h"] => print(HELP),
@@ -62,11 +64,6 @@ fn main() -> ExitCode {
 
 fn print(text: &str) -> anyhow::Result<()> {
     std::io::stdout().write_all(text.as_bytes()).context("standard output cannot be written")
-}
-
-fn complain(sentence: &str) {
-    // Without a standard error there is nobody to tell.
-    let _written = writeln!(std::io::stderr(), "{sentence}");
 }
 
 fn doctor() -> anyhow::Result<()> {
@@ -92,8 +89,8 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
     print(&format!("{}\n", serde_json::to_string_pretty(&serde_json::json!({ "passes": passes }))?))
 }
 
-fn render(json: &str) -> anyhow::Result<()> {
-    let stage_run = StageRun::parse(["--run".to_owned(), json.to_owned()])?;
+fn render(run_text: &str) -> anyhow::Result<()> {
+    let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Index::open(&config.world)?.world();

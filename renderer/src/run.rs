@@ -8,7 +8,6 @@ use crate::sink::SinkError;
 use crate::sink::lanes::{Lanes, Written};
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use std::collections::VecDeque;
-use std::io::Write;
 use std::time::Duration;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::rate::FrameTiming;
@@ -127,8 +126,8 @@ pub fn run(
         if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
             return Err(error);
         }
-        // Standard error is the launcher's; without a launcher there is nobody to tell.
-        drop(writeln!(std::io::stderr(), "{error}; it is opened again"));
+        // Standard error is the launcher's.
+        terravision_common::terminal::complain(&format!("{error}; it is opened again"));
         looped = looped.rebuilt()?;
     }
     let is_cut_short = looped.reader.remaining() > 0 && looped.source.is_over();

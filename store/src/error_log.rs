@@ -3,6 +3,7 @@
 use crate::error::{Cause, Fault};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use terravision_common::terminal::cut;
 
 /// Failures of one kind at one place.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -21,7 +22,13 @@ pub struct ErrorLog {
 }
 
 /// No more places are kept apart: a server that names each failure anew must not fill the memory.
-const MOST_ENTRIES: usize = 256;
+pub(crate) const MOST_ENTRIES: usize = 256;
+/// A failure is told in at most so many bytes: what a server says may be a part of it.
+pub(crate) const MOST_WORDS_BYTES: usize = 1024;
+
+fn told(text: &str) -> String {
+    cut(text, MOST_WORDS_BYTES).to_owned()
+}
 
 impl ErrorLog {
     fn lock(&self) -> MutexGuard<'_, BTreeMap<(Cause, String), Folded>> {
@@ -32,11 +39,12 @@ impl ErrorLog {
     pub fn note(&self, fault: &Fault) {
         let mut entries = self.lock();
         let is_full = entries.len() >= MOST_ENTRIES;
-        let key = (fault.cause, fault.place.clone());
+        let key = (fault.cause, told(&fault.place));
         let key = if is_full && !entries.contains_key(&key) { (fault.cause, String::new()) } else { key };
-        let entry = entries.entry(key).or_insert_with(|| Folded { fault: fault.clone(), count: 0, is_told: false });
+        let first = || Fault { cause: fault.cause, why: String::new(), place: told(&fault.place) };
+        let entry = entries.entry(key).or_insert_with(|| Folded { fault: first(), count: 0, is_told: false });
         entry.count += 1;
-        entry.fault.why.clone_from(&fault.why);
+        entry.fault.why = told(&fault.why);
     }
 
     /// Number of failures by cause.
@@ -113,7 +121,9 @@ mod tests {
         for k in 0..10_000 {
             log.note(&fault(Cause::Refused, "no", &k.to_string()));
         }
-        assert!(log.folded().len() <= MOST_ENTRIES + 1);
+        log.note(&fault(Cause::Server, &"ä".repeat(1 << 20), &"x".repeat(1 << 20)));
+        assert!(log.folded().len() <= MOST_ENTRIES + 2);
+        assert!(log.folded().iter().all(|entry| entry.to_string().len() < 3 * MOST_WORDS_BYTES));
         assert_eq!(log.counts()[&Cause::Refused], 10_000);
     }
 }

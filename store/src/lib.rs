@@ -20,12 +20,14 @@
 mod cache;
 mod error;
 mod error_log;
+mod etags;
 mod flights;
 mod location;
 mod memory;
 mod mirror;
 mod network;
 mod options;
+mod redirect;
 mod remote;
 mod resting;
 mod store;

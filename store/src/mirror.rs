@@ -7,14 +7,15 @@ use bytes::Bytes;
 use futures_util::{StreamExt, stream};
 use ring::digest::{SHA256, digest};
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use terravision_common::database::{Index, MANIFEST_FILE, Manifest, ManifestError, NODES_FILE, NodeRanges};
+use terravision_common::database::{
+    Index, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, ManifestError, NODES_FILE, NodeRanges, RangesError,
+};
+use terravision_common::files::{private_folder, read_bounded, temporary_folder};
 use terravision_common::world::World;
 
-/// No manifest is larger.
-pub(crate) const MOST_MANIFEST_BYTES: u64 = 16 << 20;
 /// The file of height ranges is read in pieces of this size, a few at a time.
 const PART_BYTES: u64 = 1 << 20;
 const PARTS_AT_ONCE: usize = 4;
@@ -42,6 +43,14 @@ impl Drop for TemporaryFolder {
         // What cannot be removed is left to the system, like all in the folder of temporary files.
         drop(fs::remove_dir_all(&self.0));
     }
+}
+
+/// Length of a name in the cache.
+const NAME_BYTES: u64 = 32;
+
+/// Whether a text is a name that [`name_of`] gives.
+pub(crate) fn is_name(text: &str) -> bool {
+    text.len() as u64 == NAME_BYTES && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
 
 /// A name for something in the cache.
@@ -112,15 +121,21 @@ pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Res
 
 /// The manifest that this location had last, from the cache.
 pub(crate) fn cached_manifest(cache: &Path, location: &Location) -> Result<OpenManifest, StoreError> {
-    let name = fs::read_to_string(location_file(cache, location)).unwrap_or_default();
-    let text = fs::read(index_folder(cache, name.trim()).join(MANIFEST_FILE));
+    let name = cached_name(cache, location);
+    let text = name.map(|name| read_bounded(&index_folder(cache, &name).join(MANIFEST_FILE), MOST_MANIFEST_BYTES));
     match text {
-        Ok(text) if !name.is_empty() => parse(text.into(), location),
+        Some(Ok(text)) => parse(text.into(), location),
         _ => {
-            let why = "the disk cache has nothing of it, and offline nobody is asked";
+            let why = "nothing of it is in the disk cache, and --offline asks no server";
             Err(FetchError::failed(Cause::Offline, why, location.to_string()).into())
         }
     }
+}
+
+/// Name of the database that a location had last. A file of the cache says so; only what is such a name is one.
+fn cached_name(cache: &Path, location: &Location) -> Option<String> {
+    let name = read_bounded(&location_file(cache, location), 2 * NAME_BYTES).ok()?;
+    String::from_utf8(name).ok().map(|name| name.trim().to_owned()).filter(|name| is_name(name))
 }
 
 /// A folder with the index: the one in the cache, filled if need be.
@@ -133,43 +148,79 @@ pub(crate) struct Mirror {
 }
 
 /// Finds the index in the cache, or reads it from the server into the cache; where that cannot be written to, into a
-/// folder that goes away again. `note` is told why.
+/// folder that goes away again, as it does without a cache. `note` is told why.
 pub(crate) async fn mirror(
     open: &OpenManifest,
     location: &Location,
-    cache: &Path,
+    cache: Option<&Path>,
     network: Option<&Network>,
     on_progress: OnProgress<'_>,
     note: impl Fn(&io::Error),
 ) -> Result<Mirror, StoreError> {
-    let folder = index_folder(cache, &database_name(location, &open.text));
-    if let Some(index) = whole_index(&folder, &open.text) {
-        touch(&folder);
+    let cached = cache.map(|cache| (cache, index_folder(cache, &database_name(location, &open.text))));
+    if let Some((cache, folder)) = &cached
+        && let Some(index) = whole_index(folder, &open.text)
+    {
+        touch(folder);
         remember_location(cache, location, &open.text).unwrap_or_else(|error| note(&error));
         return Ok(Mirror { index, temporary: None, added: Vec::new() });
     }
     let Some(network) = network else {
-        let why = "the disk cache has no whole index of it, and offline nobody is asked";
+        let why = "its index is not in the disk cache, and --offline asks no server";
         return Err(FetchError::failed(Cause::Offline, why, location.to_string()).into());
     };
-    let nodes = read_nodes(network, open, on_progress).await?;
-    let written = write_index(&folder, &open.text, &nodes);
-    match written.and_then(|()| remember_location(cache, location, &open.text)) {
-        Ok(()) => {
-            let index = Index::open(&folder)?;
-            return Ok(Mirror { index, temporary: None, added: vec![open.text.len() as u64, nodes.len() as u64] });
+    let bytes = checked_nodes(network, open)?;
+    if let Some((cache, folder)) = &cached {
+        let filled = fill(network, open, bytes, folder, &mut *on_progress).await;
+        match filled.and_then(|()| Ok(remember_location(cache, location, &open.text)?)) {
+            Ok(()) => {
+                let index = Index::open(folder)?;
+                return Ok(Mirror { index, temporary: None, added: vec![open.text.len() as u64, bytes] });
+            }
+            Err(Unfilled::Disk(error)) => note(&error),
+            Err(Unfilled::Network(error)) => return Err(error.into()),
         }
-        Err(error) => note(&error),
     }
-    let path = temporary_path();
+    let failed = |path: PathBuf| move |source| StoreError::Mirror { source, path };
+    let path = temporary_folder("terravision-index").map_err(failed(std::env::temp_dir()))?;
     let temporary = TemporaryFolder(path.clone());
-    write_index(&path, &open.text, &nodes).map_err(|source| StoreError::Mirror { source, path: path.clone() })?;
-    Ok(Mirror { index: Index::open(&path)?, temporary: Some(temporary), added: Vec::new() })
+    match fill(network, open, bytes, &path, on_progress).await {
+        Ok(()) => Ok(Mirror { index: Index::open(&path)?, temporary: Some(temporary), added: Vec::new() }),
+        Err(Unfilled::Disk(source)) => Err(failed(path)(source)),
+        Err(Unfilled::Network(error)) => Err(error.into()),
+    }
+}
+
+/// Why a folder did not get an index.
+enum Unfilled {
+    Disk(io::Error),
+    Network(FetchError),
+}
+
+impl From<io::Error> for Unfilled {
+    fn from(error: io::Error) -> Self {
+        Self::Disk(error)
+    }
+}
+
+/// Reads the index into a folder, the manifest last: a folder that has one is whole.
+async fn fill(
+    network: &Network,
+    open: &OpenManifest,
+    bytes: u64,
+    folder: &Path,
+    on_progress: OnProgress<'_>,
+) -> Result<(), Unfilled> {
+    private_folder(folder)?;
+    let mut nodes = NewFile::create(&folder.join(NODES_FILE))?;
+    read_nodes(network, open, bytes, &mut nodes, on_progress).await?;
+    nodes.finish()?;
+    Ok(write_whole(&folder.join(MANIFEST_FILE), &open.text)?)
 }
 
 /// The index in a folder, if it is all there, undamaged and of this manifest.
 fn whole_index(folder: &Path, manifest: &[u8]) -> Option<Index> {
-    let text = fs::read(folder.join(MANIFEST_FILE)).ok()?;
+    let text = read_bounded(&folder.join(MANIFEST_FILE), MOST_MANIFEST_BYTES).ok()?;
     (text == manifest).then(|| Index::open(folder).ok()).flatten()
 }
 
@@ -185,29 +236,43 @@ fn touch(folder: &Path) {
 fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::Result<()> {
     let path = location_file(cache, location);
     let name = database_name(location, manifest);
-    if fs::read_to_string(&path).is_ok_and(|found| found == name) {
+    if cached_name(cache, location).is_some_and(|found| found == name) {
         return Ok(());
     }
-    fs::create_dir_all(path.parent().unwrap_or(cache))?;
+    private_folder(path.parent().unwrap_or(cache))?;
     write_whole(&path, name.as_bytes())
 }
 
+/// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and no more than can be held. Nothing is read
+/// or allocated before.
+fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
+    NodeRanges::checked_bytes(&open.world, &open.manifest.nodes).map_err(|error| {
+        let why = match error {
+            RangesError::Length { expected, found } => {
+                format!("the manifest says that it has {found} bytes, and its world needs {expected}")
+            }
+            error => error.to_string(),
+        };
+        FetchError::failed(Cause::Changed, why, network.transport().place(NODES_FILE))
+    })
+}
+
+/// Reads the height ranges into a file, a few pieces at a time: what is in memory does not depend on how long they are.
 async fn read_nodes(
     network: &Network,
     open: &OpenManifest,
+    expected: u64,
+    file: &mut NewFile,
     on_progress: OnProgress<'_>,
-) -> Result<Vec<u8>, FetchError> {
-    let place = network.transport().place(NODES_FILE);
-    let record = open.manifest.nodes;
-    let expected = NodeRanges::file_bytes(&open.world);
-    if record.bytes != expected {
-        let why = format!("the manifest says that it has {} bytes, and its world needs {expected}", record.bytes);
-        return Err(FetchError::failed(Cause::Changed, why, place));
-    }
+) -> Result<(), Unfilled> {
+    let failed =
+        |cause, why: String| Unfilled::Network(FetchError::failed(cause, why, network.transport().place(NODES_FILE)));
+    let crc32 = open.manifest.nodes.crc32;
     let mut tried = 0;
     loop {
         tried += 1;
-        let mut nodes = Vec::new();
+        file.restart()?;
+        let (mut hasher, mut done) = (crc32fast::Hasher::new(), 0);
         let starts = (0..expected).step_by(PART_BYTES as usize);
         let parts = starts.map(|start| {
             let range = start..(start + PART_BYTES).min(expected);
@@ -224,48 +289,67 @@ async fn read_nodes(
         let mut parts = stream::iter(parts).buffered(PARTS_AT_ONCE);
         on_progress(0, expected);
         while let Some(part) = parts.next().await {
-            let part = part?;
+            let part = part.map_err(Unfilled::Network)?;
             if part.file_bytes != expected {
-                let why = format!("it has {} bytes, expected {expected}", part.file_bytes);
-                return Err(FetchError::failed(Cause::Changed, why, place));
+                return Err(failed(Cause::Changed, format!("it has {} bytes, expected {expected}", part.file_bytes)));
             }
-            nodes.extend_from_slice(&part.bytes);
-            on_progress(nodes.len() as u64, expected);
+            hasher.update(&part.bytes);
+            file.write(&part.bytes)?;
+            done += part.bytes.len() as u64;
+            on_progress(done, expected);
         }
-        let found = crc32fast::hash(&nodes);
-        if found == record.crc32 {
-            return Ok(nodes);
+        let found = hasher.finalize();
+        if found == crc32 {
+            return Ok(());
         }
         if tried == TRIES || !network.again(tried - 1).await {
-            let why = format!("its checksum is {found:08x}, expected {:08x}", record.crc32);
-            return Err(FetchError::failed(Cause::Damaged, why, place));
+            return Err(failed(Cause::Damaged, format!("its checksum is {found:08x}, expected {crc32:08x}")));
         }
     }
 }
 
-/// Writes both files, the manifest last: a folder that has one is whole.
-fn write_index(folder: &Path, manifest: &[u8], nodes: &[u8]) -> io::Result<()> {
-    fs::create_dir_all(folder)?;
-    write_whole(&folder.join(NODES_FILE), nodes)?;
-    write_whole(&folder.join(MANIFEST_FILE), manifest)
+/// A file that appears whole, or not at all.
+struct NewFile {
+    file: File,
+    temporary: PathBuf,
+    path: PathBuf,
+}
+
+impl NewFile {
+    fn create(path: &Path) -> io::Result<Self> {
+        let temporary = path.with_extension(unique());
+        // A name that is there, a link too, is not taken.
+        Ok(Self { file: File::create_new(&temporary)?, temporary, path: path.to_owned() })
+    }
+
+    /// Forgets what was written.
+    fn restart(&mut self) -> io::Result<()> {
+        self.file.set_len(0)?;
+        self.file.rewind()
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.file.write_all(bytes)
+    }
+
+    fn finish(self) -> io::Result<()> {
+        // A sweep takes its room by age; a power failure must not leave a whole name with half a content.
+        self.file.sync_all()?;
+        fs::rename(&self.temporary, &self.path)
+    }
+}
+
+impl Drop for NewFile {
+    fn drop(&mut self) {
+        // After a rename there is none of this name.
+        drop(fs::remove_file(&self.temporary));
+    }
 }
 
 fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let temporary = path.with_extension(unique());
-    let written = File::create_new(&temporary).and_then(|mut file| {
-        file.write_all(bytes)?;
-        // A sweep takes its room by age; a power failure must not leave a whole name with half a content.
-        file.sync_all()
-    });
-    let renamed = written.and_then(|()| fs::rename(&temporary, path));
-    if renamed.is_err() {
-        drop(fs::remove_file(&temporary));
-    }
-    renamed
-}
-
-fn temporary_path() -> PathBuf {
-    std::env::temp_dir().join(format!("terravision-{}", unique()))
+    let mut file = NewFile::create(path)?;
+    file.write(bytes)?;
+    file.finish()
 }
 
 fn unique() -> String {

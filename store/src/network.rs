@@ -34,6 +34,8 @@ use tokio::time::{Instant, sleep_until, timeout_at};
 const BREAKER_FAILURES: u32 = 8;
 /// While the breaker is open one request in this time goes through, at first in less.
 const PROBE_EVERY: Duration = Duration::from_secs(2);
+/// A file of this machine is read once more when that may help: it says the same the next time.
+pub(crate) const LOCAL_RETRIES: u32 = 1;
 /// Why nobody is asked when `Retry-After` ends later than the read.
 const LONG_PAUSE: &str = "the server asks for fewer requests, and for a longer pause than a read may wait";
 
@@ -96,6 +98,11 @@ impl Network {
         self.retries.most
     }
 
+    /// So many retries, or fewer where they do not help.
+    pub(crate) fn retries_at_most(&self, most: u32) -> u32 {
+        if self.transport.is_local() { most.min(LOCAL_RETRIES) } else { most }
+    }
+
     /// Asks until an answer passes `check`, which turns it into what is wanted of it.
     ///
     /// # Errors
@@ -142,7 +149,7 @@ impl Network {
             if !breaker.is_open() {
                 let wait = backoff(&self.retries, attempt, random());
                 attempt += 1;
-                let is_late = attempt > request.retries || Instant::now() + wait >= end;
+                let is_late = attempt > self.retries_at_most(request.retries) || Instant::now() + wait >= end;
                 if is_late || !(lock(&self.budget).again() || request.is_vital) {
                     return Err(error);
                 }
@@ -154,11 +161,13 @@ impl Network {
 
     /// Whether something may be asked once more, after the wait that belongs to failure `attempt` (from 0).
     pub(crate) async fn again(&self, attempt: u32) -> bool {
-        if !lock(&self.budget).again() {
+        if attempt >= self.retries_at_most(u32::MAX) || !lock(&self.budget).again() {
             return false;
         }
         self.repeated.fetch_add(1, Ordering::Relaxed);
-        tokio::time::sleep(backoff(&self.retries, attempt, random())).await;
+        if !self.transport.is_local() {
+            tokio::time::sleep(backoff(&self.retries, attempt, random())).await;
+        }
         true
     }
 

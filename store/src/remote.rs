@@ -12,22 +12,21 @@
 use crate::cache::{CacheFigures, DiskCache, Key};
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
+use crate::etags::Etags;
 use crate::flights::Flights;
 use crate::memory::{Memory, Piece};
-use crate::mirror::MOST_MANIFEST_BYTES;
 use crate::network::{Network, Request};
 use crate::transport::Answer;
 use bytes::{Bytes, BytesMut};
 use futures_util::future::try_join_all;
 use pmtiles::TileId;
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use terravision_common::database::{
     ARCHIVE_HEADER_BYTES, ArchiveError, ArchiveLayout, ArchiveRecord, COLOR_FILE, Directory, ELEVATION_FILE, Layer,
-    MANIFEST_FILE, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
+    Leaves, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, Place, TileDamage, check_tile, max_payload_bytes, tile_place,
 };
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
@@ -39,12 +38,13 @@ const EXTENT_BYTES: u64 = 32 << 10;
 const MEMORY_BYTES: usize = 16 << 20;
 /// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3, section 3).
 const HEAD_BYTES: u64 = 16_384;
-/// Damaged bytes are read anew this many times.
+/// Damaged bytes of a server are read anew this many times.
 const DAMAGED_RETRIES: u32 = 5;
 /// After failed reads the manifest is asked for once in this time.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
-/// Pieces that wait to be written to the disk cache; more are not kept.
+/// Pieces that wait to be written to the disk cache, and their bytes; more are not kept.
 const MOST_PENDING: usize = 256;
+const MOST_PENDING_BYTES: usize = 64 << 20;
 
 /// A database on a server, or as much of it as the disk cache has.
 #[derive(Debug)]
@@ -61,6 +61,7 @@ pub(crate) struct Remote {
     /// Held while it is found out whether the database has changed; when a failed read last was the reason.
     verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
+    pending_bytes: Arc<AtomicUsize>,
     place: String,
     log: Arc<ErrorLog>,
 }
@@ -71,9 +72,8 @@ struct RemoteArchive {
     file: &'static str,
     record: ArchiveRecord,
     head: OnceCell<Head>,
-    leaves: Mutex<HashMap<usize, Arc<Directory>>>,
-    /// The server's marks of this content.
-    etags: Mutex<Vec<String>>,
+    leaves: Leaves,
+    etags: Mutex<Etags>,
 }
 
 /// What an archive begins with.
@@ -103,7 +103,7 @@ impl Remote {
             file,
             record,
             head: OnceCell::new(),
-            leaves: Mutex::default(),
+            leaves: Leaves::default(),
             etags: Mutex::default(),
         };
         Self {
@@ -120,6 +120,7 @@ impl Remote {
             changed: OnceLock::new(),
             verifying: tokio::sync::Mutex::default(),
             pending: Arc::default(),
+            pending_bytes: Arc::default(),
             place,
             log,
         }
@@ -218,11 +219,12 @@ impl Remote {
         index: usize,
         range: Range<u64>,
     ) -> Result<Arc<Directory>, FetchError> {
-        if let Some(leaf) = lock(&archive.leaves).get(&index) {
-            return Ok(Arc::clone(leaf));
+        if let Some(leaf) = archive.leaves.get(index) {
+            return Ok(leaf);
         }
-        let leaf = Arc::new(self.directory(archive, &head.layout, range).await?);
-        Ok(Arc::clone(lock(&archive.leaves).entry(index).or_insert(leaf)))
+        let key = Key { file: archive.file, range: range.clone() };
+        let parse = |bytes: &Bytes| archive.leaves.get_or_parse(index, || Ok(head.layout.directory(bytes)?));
+        self.verified(archive, &[key], &range, true, parse).await
     }
 
     async fn directory(
@@ -264,7 +266,8 @@ impl Remote {
             let gone = keys.to_vec();
             blocking(move || gone.iter().for_each(|key| cache.remove(key))).await;
             let is_repeated = match &self.network {
-                Some(network) if attempt < DAMAGED_RETRIES => network.again(attempt).await,
+                // Of a file of this machine they are the same again, but for one that is being written.
+                Some(network) if attempt < network.retries_at_most(DAMAGED_RETRIES) => network.again(attempt).await,
                 _ => false,
             };
             attempt += 1;
@@ -300,7 +303,7 @@ impl Remote {
             return Err(FetchError::Failed(Arc::clone(changed)));
         }
         let Some(network) = &self.network else {
-            let why = "the disk cache does not have it, and offline nobody is asked";
+            let why = "it is not in the cache, and --offline asks no server";
             let place = format!("{}/{}", self.place, key.file);
             let error = FetchError::failed(Cause::Offline, why, place);
             if let FetchError::Failed(fault) = &error {
@@ -368,13 +371,7 @@ impl Remote {
             return Err(self.has_changed(archive, &why));
         }
         let Some(etag) = answer.etag else { return Ok(answer.bytes) };
-        let is_known = |etag: &String| {
-            let mut known = lock(&archive.etags);
-            if known.is_empty() {
-                known.push(etag.clone());
-            }
-            known.contains(etag)
-        };
+        let is_known = |etag: &String| lock(&archive.etags).is_known(etag);
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
@@ -406,7 +403,7 @@ impl Remote {
         if !is_same {
             return Err(self.has_changed(archive, "its manifest or its directory is another one"));
         }
-        lock(&archive.etags).push(etag);
+        lock(&archive.etags).learn(&etag);
         let why = "the server replaced it by an equal one while it was read".to_owned();
         self.log.note(&Fault { cause: Cause::Touched, why, place: network.transport().place(archive.file) });
         Ok(answer.bytes)
@@ -430,14 +427,19 @@ impl Remote {
             return;
         }
         // Acquire and release: SYNC store.pending, so that who sees none pending sees the cache as it was left.
-        if self.pending.fetch_add(1, Ordering::AcqRel) >= MOST_PENDING {
+        let bytes = piece.bytes.len();
+        // Relaxed: a sum that orders nothing.
+        let before = self.pending_bytes.fetch_add(bytes, Ordering::Relaxed);
+        if self.pending.fetch_add(1, Ordering::AcqRel) >= MOST_PENDING || before + bytes > MOST_PENDING_BYTES {
+            self.pending_bytes.fetch_sub(bytes, Ordering::Relaxed);
             self.pending.fetch_sub(1, Ordering::AcqRel);
             return;
         }
-        let (cache, key, piece, pending) =
-            (Arc::clone(&self.cache), key.clone(), Arc::clone(piece), Arc::clone(&self.pending));
+        let (cache, key, piece) = (Arc::clone(&self.cache), key.clone(), Arc::clone(piece));
+        let (pending, pending_bytes) = (Arc::clone(&self.pending), Arc::clone(&self.pending_bytes));
         drop(tokio::task::spawn_blocking(move || {
             cache.put(&key, &piece.bytes);
+            pending_bytes.fetch_sub(bytes, Ordering::Relaxed);
             pending.fetch_sub(1, Ordering::AcqRel);
         }));
     }

@@ -1,6 +1,6 @@
 //! A terrain database, wherever it is.
 
-use crate::cache::{CacheFigures, DiskCache};
+use crate::cache::{CacheFigures, DiskCache, claim_cache};
 use crate::error::{Cause, Fault, FetchError, StoreError};
 use crate::error_log::ErrorLog;
 use crate::location::Location;
@@ -15,15 +15,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use terravision_common::database::{
-    Database, Index, Layer, MANIFEST_FILE, Manifest, NodeRanges, TileError, TileScratch, TileSource, check_tile,
-    decode_color, decode_elevation,
+    Database, Index, Layer, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, NodeRanges, TileError, TileScratch,
+    TileSource, check_tile, decode_color, decode_elevation,
 };
+use terravision_common::files::read_bounded;
 use terravision_common::node::NodeId;
 use terravision_common::threads::ensure;
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 use tokio::runtime::{Builder, Runtime};
-use tokio::task::JoinHandle;
+use tokio::task::{JoinError, JoinHandle};
 
 /// Threads that drive the network; they decode nothing.
 const NETWORK_THREADS: usize = 2;
@@ -171,7 +172,7 @@ impl Store {
                 Ok(runtime) => {
                     let (database, log) = (Arc::clone(database), Arc::clone(&self.log));
                     let task = runtime.spawn_blocking(move || local_payload(&database, layer, node, &log));
-                    task.await.unwrap_or_else(|_| Err(closed()))
+                    task.await.unwrap_or_else(|error| Err(unfinished(&error)))
                 }
                 Err(_no_runtime) => local_payload(database, layer, node, &self.log),
             },
@@ -211,21 +212,33 @@ impl Elsewhere {
             .map_err(|source| StoreError::Threads { source })?;
         let network = (!options.is_offline).then(|| Network::new(transport, options, Arc::clone(log)));
         let cache_dir = options.cache_dir.clone().unwrap_or_else(default_cache_dir);
+        let unusable = claim_cache(&cache_dir).err();
         let (open, index, added, temporary) = if let Some(folder) = &options.index {
             let index = Index::open(folder)?;
             let path = folder.join(MANIFEST_FILE);
-            let text = std::fs::read(&path).map_err(|source| StoreError::Mirror { source, path })?;
+            let text = read_bounded(&path, MOST_MANIFEST_BYTES);
+            let text = text.map_err(|source| StoreError::Mirror { source, path })?;
             (mirror::parse(text.into(), location)?, index, Vec::new(), None)
         } else {
             let open = match &network {
                 Some(network) => runtime.block_on(mirror::read_manifest(network, location))?,
-                None => mirror::cached_manifest(&cache_dir, location)?,
+                None => match &unusable {
+                    None => mirror::cached_manifest(&cache_dir, location)?,
+                    Some(error) => {
+                        let why = format!("the disk cache cannot be used ({error}), and offline nobody is asked");
+                        return Err(FetchError::failed(Cause::Offline, why, cache_dir.display().to_string()).into());
+                    }
+                },
             };
             let note = |error: &std::io::Error| {
                 let why = format!("the disk cache cannot keep the index ({error}), a temporary folder does");
                 log.note(&Fault { cause: Cause::Cache, why, place: cache_dir.display().to_string() });
             };
-            let mirrored = mirror::mirror(&open, location, &cache_dir, network.as_ref(), on_progress, note);
+            if let Some(error) = &unusable {
+                note(error);
+            }
+            let usable = unusable.is_none().then_some(cache_dir.as_path());
+            let mirrored = mirror::mirror(&open, location, usable, network.as_ref(), on_progress, note);
             let mirrored = runtime.block_on(mirrored)?;
             (open, mirrored.index, mirrored.added, mirrored.temporary)
         };
@@ -257,7 +270,7 @@ impl Elsewhere {
             resting.note(layer, node, read.as_ref().err());
             read
         });
-        Cancelling(task).await.unwrap_or_else(|_| Err(closed()))
+        Cancelling(task).await.unwrap_or_else(|error| Err(unfinished(&error)))
     }
 }
 
@@ -291,6 +304,14 @@ impl Drop for Elsewhere {
     }
 }
 
+/// Why a task has not ended by itself.
+fn unfinished(error: &JoinError) -> FetchError {
+    match error.is_panic() {
+        true => FetchError::failed(Cause::Disk, "a fault of TerraVision itself; please report it", ""),
+        false => closed(),
+    }
+}
+
 fn closed() -> FetchError {
     FetchError::failed(Cause::Closed, "the database was closed while it was read", "")
 }
@@ -311,8 +332,8 @@ fn local_payload(database: &Database, layer: Layer, node: NodeId, log: &ErrorLog
 
 /// Whether another database lies in the folder by now.
 fn has_changed(database: &Database) -> bool {
-    let text = std::fs::read_to_string(database.path().join(MANIFEST_FILE)).ok();
-    let manifest = text.and_then(|text| Manifest::parse(&text).ok());
+    let text = read_bounded(&database.path().join(MANIFEST_FILE), MOST_MANIFEST_BYTES).ok();
+    let manifest = text.and_then(|text| Manifest::parse(std::str::from_utf8(&text).ok()?).ok());
     manifest.is_some_and(|manifest| manifest != *database.manifest())
 }
 

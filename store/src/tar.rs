@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, NODES_FILE};
 
 /// Headers and members begin at multiples of this.
 pub(crate) const BLOCK: u64 = 512;
@@ -28,6 +29,9 @@ pub(crate) enum Next {
     /// Nothing: the archive has ended.
     End,
 }
+
+/// Names of members that are looked for; those of other members are not kept.
+const FILES: [&str; 4] = [MANIFEST_FILE, NODES_FILE, ELEVATION_FILE, COLOR_FILE];
 
 /// Finds members, header by header.
 #[derive(Debug)]
@@ -64,7 +68,7 @@ impl Headers {
             Next::Extended(ref range) => {
                 let end = range.end;
                 self.extended(bytes)?;
-                self.next = Next::Header(end.next_multiple_of(BLOCK));
+                self.next = header_at(end)?;
                 Ok(())
             }
             Next::End => Ok(()),
@@ -86,20 +90,25 @@ impl Headers {
         }
         let own_bytes = number(&block[124..136]).ok_or(NoArchive)?;
         let kind = block[156];
-        let begin = at + BLOCK;
+        let begin = at.checked_add(BLOCK).ok_or(NoArchive)?;
         if matches!(kind, b'x' | b'L') {
             self.kind = kind;
-            self.next = Next::Extended(begin..begin + own_bytes.min(MOST_EXTENDED));
-            return if own_bytes > MOST_EXTENDED { Err(NoArchive) } else { Ok(()) };
+            if own_bytes > MOST_EXTENDED {
+                return Err(NoArchive);
+            }
+            self.next = Next::Extended(begin..begin.checked_add(own_bytes).ok_or(NoArchive)?);
+            return Ok(());
         }
         let bytes = if matches!(kind, b'g') { own_bytes } else { self.bytes.take().unwrap_or(own_bytes) };
         let end = begin.checked_add(bytes).ok_or(NoArchive)?;
         if matches!(kind, b'0' | 0 | b'7') {
             let name = self.name.take().unwrap_or_else(|| text(&block[..100]));
-            let name = name.rsplit('/').next().unwrap_or_default().to_owned();
-            self.members.entry(name).or_insert(begin..end);
+            let name = name.rsplit('/').next().unwrap_or_default();
+            if FILES.contains(&name) {
+                self.members.entry(name.to_owned()).or_insert(begin..end);
+            }
         }
-        self.next = Next::Header(end.checked_next_multiple_of(BLOCK).ok_or(NoArchive)?);
+        self.next = header_at(end)?;
         Ok(())
     }
 
@@ -124,6 +133,12 @@ impl Headers {
         }
         Ok(())
     }
+}
+
+/// The header behind a member that ends there. A whole one has to fit below the end of all numbers.
+fn header_at(end: u64) -> Result<Next, NoArchive> {
+    let at = end.checked_next_multiple_of(BLOCK).ok_or(NoArchive)?;
+    at.checked_add(BLOCK).map(|_| Next::Header(at)).ok_or(NoArchive)
 }
 
 fn text(bytes: &[u8]) -> String {

@@ -3,6 +3,7 @@
 use crate::error::{Cause, Fault, StoreError};
 use crate::location::{Kind, Location};
 use crate::options::StoreOptions;
+use crate::redirect::ConnectOptions;
 use crate::tar::{BLOCK, Headers, Next};
 use crate::wire::{Connector, Wire, WireError};
 use bytes::{Bytes, BytesMut};
@@ -14,13 +15,13 @@ use object_store::path::Path as ObjectPath;
 use object_store::{ClientOptions, GetOptions, GetRange, ObjectStore, RetryConfig};
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
+use terravision_common::files::open_regular;
 use tokio::sync::OnceCell;
 
 /// Longest time to make a connection.
@@ -64,14 +65,18 @@ impl Transport {
             return Ok(None);
         }
         let wire = Arc::new(Wire::default());
-        let connector = Connector::new(Arc::clone(&wire));
+        let connect = ConnectOptions {
+            connect_timeout: CONNECT_TIMEOUT.min(options.request_timeout),
+            idle_connections: options.parallel_requests.max(1),
+        };
         // Retries, and the time that each request may take, are ours: see `network`.
         let retries = RetryConfig { max_retries: 0, retry_timeout: Duration::ZERO, ..RetryConfig::default() };
         let client = ClientOptions::new()
             .with_allow_http(true)
-            .with_connect_timeout(CONNECT_TIMEOUT.min(options.request_timeout))
+            .with_connect_timeout(connect.connect_timeout)
             .with_timeout_disabled()
-            .with_pool_max_idle_per_host(options.parallel_requests.max(1));
+            .with_pool_max_idle_per_host(connect.idle_connections);
+        let connector = Connector::new(Arc::clone(&wire), connect);
         let failed = |error: object_store::Error| StoreError::Client {
             why: deepest(&error).to_string(),
             location: location.to_string(),
@@ -114,6 +119,11 @@ impl Transport {
         &self.wire
     }
 
+    /// Whether it is on this machine: what is damaged here is damaged for good.
+    pub(crate) fn is_local(&self) -> bool {
+        matches!(self.access, Access::File(_))
+    }
+
     /// Name of a file of the database, for messages.
     pub(crate) fn place(&self, file: &str) -> String {
         match self.location.kind() {
@@ -134,10 +144,11 @@ impl Transport {
         let member = members.get(file).ok_or_else(missing)?;
         let file_bytes = member.end - member.start;
         let range = range.unwrap_or(0..file_bytes);
-        if range.end > file_bytes || range.end - range.start > most_bytes {
+        if range.start > range.end || range.end > file_bytes || range.end - range.start > most_bytes {
             let why = format!("it has {file_bytes} bytes, and {} to {} were expected", range.start, range.end);
             return Err(self.fault(file, Cause::BadAnswer, why));
         }
+        // Within the member, whose end is a number: no sum is too large.
         let answer = self.get_archive(file, member.start + range.start..member.start + range.end).await?;
         Ok(Answer { file_bytes, ..answer })
     }
@@ -147,7 +158,7 @@ impl Transport {
         let mut headers = Headers::default();
         loop {
             let range = match headers.next() {
-                Next::Header(at) => *at..*at + BLOCK,
+                Next::Header(at) => *at..at.saturating_add(BLOCK),
                 Next::Extended(range) => range.clone(),
                 Next::End => return Ok(headers.members),
             };
@@ -234,12 +245,14 @@ impl Transport {
 
 /// Reads a range of a file; blocks.
 fn read_file(path: &std::path::Path, range: Range<u64>) -> io::Result<Answer> {
-    let file = File::open(path)?;
+    let file = open_regular(path)?;
     let about = file.metadata()?;
-    if !about.is_file() {
-        return Err(io::Error::new(io::ErrorKind::NotFound, "it is no file"));
+    if range.end > about.len() {
+        let why = format!("the archive ends after {} bytes and its content goes on: it was cut short", about.len());
+        return Err(io::Error::new(io::ErrorKind::UnexpectedEof, why));
     }
-    let mut bytes = vec![0; (range.end.min(about.len()).saturating_sub(range.start)) as usize];
+    // Not more than a piece or a tile: who asks has a bound for its range.
+    let mut bytes = vec![0; (range.end - range.start) as usize];
     file.read_exact_at(&mut bytes, range.start)?;
     let modified = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
     Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")) })

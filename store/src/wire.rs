@@ -2,24 +2,28 @@
 //! what the server said, `Retry-After` included (which `object_store` does not pass on).
 
 use crate::error::Cause;
+use crate::redirect::{ConnectOptions, Following};
 use async_trait::async_trait;
 use chrono::{DateTime, Utc};
 use futures_util::StreamExt;
 use http::header::{CONTENT_TYPE, RANGE, RETRY_AFTER};
-use http::{HeaderMap, StatusCode};
-use object_store::ClientOptions;
+use http::{HeaderMap, Method, StatusCode};
 use object_store::client::{
-    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpService, ReqwestConnector,
+    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpResponse, HttpResponseBody, HttpService,
+    ReqwestConnector,
 };
+use object_store::{ClientConfigKey, ClientOptions};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// The longest `Retry-After` that is believed.
-const LONGEST_HOLD: Duration = Duration::from_secs(600);
+pub(crate) const LONGEST_HOLD: Duration = Duration::from_secs(600);
 /// So much of an error's text is read.
-const ERROR_BYTES: usize = 4096;
+pub(crate) const ERROR_BYTES: usize = 4096;
+/// Credentials that are longer are none.
+pub(crate) const MOST_CREDENTIAL_BYTES: usize = 64 << 10;
 /// Paths below which instances and containers of clouds are given their credentials.
 const CREDENTIAL_PATHS: [&str; 3] = ["/latest/api/token", "/latest/meta-data/", "/v2/credentials"];
 
@@ -73,28 +77,51 @@ pub(crate) struct WireError {
     why: String,
 }
 
+impl WireError {
+    pub(crate) fn new(cause: Cause, why: impl Into<String>) -> Self {
+        Self { cause, why: why.into() }
+    }
+}
+
 /// Makes clients that count what passes.
 #[derive(Debug)]
 pub(crate) struct Connector {
     wire: Arc<Wire>,
+    options: ConnectOptions,
 }
 
 impl Connector {
-    pub(crate) fn new(wire: Arc<Wire>) -> Self {
-        Self { wire }
+    pub(crate) fn new(wire: Arc<Wire>, options: ConnectOptions) -> Self {
+        Self { wire, options }
     }
 }
 
 impl HttpConnector for Connector {
     fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
-        let inner = ReqwestConnector::default().connect(options)?;
+        // The endpoints that give an instance its credentials are asked with a short timeout of `object_store`'s own.
+        let own = ClientOptions::new().with_connect_timeout(self.options.connect_timeout);
+        let timeout = |options: &ClientOptions| options.get_config_value(&ClientConfigKey::ConnectTimeout);
+        let inner = if timeout(options) == timeout(&own) {
+            let client = Following::new(&self.options);
+            Inner::Files(
+                client.map_err(|source| object_store::Error::Generic { store: "HTTP", source: source.into() })?,
+            )
+        } else {
+            Inner::Credentials(ReqwestConnector::default().connect(options)?)
+        };
         Ok(HttpClient::new(Counted { inner, wire: Arc::clone(&self.wire) }))
     }
 }
 
 #[derive(Debug)]
+enum Inner {
+    Files(Following),
+    Credentials(HttpClient),
+}
+
+#[derive(Debug)]
 struct Counted {
-    inner: HttpClient,
+    inner: Inner,
     wire: Arc<Wire>,
 }
 
@@ -104,11 +131,24 @@ impl HttpService for Counted {
         self.wire.requests.fetch_add(1, Ordering::Relaxed);
         let is_for_range = request.headers().contains_key(RANGE);
         let is_for_credentials = CREDENTIAL_PATHS.iter().any(|path| request.uri().path().starts_with(path));
-        let answer = self.inner.execute(request).await;
+        let is_object = matches!(*request.method(), Method::GET | Method::HEAD) && !is_for_credentials;
+        let answer = match &self.inner {
+            Inner::Files(client) => client.execute(request).await,
+            Inner::Credentials(client) => client.execute(request).await,
+        };
         if is_for_credentials && !answer.as_ref().is_ok_and(|answer| answer.status().is_success()) {
             return Err(no_credentials());
         }
         let answer = answer?;
+        if !is_object && answer.status().is_success() {
+            // It is read whole by `object_store`, without a bound of its own.
+            let (parts, body) = answer.into_parts();
+            let content = start_of(body, MOST_CREDENTIAL_BYTES + 1).await;
+            if content.len() > MOST_CREDENTIAL_BYTES {
+                return Err(no_credentials());
+            }
+            return Ok(HttpResponse::from_parts(parts, content.into()));
+        }
         let status = answer.status();
         // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one all the same.
         let is_page = status == StatusCode::OK && is_for_range && is_html(answer.headers());
@@ -121,7 +161,8 @@ impl HttpService for Counted {
             self.wire.hold(hold);
         }
         // S3 says in XML what a status alone does not tell: an expired token, say.
-        let code = error_code(&start_of(answer).await).unwrap_or_default();
+        let text = start_of(answer.into_body(), ERROR_BYTES).await;
+        let code = error_code(&String::from_utf8_lossy(&text)).unwrap_or_default();
         let cause = match status.as_u16() {
             200 => Cause::WebPage,
             404 | 410 => Cause::NotFound,
@@ -151,17 +192,17 @@ fn is_html(headers: &HeaderMap) -> bool {
     kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/html"))
 }
 
-/// The first few thousand bytes of an answer, as far as they come.
-async fn start_of(answer: HttpResponse) -> String {
-    let mut parts = answer.into_body().bytes_stream();
+/// The first bytes of an answer, as far as they come.
+async fn start_of(body: HttpResponseBody, most: usize) -> Vec<u8> {
+    let mut parts = body.bytes_stream();
     let mut start = Vec::new();
-    while start.len() < ERROR_BYTES {
+    while start.len() < most {
         match parts.next().await {
-            Some(Ok(part)) => start.extend_from_slice(&part[..part.len().min(ERROR_BYTES)]),
+            Some(Ok(part)) => start.extend_from_slice(&part[..part.len().min(most - start.len())]),
             Some(Err(_)) | None => break,
         }
     }
-    String::from_utf8_lossy(&start).into_owned()
+    start
 }
 
 fn no_credentials() -> HttpError {

@@ -5,6 +5,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use terravision_common::shm::SegmentKind;
+use terravision_tests::folder::TestFolder;
+use terravision_tests::process::Terravision;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
@@ -41,6 +43,32 @@ fn every_segment_has_a_row_and_every_row_a_segment() {
     assert_eq!(rows("Shared-memory segments"), segments);
 }
 
+#[test]
+fn every_bound_that_is_listed_exists_where_it_is_said_to_be() {
+    let text = read("ARCHITECTURE.md");
+    let (_, section) = text.split_once("## Bounds\n").unwrap();
+    let table = section.lines().skip_while(|line| !line.starts_with('|')).take_while(|line| line.starts_with('|'));
+    let mut bounds = 0;
+    for row in table.filter(|row| row.starts_with("| `")) {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [constant, _input, bound, place] = cells[..] else { panic!("{row}: expected four cells") };
+        let quoted = |cell: &'_ str| cell.split('`').nth(1).unwrap().to_owned();
+        let code = read(&quoted(place));
+        // A bound may name a second constant in the same file.
+        let second = bound.split('`').nth(1).filter(|name| name.chars().all(|c| c.is_ascii_uppercase() || c == '_'));
+        for name in [Some(quoted(constant)), second.map(str::to_owned)].into_iter().flatten() {
+            let is_there = match name.chars().all(|c| c.is_ascii_uppercase() || c == '_') {
+                true => code.contains(&format!("const {name}: ")),
+                false => code.contains(&format!("{name}(")) || code.contains(&format!("{name}: ")),
+            };
+            assert!(is_there, "{name} is not in {place}");
+            bounds += 1;
+        }
+        assert!(bound.chars().any(|c| c.is_ascii_digit()) || !constant.contains("MOST_"), "{row}: no number");
+    }
+    assert!(bounds > 25, "{bounds} bounds");
+}
+
 /// The targets of links in Markdown.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target)
@@ -61,4 +89,21 @@ fn links_within_the_project_lead_somewhere() {
         }
     }
     assert!(looked_at > 20, "{looked_at} links");
+}
+
+/// With modules in place of NumPy and Pillow that are not there.
+#[test]
+fn examples_without_their_modules_say_so_in_a_sentence() {
+    let folder = TestFolder::new("no-numpy");
+    let modules = [("numpy.py", "numpy"), ("PIL.py", "PIL")];
+    for (file, name) in modules {
+        std::fs::write(folder.join(file), format!("raise ImportError('not here', name='{name}')\n")).unwrap();
+    }
+    for script in ["fly_circle.py", "read_frames.py"] {
+        let command = Terravision::program("python3").arg(root().join("examples").join(script)).arg("nothing");
+        let finished = command.env("PYTHONPATH", folder.path()).env("PYTHONDONTWRITEBYTECODE", "1").run();
+        finished.assert_code(1);
+        assert_eq!(finished.stderr.lines().count(), 1, "{}", finished.stderr);
+        assert!(finished.stderr.contains("is missing: apt-get install python3-numpy"), "{}", finished.stderr);
+    }
 }

@@ -153,6 +153,22 @@ fn a_flight_over_a_server_gives_the_bytes_of_the_folder_and_again_from_its_cache
 }
 
 #[test]
+fn what_is_not_in_the_cache_is_told_as_such() {
+    let (server, folder) = (serve(), TestFolder::new("remote-gaps"));
+    let url = server.url("world.tv");
+    look_at_the_sky(&url, &folder);
+    server.set_down(true);
+    let finished = still(&url, &folder, &["--offline"]);
+    finished.assert_told(3);
+    let said = finished.stderr.lines().last().unwrap();
+    assert!(said.contains("could not be had") && said.contains("not in the cache"), "{said}");
+    assert!(!finished.stderr.contains("read error"), "{}", finished.stderr);
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap();
+    let causes = report["tiles"]["unavailable"].as_array().unwrap().iter().map(|tile| tile["cause"].as_str().unwrap());
+    assert!(causes.clone().count() > 0 && causes.clone().all(|cause| cause == "not in the cache"), "{report}");
+}
+
+#[test]
 fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
     let (server, folder) = (serve(), TestFolder::new("remote-lossy"));
     local(&folder);

@@ -1,7 +1,9 @@
 //! Reading a PMTiles v3 archive with positioned reads: any thread, no async runtime, nothing trusted.
 
 use super::archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
+use super::leaves::Leaves;
 use super::manifest::ArchiveRecord;
+use crate::files::open_regular;
 use crate::node::NodeId;
 use crate::world::World;
 use pmtiles::{TileCoord, TileId};
@@ -10,7 +12,7 @@ use std::io;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 /// What is wrong with an archive.
 #[derive(Debug, thiserror::Error)]
@@ -108,7 +110,7 @@ fn crc32_of_index(file: &File, layout: &ArchiveLayout) -> io::Result<u32> {
 /// # Errors
 /// [`ArchiveError`] when it is no archive or cannot be read.
 pub fn index_crc32(path: &Path) -> Result<u32, ArchiveError> {
-    let file = File::open(path)?;
+    let file = open_regular(path)?;
     let layout = open_layout(&file)?;
     Ok(crc32_of_index(&file, &layout)?)
 }
@@ -119,8 +121,8 @@ pub struct Archive {
     file: File,
     layout: ArchiveLayout,
     root: Directory,
-    /// Leaf directories, by their index in the root, read when first needed.
-    leaves: Box<[OnceLock<Directory>]>,
+    /// Leaf directories, read when they are needed.
+    leaves: Leaves,
 }
 
 impl Archive {
@@ -129,7 +131,7 @@ impl Archive {
     /// # Errors
     /// [`ArchiveError`].
     pub fn open(path: &Path, record: &ArchiveRecord) -> Result<Self, ArchiveError> {
-        let file = File::open(path)?;
+        let file = open_regular(path)?;
         let found = file.metadata()?.len();
         if found != record.bytes {
             return Err(ArchiveError::Length { expected: record.bytes, found });
@@ -140,16 +142,15 @@ impl Archive {
             return Err(ArchiveError::Checksum { expected: record.index_crc32, found });
         }
         let root = layout.directory(&read_range(&file, layout.root())?)?;
-        let leaves = (0..root.len()).map(|_| OnceLock::new()).collect();
-        Ok(Self { file, layout, root, leaves })
+        Ok(Self { file, layout, root, leaves: Leaves::default() })
     }
 
-    fn leaf(&self, index: usize, range: Range<u64>) -> Result<&Directory, ArchiveError> {
-        if let Some(leaf) = self.leaves[index].get() {
+    fn leaf(&self, index: usize, range: Range<u64>) -> Result<Arc<Directory>, ArchiveError> {
+        if let Some(leaf) = self.leaves.get(index) {
             return Ok(leaf);
         }
-        let leaf = self.layout.directory(&read_range(&self.file, range)?)?;
-        Ok(self.leaves[index].get_or_init(|| leaf))
+        let bytes = read_range(&self.file, range)?;
+        self.leaves.get_or_parse(index, || self.layout.directory(&bytes))
     }
 
     /// Reads a tile into `out` (replacing what is there); false when the archive has none. A tile longer than
@@ -160,7 +161,7 @@ impl Archive {
     pub fn read(&self, tile: TileId, max_bytes: usize, out: &mut Vec<u8>) -> Result<bool, ArchiveError> {
         let range = match self.layout.place(&self.root, tile)? {
             Some(Place::Tile(range)) => Some(range),
-            Some(Place::Leaf { index, range }) => self.layout.place_in_leaf(self.leaf(index, range)?, tile)?,
+            Some(Place::Leaf { index, range }) => self.layout.place_in_leaf(&*self.leaf(index, range)?, tile)?,
             None => None,
         };
         let Some(range) = range else { return Ok(false) };

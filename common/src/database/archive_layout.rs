@@ -3,6 +3,7 @@
 
 use super::archive::ArchiveError;
 use super::directory::{Entry, find, parse_directory};
+use crate::bug::contained;
 use flate2::read::GzDecoder;
 use pmtiles::TileId;
 use std::io::Read;
@@ -10,10 +11,12 @@ use std::ops::Range;
 
 /// Length of the fixed header (PMTiles v3 specification, section 3).
 pub const ARCHIVE_HEADER_BYTES: usize = 127;
-/// No directory or index is larger: a hundred million tiles need less.
-const MAX_INDEX_BYTES: u64 = 1 << 30;
-/// No single directory is larger, decompressed.
-const MAX_DIRECTORY_BYTES: u64 = 64 << 20;
+/// All leaf directories of an archive together, and what lies before its tiles, have at most so many bytes: a hundred million tiles
+/// need less.
+pub const MOST_INDEX_BYTES: u64 = 1 << 30;
+/// Most bytes of a directory, as it lies in the archive and decompressed: those of a hundred million tiles have a fifth of it. In memory its entries
+/// take at most six times as much.
+pub const MOST_DIRECTORY_BYTES: u64 = 2 << 20;
 
 /// The sections of an archive, from its header.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +36,17 @@ impl Directory {
     #[must_use]
     pub fn len(&self) -> usize {
         self.0.len()
+    }
+
+    /// Bytes that it takes in memory.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.0)
+    }
+
+    #[cfg(test)]
+    pub(super) fn of_entries(count: usize) -> Self {
+        Self(vec![Entry { tile_id: 0, offset: 0, length: 1, run_length: 1 }; count].into())
     }
 
     /// Whether it has none.
@@ -83,7 +97,9 @@ impl ArchiveLayout {
             _ => return Err(ArchiveError::Damaged { what: "its directories are compressed in an unknown way" }),
         };
         let layout = Self { root: section(8)?, leaf: section(40)?, data: section(56)?, is_gzip };
-        if layout.root[1] > MAX_DIRECTORY_BYTES || layout.leaf[1] > MAX_INDEX_BYTES || layout.data[0] > MAX_INDEX_BYTES
+        if layout.root[1] > MOST_DIRECTORY_BYTES
+            || layout.leaf[1] > MOST_INDEX_BYTES
+            || layout.data[0] > MOST_INDEX_BYTES
         {
             return Err(ArchiveError::Damaged { what: "its directories are impossibly large" });
         }
@@ -123,9 +139,13 @@ impl ArchiveLayout {
             return parse_directory(bytes).map(Directory);
         }
         let mut plain = Vec::new();
-        let unpacked = GzDecoder::new(bytes).take(MAX_DIRECTORY_BYTES).read_to_end(&mut plain);
-        if unpacked.is_err() || plain.len() as u64 == MAX_DIRECTORY_BYTES {
+        // One byte more than it may have tells one that is too large from one that just fits.
+        let unpack = || GzDecoder::new(bytes).take(MOST_DIRECTORY_BYTES + 1).read_to_end(&mut plain);
+        if !matches!(contained(unpack), Ok(Ok(_))) {
             return Err(ArchiveError::Damaged { what: "a directory does not decompress" });
+        }
+        if plain.len() as u64 > MOST_DIRECTORY_BYTES {
+            return Err(ArchiveError::Damaged { what: "a directory is impossibly large when it is decompressed" });
         }
         parse_directory(&plain).map(Directory)
     }
@@ -144,8 +164,8 @@ impl ArchiveLayout {
             return inside(self.data, "a tile lies beyond its end").map(|range| Some(Place::Tile(range)));
         }
         const LEAF: &str = "a leaf directory lies beyond its end";
-        if u64::from(entry.length) > MAX_DIRECTORY_BYTES {
-            return Err(ArchiveError::Damaged { what: LEAF });
+        if u64::from(entry.length) > MOST_DIRECTORY_BYTES {
+            return Err(ArchiveError::Damaged { what: "a leaf directory is impossibly large" });
         }
         inside(self.leaf, LEAF).map(|range| Some(Place::Leaf { index, range }))
     }

@@ -1,5 +1,6 @@
 //! The colour tile: a JPEG of `(Nc + 8)²` texels, then "TVc1" and the crc32 of all bytes before it.
 
+use crate::bug::contained;
 use crate::texels::TexelFormat;
 use crate::world::{COLOR_MIPS, World};
 use zune_jpeg::JpegDecoder;
@@ -86,6 +87,13 @@ pub(crate) fn open_color_tile(bytes: &[u8]) -> Result<&[u8], ColorCodecError> {
 pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
     let picture = open_color_tile(bytes)?;
     let side = side as usize;
+    let decoded = contained(|| decode_picture(picture, side, out));
+    decoded.unwrap_or_else(|error| Err(ColorCodecError::Picture { message: error.to_string() }))?;
+    make_mips(out, side);
+    Ok(())
+}
+
+fn decode_picture(picture: &[u8], side: usize, out: &mut [u8]) -> Result<(), ColorCodecError> {
     // Limits first: nothing is allocated for a picture of another size.
     let options = DecoderOptions::new_fast()
         .set_strict_mode(true)
@@ -99,9 +107,7 @@ pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), 
     if found != [side; 2] || decoder.output_buffer_size() != Some(side * side * 4) {
         return Err(ColorCodecError::Size { expected: side as u32, found });
     }
-    decoder.decode_into(&mut out[..side * side * 4]).map_err(failed)?;
-    make_mips(out, side);
-    Ok(())
+    decoder.decode_into(&mut out[..side * side * 4]).map_err(failed)
 }
 
 /// Fills the mip levels after the first, each texel the mean of four (stored values; rounded to nearest).

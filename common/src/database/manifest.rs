@@ -1,16 +1,18 @@
 //! The manifest: what a database is, and the checksums of its other files.
 
+use crate::files::read_bounded;
+use crate::lonlat::LonLatTable;
 use crate::world::{WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{self, Read};
+use std::borrow::Cow;
+use std::io;
 use std::path::Path;
 
 /// Version of the format that this build writes, and the newest that it reads.
 pub const FORMAT_VERSION: u32 = 1;
 const FORMAT: &str = "terravision-database";
 /// No manifest is larger: it lists source files.
-const MAX_BYTES: u64 = 16 << 20;
+pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
 
 /// Why a manifest cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -124,6 +126,9 @@ pub struct ElevationLayer {
     pub spacing_m: f64,
     /// Lowest and highest height in the finest level, metres.
     pub range_m: [f64; 2],
+    /// Lowest and highest sample of the sources over the world, metres; absent when the finest level has the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source_range_m: Option<[f64; 2]>,
     /// Area without data that was filled from around it, square metres.
     pub void_area_m2: f64,
     /// How tiles are encoded.
@@ -164,6 +169,9 @@ pub struct Manifest {
     pub name: String,
     /// Its coordinate reference system, always in metres.
     pub crs: Crs,
+    /// How longitudes and latitudes come into it, where its PROJ string alone does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lonlat: Option<LonLatTable>,
     /// The body.
     pub body: Body,
     /// Where everything is.
@@ -178,6 +186,15 @@ pub struct Manifest {
     pub nodes: NodesRecord,
     /// crc32, as 8 hexadecimal digits, of the manifest's text with eight zeros in their place.
     pub checksum: String,
+}
+
+/// What tells which reader a manifest wants.
+#[derive(Deserialize)]
+struct Head<'a> {
+    #[serde(borrow, default)]
+    format: Option<Cow<'a, str>>,
+    #[serde(default)]
+    format_version: Option<u64>,
 }
 
 /// Where the eight digits of the checksum are in the text.
@@ -197,12 +214,8 @@ fn checksum_of(text: &str, place: &std::ops::Range<usize>) -> u32 {
 }
 
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
-    let mut text = String::new();
-    let length = File::open(path)?.take(MAX_BYTES + 1).read_to_string(&mut text)? as u64;
-    if length > MAX_BYTES {
-        return Err(io::Error::new(io::ErrorKind::InvalidData, "it is too large for a manifest"));
-    }
-    Ok(text)
+    let text = read_bounded(path, MOST_MANIFEST_BYTES)?;
+    String::from_utf8(text).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.utf8_error()))
 }
 
 impl Manifest {
@@ -211,13 +224,16 @@ impl Manifest {
     /// # Errors
     /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a damaged one.
     pub fn parse(text: &str) -> Result<Self, ManifestError> {
-        let loose: serde_json::Value =
-            serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
-        if loose.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
+        // All else is passed over, not kept: a text of 16 MB must not become a gigabyte of values.
+        let head: Head<'_> = match serde_json::from_str(text) {
+            Ok(head) => head,
+            Err(error) if error.is_data() => return Err(ManifestError::NotAManifest),
+            Err(source) => return Err(ManifestError::Content { source }),
+        };
+        if head.format.as_deref() != Some(FORMAT) {
             return Err(ManifestError::NotAManifest);
         }
-        let found = loose.get("format_version").and_then(serde_json::Value::as_u64);
-        match found {
+        match head.format_version {
             Some(found) if found == u64::from(FORMAT_VERSION) => {}
             Some(found) => return Err(ManifestError::Version { expected: FORMAT_VERSION, found }),
             None => return Err(ManifestError::NotAManifest),

@@ -22,22 +22,28 @@ mod directory;
 mod elevation;
 mod ground;
 mod index;
+mod leaves;
 mod manifest;
 mod ranges;
 mod tile;
 
 pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
-pub use archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
+pub use archive_layout::{
+    ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, MOST_DIRECTORY_BYTES, MOST_INDEX_BYTES, Place,
+};
 pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
 pub use elevation::{ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_tile, encode_elevation_tile};
 pub use ground::ground_height;
 pub use index::{Index, read_world};
+pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
-    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, Manifest, ManifestError, NodesRecord, Source,
+    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError,
+    NodesRecord, Source,
 };
-pub use ranges::{NodeRanges, RangesError};
+pub use ranges::{MOST_NODES_BYTES, NodeRanges, RangesError};
 pub use tile::Tile;
 
+use crate::files::kind_of;
 use crate::node::NodeId;
 use crate::world::World;
 use std::io;
@@ -55,12 +61,13 @@ pub const NODES_FILE: &str = "nodes.tvn";
 
 /// What is there in place of a database.
 fn why_no_database(path: &Path) -> String {
-    if !path.exists() {
-        "nothing of that name exists".to_owned()
-    } else if path.is_dir() {
-        format!("the folder has no {MANIFEST_FILE}; an ingest that was interrupted can be run again")
-    } else {
-        "it is a file; terravision ingest makes databases of rasters".to_owned()
+    match std::fs::metadata(path).map(|about| about.file_type()) {
+        Err(_) => "nothing of that name exists".to_owned(),
+        Ok(kind) if kind.is_dir() => {
+            format!("the folder has no {MANIFEST_FILE}; an ingest that was interrupted can be run again")
+        }
+        Ok(kind) if kind.is_file() => "it is a file; terravision ingest makes databases of rasters".to_owned(),
+        Ok(kind) => format!("it is {}, expected a folder or a tar archive", kind_of(kind)),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Lowest and highest ground under every node: what makes bounding boxes.
 
 use super::manifest::NodesRecord;
+use crate::files::open_regular;
 use crate::node::NodeId;
 use crate::world::World;
 use std::fs::File;
@@ -8,8 +9,8 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"TVnodes1";
-/// No file of ranges is larger: 500 million nodes.
-const MAX_BYTES: u64 = 4 << 30;
+/// No file of ranges is larger: 134 million nodes, of some terabytes of colour. All of it is held in memory.
+pub const MOST_NODES_BYTES: u64 = 1 << 30;
 
 /// Why there are no ranges.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +25,14 @@ pub enum RangesError {
         /// What manifest and world say.
         expected: u64,
         /// What it has.
+        found: u64,
+    },
+    /// Its world has more nodes than can be held.
+    #[error("the manifest's world needs {found} bytes of height ranges, and at most {most} are read")]
+    TooLarge {
+        /// The most that is read.
+        most: u64,
+        /// What the world needs.
         found: u64,
     },
     /// It is not what was written.
@@ -118,6 +127,22 @@ impl NodeRanges {
         MAGIC.len() as u64 + 8 * nodes
     }
 
+    /// Bytes of the file of a world's ranges, checked against what its manifest says and against what may be held: before anything of it
+    /// is read or room is made for it, wherever it comes from.
+    ///
+    /// # Errors
+    /// [`RangesError::TooLarge`], [`RangesError::Length`].
+    pub fn checked_bytes(world: &World, record: &NodesRecord) -> Result<u64, RangesError> {
+        let bytes = Self::file_bytes(world);
+        if bytes > MOST_NODES_BYTES {
+            return Err(RangesError::TooLarge { most: MOST_NODES_BYTES, found: bytes });
+        }
+        if bytes != record.bytes {
+            return Err(RangesError::Length { expected: bytes, found: record.bytes });
+        }
+        Ok(bytes)
+    }
+
     /// Writes them as a file; returns what the manifest records of it.
     ///
     /// # Errors
@@ -145,11 +170,11 @@ impl NodeRanges {
     /// # Errors
     /// [`RangesError`].
     pub fn read(path: &Path, world: &World, record: &NodesRecord) -> Result<Self, RangesError> {
-        let mut file = File::open(path)?;
+        let mut file = open_regular(path)?;
         let found = file.metadata()?.len();
-        let expected = Self::file_bytes(world);
+        let expected = Self::checked_bytes(world, record)?;
         // Before anything is allocated: the file is as long as the world needs.
-        if found != expected || found != record.bytes || found > MAX_BYTES {
+        if found != expected {
             return Err(RangesError::Length { expected, found });
         }
         let mut hasher = crc32fast::Hasher::new();

@@ -49,6 +49,11 @@ const _: () = {
     assert!(std::mem::offset_of!(Header, writer) == 56);
 };
 
+/// Whether the first bytes of a file are those of a segment, or of one whose maker died before it wrote any.
+pub(crate) fn begins_like_a_segment(first: &[u8]) -> bool {
+    first.iter().all(|byte| *byte == 0) || first.get(..8) == Some(&MAGIC.to_le_bytes()[..])
+}
+
 /// Why a segment is not usable now.
 #[derive(Debug)]
 pub(crate) enum NotUsable {

@@ -8,7 +8,7 @@
 use super::error::ShmError;
 use super::public_file::PublicFile;
 use super::region::{Region, SharedWords};
-use super::segments::{SHM_FOLDER, free_bytes, reserve};
+use super::segments::{SHM_FOLDER, free_bytes, is_named, open_own, reserve};
 use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
 use memmap2::MmapOptions;
 use rustix::fd::{AsRawFd, OwnedFd};
@@ -263,12 +263,6 @@ pub(crate) fn launcher_pid(region: &Region) -> u32 {
     region.words::<NamedHeader>(0).pid.load(Ordering::Relaxed)
 }
 
-/// Whether the name is that of this very file.
-fn is_named(file: &OwnedFd, name: &str) -> bool {
-    let (Ok(file), Ok(named)) = (rustix::fs::fstat(file), rustix::fs::lstat(path(name))) else { return false };
-    (file.st_dev, file.st_ino) == (named.st_dev, named.st_ino)
-}
-
 /// Removes the segment of this name if its maker is dead; whether it was there.
 ///
 /// # Errors
@@ -302,7 +296,7 @@ pub(crate) fn reap() -> Vec<String> {
     entries
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
         .filter(|name| name.starts_with(PREFIX))
-        .filter(|name| matches!(remove_dead(name), Ok(true)))
+        .filter(|name| open_own(name).is_some() && matches!(remove_dead(name), Ok(true)))
         .collect()
 }
 

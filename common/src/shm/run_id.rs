@@ -77,6 +77,12 @@ impl RunId {
         self.launcher.is_alive()
     }
 
+    /// Process id of the launcher.
+    #[must_use]
+    pub fn launcher_pid(&self) -> u32 {
+        self.launcher.pid
+    }
+
     pub(crate) fn launcher(&self) -> ProcessId {
         self.launcher
     }

@@ -4,13 +4,13 @@
 //! name. What a launcher that was killed left behind is removed at the next start ([`reap_dead_runs`]).
 
 use super::error::ShmError;
-use super::header::{NotUsable, Segment};
+use super::header::{NotUsable, Segment, begins_like_a_segment};
 use super::kind::SegmentKind;
 use super::layout::Layout;
 use super::region::Region;
 use super::run_id::RunId;
 use rustix::fd::OwnedFd;
-use rustix::fs::{FallocateFlags, FlockOperation, Mode};
+use rustix::fs::{FallocateFlags, FileType, FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use rustix::shm;
 use shared_memory::{ShmemConf, ShmemError};
@@ -187,10 +187,34 @@ pub fn reap_dead_runs() -> Vec<String> {
     removed
 }
 
-/// Removes a segment unless a living launcher holds its lock; `false` also when it is another user's.
+/// Removes what is surely a segment of ours, unless a living launcher holds its lock. Its name is of a run whose launcher is dead; it also has
+/// to be a file (no link) of this user, to have no other name, and to begin like a segment, or with nothing.
 fn remove_unlocked(name: &str) -> bool {
-    let Ok(file) = shm::open(name, shm::OFlags::RDWR, Mode::empty()) else { return false };
-    rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() && shm::unlink(name).is_ok()
+    let Some(file) = open_own(name) else { return false };
+    let mut first = [0u8; 64];
+    let Ok(count) = rustix::io::pread(&file, &mut first, 0) else { return false };
+    begins_like_a_segment(&first[..count])
+        && rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok()
+        && is_named(&file, name)
+        && shm::unlink(name).is_ok()
+}
+
+/// Opens a file below `/dev/shm` if it is one of this user, and has but this name.
+pub(crate) fn open_own(name: &str) -> Option<OwnedFd> {
+    let flags = OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
+    let file = rustix::fs::open(format!("{SHM_FOLDER}/{name}"), flags, Mode::empty()).ok()?;
+    let about = rustix::fs::fstat(&file).ok()?;
+    let is_own = FileType::from_raw_mode(about.st_mode) == FileType::RegularFile
+        && about.st_uid == rustix::process::geteuid().as_raw()
+        && about.st_nlink == 1;
+    is_own.then_some(file)
+}
+
+/// Whether the name is that of this very file.
+pub(crate) fn is_named(file: &OwnedFd, name: &str) -> bool {
+    let named = rustix::fs::lstat(format!("{SHM_FOLDER}/{name}"));
+    let (Ok(file), Ok(named)) = (rustix::fs::fstat(file), named) else { return false };
+    (file.st_dev, file.st_ino) == (named.st_dev, named.st_ino)
 }
 
 /// The memory of a whole segment, kept mapped while this value lives: what a device imports.

@@ -11,13 +11,16 @@ use crate::sample;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
 use crate::source::{Note, Raster, TargetCrs};
 use crate::store::{Level, Rgb};
-use crate::tint::Tint;
+use crate::tint::{Place, Tint};
 use crate::work::Work;
 use output::Output;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use terravision_common::database::{ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord};
+use terravision_common::database::{
+    ArchiveRecord, COLOR_FILE, ELEVATION_FILE, HEIGHT_STEPS_PER_M, Manifest, NODES_FILE, NodesRecord,
+};
+use terravision_common::lonlat::LonLatTable;
 
 /// What is asked for, checked.
 #[derive(Debug, Clone)]
@@ -157,6 +160,7 @@ impl Job {
                 100.0 * summary.voids as f64 / all as f64
             )));
         }
+        let source_range = told_source_range(&summary, plan, note);
         let info = record::archive_info(plan, target, &self.name());
         let elevation_record = archive::write_elevation(&output.part(ELEVATION_FILE), world, &levels, &info.0, work)?;
         let ranges = crate::ranges::compute(world, &levels, folder, work)?;
@@ -186,10 +190,12 @@ impl Job {
             elevation,
             color,
             range: summary.range,
+            source_range,
             void_areas_m2: [void_area_m2, voids as f64 * plan.color.step.powi(2)],
             quality: self.color_quality,
             archives: [elevation_record, color_record],
             nodes,
+            lonlat: lonlat_table(plan, target, note),
         }))
     }
 
@@ -208,7 +214,9 @@ impl Job {
         let overview = elevation.iter().position(is_small).unwrap_or(elevation.len() - 1);
         let overview_m = plan.elevation.step * f64::from(1u32 << overview);
         let overview = (&elevation[overview], overview_m);
-        let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, &target.body.name)
+        let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+        let place = Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) };
+        let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, place)
             .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
         let (finest, voids) = sample::color::sample(plan, target, color, &tint, folder, work)?;
         let mut levels = vec![finest];
@@ -224,6 +232,28 @@ impl Job {
         let name = self.output.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         name.strip_suffix(".tv").unwrap_or(&name).to_owned()
     }
+}
+
+/// What a summit may lose before it is told, metres.
+const TOLD_LOSS_M: f32 = 3.0;
+
+/// Lowest and highest sample of the sources, when the world's are others; a summit that was lost is told.
+fn told_source_range(
+    summary: &sample::elevation::Summary,
+    plan: &Plan,
+    note: &mut dyn FnMut(Note),
+) -> Option<[f32; 2]> {
+    let (source, world) = (summary.source_range, summary.range);
+    let is_other = (0..2).any(|k| (source[k] - world[k]).abs() > 1.0 / HEIGHT_STEPS_PER_M);
+    if source[1] - world[1] > TOLD_LOSS_M {
+        let spacing = plan.elevation.step;
+        note(Note::Info(format!(
+            "the highest point of the elevation files is {:.0} m, that of the world {:.0} m: posts lie {spacing} m apart; \
+             a smaller --spacing keeps more of the summits",
+            source[1], world[1]
+        )));
+    }
+    is_other.then_some(source)
 }
 
 /// All elevation levels, without voids, and what the finest had.
@@ -304,9 +334,31 @@ pub(crate) fn record_of(
         elevation: &[],
         color: &[],
         range,
+        source_range: None,
         void_areas_m2: [0.0; 2],
         quality: 90,
         archives,
         nodes,
+        lonlat: crate::lonlat::table(target, &plan.world),
     })
+}
+
+/// What longitudes and latitudes need to come into the world, told if there is anything.
+fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
+    let table = crate::lonlat::table(target, &plan.world)?;
+    let name = &target.crs.name;
+    let without = match table.shift_m {
+        shift if shift >= 10.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")
+        }
+        shift if shift > 0.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.1} m")
+        }
+        _ => "its projection is known to PROJ alone".to_owned(),
+    };
+    note(Note::Info(format!(
+        "PROJ's way from longitude and latitude to {name} is kept in the database, good to {:.2} m ({without})",
+        table.error_m.max(0.01)
+    )));
+    Some(table)
 }

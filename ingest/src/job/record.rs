@@ -10,6 +10,7 @@ use serde_json::json;
 use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FORMAT_VERSION, Manifest, NodesRecord, Source,
 };
+use terravision_common::lonlat::LonLatTable;
 
 /// What a manifest is made of.
 pub(super) struct Parts<'a> {
@@ -19,10 +20,12 @@ pub(super) struct Parts<'a> {
     pub(super) elevation: &'a [(Raster, ElevationValues)],
     pub(super) color: &'a [(Raster, ColorValues)],
     pub(super) range: [f32; 2],
+    pub(super) source_range: Option<[f32; 2]>,
     pub(super) void_areas_m2: [f64; 2],
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    pub(super) lonlat: Option<LonLatTable>,
 }
 
 pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
@@ -43,6 +46,7 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
+        lonlat: parts.lonlat,
         body: target.body.clone(),
         world: *plan.world.fields(),
         vertical_unit: "metre".to_owned(),
@@ -50,6 +54,7 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
             sources: elevation.collect(),
             spacing_m: plan.elevation.step,
             range_m: parts.range.map(f64::from),
+            source_range_m: parts.source_range.map(|range| range.map(f64::from)),
             void_area_m2: parts.void_areas_m2[0],
             encoding: "terravision-elevation-1".to_owned(),
             archive: parts.archives[0],

@@ -1,5 +1,6 @@
 //! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
 
+use super::window::Kernel;
 use super::{BLOCK, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
@@ -32,7 +33,7 @@ pub fn sample(
     work.each(
         "colour",
         blocks.count(),
-        || Ok(SourceSet::new(sources, &plan.color_bounds, target, plan.color, ColorReader::open)),
+        || Ok(SourceSet::new(sources, &plan.color_bounds, target, plan.color, ColorReader::open, Kernel::new)),
         |set, index| {
             let block = blocks.rect(index);
             let texels = set.sample::<3>(block)?;

@@ -1,5 +1,6 @@
 //! The finest elevation level, from its sources.
 
+use super::window::Kernel;
 use super::{BLOCK, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
@@ -19,6 +20,14 @@ pub struct Summary {
     pub voids: u64,
     /// Lowest and highest height, metres.
     pub range: [f32; 2],
+    /// Lowest and highest sample of the sources where they were looked at, metres.
+    pub source_range: [f32; 2],
+}
+
+const EMPTY: [f32; 2] = [f32::MAX, f32::MIN];
+
+fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
 }
 
 /// Rounds a height to what tiles can hold.
@@ -42,11 +51,20 @@ pub fn sample(
     let fail = |source| IngestError::Output { source, path: folder.to_owned() };
     let level = Level::create(folder, size).map_err(fail)?;
     let blocks = level.blocks(BLOCK);
-    let summary = Mutex::new(Summary { voids: 0, range: [f32::MAX, f32::MIN] });
+    let summary = Mutex::new(Summary { voids: 0, range: EMPTY, source_range: EMPTY });
     work.each(
         "elevation",
         blocks.count(),
-        || Ok(SourceSet::new(sources, &plan.elevation_bounds, target, plan.elevation, ElevationReader::open)),
+        || {
+            Ok(SourceSet::new(
+                sources,
+                &plan.elevation_bounds,
+                target,
+                plan.elevation,
+                ElevationReader::open,
+                Kernel::of_heights,
+            ))
+        },
         |set, index| {
             let block = blocks.rect(index);
             let heights = set.sample::<1>(block)?;
@@ -54,7 +72,9 @@ pub fn sample(
             let part = summarise(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;
-                all.range = [all.range[0].min(part.range[0]), all.range[1].max(part.range[1])];
+                all.range = union(all.range, part.range);
+                // What the thread has met in earlier blocks, too: a union does not mind.
+                all.source_range = union(all.source_range, set.range());
             }
             level.write(block, &heights).map_err(fail)
         },
@@ -64,12 +84,12 @@ pub fn sample(
 }
 
 fn summarise(heights: &[f32]) -> Summary {
-    let mut summary = Summary { voids: 0, range: [f32::MAX, f32::MIN] };
+    let mut summary = Summary { voids: 0, range: EMPTY, source_range: EMPTY };
     for &height in heights {
         if height.is_nan() {
             summary.voids += 1;
         } else {
-            summary.range = [summary.range[0].min(height), summary.range[1].max(height)];
+            summary.range = union(summary.range, [height; 2]);
         }
     }
     summary

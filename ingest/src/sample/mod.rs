@@ -3,37 +3,54 @@
 pub mod color;
 pub mod elevation;
 pub mod mapper;
+pub mod neighbors;
+mod sharp;
+mod source_set;
 pub mod window;
 
 use crate::IngestError;
-use crate::source::open::Reader;
-use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
 use mapper::{Lattice, Mapper};
-use std::cell::RefCell;
-use std::collections::VecDeque;
-use window::Kernel;
+use neighbors::Neighbor;
+pub use source_set::SourceSet;
+use window::{Kernel, Window};
 
 /// The most source pixels that are in memory at a time, per thread.
 const MAX_WINDOW_PIXELS: usize = 2 << 20;
 /// The side of blocks of the finest level.
 pub const BLOCK: usize = 256;
 
-/// A source that is ready to be sampled by one thread.
+/// How one source is sampled, by one thread.
 #[derive(Debug)]
-pub struct Sampler<R> {
-    reader: R,
+pub struct Sampler {
     mapper: Mapper,
     kernel: Kernel,
+    neighbors: Vec<Neighbor>,
+    /// First and last column and row that any of the neighbours has.
+    limits: [[i64; 2]; 2],
 }
 
-impl<R> Sampler<R> {
-    /// A sampler for samples `step` apart, measured at a point of the database's CRS that is in the source.
-    pub fn new(reader: R, mapper: Mapper, focus: [f64; 2], step: f64) -> Self {
-        let scale = mapper.scale_at(focus, step);
-        // A kernel may not need more than a window has.
-        let most = (MAX_WINDOW_PIXELS as f64).sqrt() / 8.0;
-        Self { reader, mapper, kernel: Kernel::new(scale.map(|s| s.min(most))) }
+/// Reads a rectangle of a source's grid, from the source and its neighbours.
+type ReadWindow<'r, const C: usize> = dyn FnMut(&[Neighbor], Rect) -> Result<Window<C>, IngestError> + 'r;
+
+impl Sampler {
+    /// A sampler of a source that has these neighbours, itself among them.
+    #[must_use]
+    pub fn new(mapper: Mapper, kernel: Kernel, neighbors: Vec<Neighbor>) -> Self {
+        let mut limits = [[i64::MAX; 2], [i64::MIN; 2]];
+        for Neighbor { place, .. } in &neighbors {
+            for axis in 0..2 {
+                limits[0][axis] = limits[0][axis].min(place.origin[axis]);
+                limits[1][axis] = limits[1][axis].max(place.origin[axis] + place.size[axis] as i64 - 1);
+            }
+        }
+        Self { mapper, kernel, neighbors, limits }
+    }
+
+    /// Least and greatest sample that was met so far.
+    #[must_use]
+    pub fn range(&self) -> [f32; 2] {
+        self.kernel.range()
     }
 
     /// Calls `put` with the value at each sample of a block that lies in the source and has data, unless `is_done`
@@ -47,12 +64,10 @@ impl<R> Sampler<R> {
         block: Rect,
         is_done: &dyn Fn(usize) -> bool,
         put: &mut dyn FnMut(usize, [f32; C]),
-    ) -> Result<(), IngestError>
-    where
-        R: Reader<C>,
-    {
+        read: &mut ReadWindow<'_, C>,
+    ) -> Result<(), IngestError> {
         let positions = self.mapper.map(lattice, block);
-        self.sample_part(&positions, block.size[0], Rect::new([0, 0], block.size), is_done, put)
+        self.sample_part(&positions, block.size[0], Rect::new([0, 0], block.size), is_done, put, read)
     }
 
     /// The same for a part of a block; parts that need too large a window are quartered.
@@ -63,10 +78,8 @@ impl<R> Sampler<R> {
         part: Rect,
         is_done: &dyn Fn(usize) -> bool,
         put: &mut dyn FnMut(usize, [f32; C]),
-    ) -> Result<(), IngestError>
-    where
-        R: Reader<C>,
-    {
+        read: &mut ReadWindow<'_, C>,
+    ) -> Result<(), IngestError> {
         let [x0, y0] = part.origin.map(|v| v as usize);
         let indices = || (0..part.area()).map(|k| (y0 + k / part.size[0]) * width + x0 + k % part.size[0]);
         let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
@@ -79,22 +92,23 @@ impl<R> Sampler<R> {
         if low[0] > high[0] {
             return Ok(());
         }
-        let (reach, size) = (self.kernel.reach(), self.reader.size());
-        let first = [0, 1].map(|a| (low[a].floor() as i64 - reach[a] as i64).clamp(0, size[a] as i64 - 1) as usize);
-        let last = [0, 1].map(|a| (high[a].ceil() as i64 + reach[a] as i64).clamp(0, size[a] as i64 - 1) as usize);
-        let window_size = [last[0] - first[0] + 1, last[1] - first[1] + 1];
+        let (reach, [least, most]) = (self.kernel.reach(), self.limits);
+        let first = [0, 1].map(|a| (low[a].floor() as i64 - reach[a] as i64).clamp(least[a], most[a]));
+        let last = [0, 1].map(|a| (high[a].ceil() as i64 + reach[a] as i64).clamp(least[a], most[a]));
+        let window_size = [0, 1].map(|a| (last[a] - first[a] + 1) as usize);
         if window_size[0] * window_size[1] > MAX_WINDOW_PIXELS && part.area() > 1 {
             let halves = |from: usize, length: usize| [(from, length / 2), (from + length / 2, length - length / 2)];
             for (y, h) in halves(y0, part.size[1]) {
                 for (x, w) in halves(x0, part.size[0]) {
                     if w > 0 && h > 0 {
-                        self.sample_part(positions, width, Rect::new([x as i64, y as i64], [w, h]), is_done, put)?;
+                        let quarter = Rect::new([x as i64, y as i64], [w, h]);
+                        self.sample_part(positions, width, quarter, is_done, put, read)?;
                     }
                 }
             }
             return Ok(());
         }
-        let window = self.reader.read(first, window_size)?;
+        let window = read(&self.neighbors, Rect::new(first, window_size))?;
         for at in indices().filter(|&at| !is_done(at)) {
             if let Some(value) = positions[at].and_then(|position| self.kernel.sample(&window, position)) {
                 put(at, value);
@@ -126,84 +140,5 @@ impl Bounds {
             let margin = 4.0 * self.pixel + 0.01 * (self.high[axis] - self.low[axis]);
             first <= self.high[axis] + margin && last >= self.low[axis] - margin
         })
-    }
-}
-
-/// All sources of a layer, for one thread: opened when a block first meets them, closed when others are needed more.
-/// (A world may have more files than a process may have open.)
-pub struct SourceSet<'a, V, R> {
-    sources: &'a [(Raster, V)],
-    bounds: &'a [Bounds],
-    target: &'a TargetCrs,
-    lattice: Lattice,
-    open: fn(&'a Raster, &'a V) -> Result<R, IngestError>,
-    samplers: Vec<Option<Sampler<R>>>,
-    /// Those that are open, the one opened longest ago first.
-    is_open: VecDeque<usize>,
-}
-
-/// Files that a thread may have open.
-const MAX_OPEN: usize = 24;
-
-impl<'a, V, R> SourceSet<'a, V, R> {
-    /// The sources, with their bounds, for samples on a lattice.
-    pub fn new(
-        sources: &'a [(Raster, V)],
-        bounds: &'a [Bounds],
-        target: &'a TargetCrs,
-        lattice: Lattice,
-        open: fn(&'a Raster, &'a V) -> Result<R, IngestError>,
-    ) -> Self {
-        let samplers = sources.iter().map(|_| None).collect();
-        Self { sources, bounds, target, lattice, open, samplers, is_open: VecDeque::new() }
-    }
-
-    fn opened(&mut self, index: usize) -> Result<&mut Sampler<R>, IngestError> {
-        if self.samplers[index].is_none() {
-            if self.is_open.len() == MAX_OPEN {
-                self.is_open.pop_front().into_iter().for_each(|oldest| self.samplers[oldest] = None);
-            }
-            let (raster, values) = &self.sources[index];
-            let mapper = Mapper::new(self.target, raster)?;
-            let focus = self.bounds[index].focus;
-            let sampler = Sampler::new((self.open)(raster, values)?, mapper, focus, self.lattice.step);
-            self.samplers[index] = Some(sampler);
-            self.is_open.push_back(index);
-        }
-        // Just made, if it was not there.
-        self.samplers[index].as_mut().ok_or_else(|| IngestError::usage("a source was not opened"))
-    }
-
-    /// Samples a block: the value of the first source that has data at each place, or `None`.
-    ///
-    /// # Errors
-    /// [`IngestError::Source`] when a source cannot be read.
-    pub fn sample<const C: usize>(&mut self, block: Rect) -> Result<Vec<Option<[f32; C]>>, IngestError>
-    where
-        R: Reader<C>,
-    {
-        let values = RefCell::new(vec![None; block.area()]);
-        let lattice = self.lattice;
-        for index in 0..self.sources.len() {
-            if !self.bounds[index].meets(&lattice, block) {
-                continue;
-            }
-            let is_done = |at: usize| values.borrow()[at].is_some();
-            if (0..block.area()).all(is_done) {
-                break;
-            }
-            let mut put = |at: usize, value| values.borrow_mut()[at] = Some(value);
-            self.opened(index)?.sample::<C>(&lattice, block, &is_done, &mut put)?;
-        }
-        Ok(values.into_inner())
-    }
-}
-
-impl<V, R> std::fmt::Debug for SourceSet<'_, V, R> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SourceSet")
-            .field("sources", &self.sources.len())
-            .field("open", &self.is_open)
-            .finish_non_exhaustive()
     }
 }

@@ -4,11 +4,15 @@
 //! coarser than the source the kernel is widened by the ratio, so that it averages (as GDAL's warper does). Where a
 //! sample under the kernel is void, a triangle (bilinear) kernel over what is left takes its place, and the result is
 //! void when more than half of that kernel's weight is.
+//!
+//! Heights whose spacing hardly changes are sampled by a sharper kernel, [`Kernel::of_heights`] (`sharp`).
+
+use super::sharp;
 
 /// Pixels of a source, `size` from `origin` `[column, row]`, rows from the north as in the file.
 #[derive(Debug, Clone)]
 pub struct Window<const C: usize> {
-    origin: [usize; 2],
+    origin: [i64; 2],
     size: [usize; 2],
     /// Samples.
     pub pixels: Vec<[f32; C]>,
@@ -20,7 +24,32 @@ impl<const C: usize> Window<C> {
     /// A window of zeros without voids.
     #[must_use]
     pub fn new(origin: [usize; 2], size: [usize; 2]) -> Self {
+        Self::placed(origin.map(|v| v as i64), size)
+    }
+
+    /// The same on the grid of a source that it may lie beside.
+    #[must_use]
+    pub fn placed(origin: [i64; 2], size: [usize; 2]) -> Self {
         Self { origin, size, pixels: vec![[0.0; C]; size[0] * size[1]], voids: Vec::new() }
+    }
+
+    /// The same samples at another place.
+    #[must_use]
+    pub fn moved_to(self, origin: [i64; 2]) -> Self {
+        Self { origin, ..self }
+    }
+
+    /// The pixel of a number, unless it is void.
+    #[must_use]
+    pub fn known(&self, at: usize) -> Option<[f32; C]> {
+        let is_void = self.voids.get(at).copied().unwrap_or(false);
+        (!is_void).then(|| self.pixels[at])
+    }
+
+    /// The pixel at a place of the source's grid, unless it is void; beyond the window its border is repeated.
+    pub(super) fn known_near(&self, place: [i64; 2]) -> Option<[f32; C]> {
+        let [column, row] = [0, 1].map(|k| (place[k] - self.origin[k]).clamp(0, self.size[k] as i64 - 1) as usize);
+        self.known(row * self.size[0] + column)
     }
 
     /// Makes a pixel void.
@@ -57,31 +86,53 @@ fn triangle(x: f64) -> f64 {
 /// Samples windows; keeps the weights' buffers.
 #[derive(Debug, Clone)]
 pub struct Kernel {
-    /// Source pixels per target sample along columns and rows, at least 1.
+    /// Source pixels per target sample along columns and rows.
+    spacing: [f64; 2],
+    /// How many times the kernel is widened, at least 1.
     scale: [f64; 2],
+    is_sharp: bool,
     weights: [Vec<(usize, f64)>; 2],
+    range: [f32; 2],
 }
 
 impl Kernel {
     /// A kernel for so many source pixels per target sample along columns and rows.
     #[must_use]
-    pub fn new(scale: [f64; 2]) -> Self {
-        Self { scale: scale.map(|s| s.max(1.0)), weights: [Vec::new(), Vec::new()] }
+    pub fn new(spacing: [f64; 2]) -> Self {
+        let scale = spacing.map(|s| s.max(1.0));
+        Self { spacing, scale, is_sharp: false, weights: [Vec::new(), Vec::new()], range: [f32::MAX, f32::MIN] }
+    }
+
+    /// A kernel for heights: a sharp one that keeps summits where the spacing hardly changes.
+    #[must_use]
+    pub fn of_heights(spacing: [f64; 2]) -> Self {
+        let kernel = Self::new(spacing);
+        match spacing.iter().all(|s| sharp::SPACINGS.contains(s)) {
+            true => Self { is_sharp: true, scale: [1.0; 2], ..kernel },
+            false => kernel,
+        }
     }
 
     /// How far from a position it may look, pixels.
     #[must_use]
     pub fn reach(&self) -> [usize; 2] {
-        self.scale.map(|s| (2.0 * s).ceil() as usize + 1)
+        let support = if self.is_sharp { sharp::SUPPORT } else { 2.0 };
+        self.scale.map(|s| (support * s).ceil() as usize + 1)
+    }
+
+    /// Least and greatest sample (of the first channel) that it has met near positions.
+    #[must_use]
+    pub fn range(&self) -> [f32; 2] {
+        self.range
     }
 
     /// Taps along an axis around position `at` (pixel centres are whole) as indices in the window, with weights that
     /// sum to 1. Beyond the window (which ends only where the source does) its border is repeated.
-    fn taps(&mut self, axis: usize, at: f64, origin: usize, count: usize, support: f64, shape: fn(f64) -> f64) {
+    fn taps(&mut self, axis: usize, at: f64, origin: i64, count: usize, support: f64, shape: fn(f64) -> f64) {
         let scale = self.scale[axis];
         let taps = &mut self.weights[axis];
         taps.clear();
-        let place = |index: f64| (index as i64 - origin as i64).clamp(0, count as i64 - 1) as usize;
+        let place = |index: f64| (index as i64 - origin).clamp(0, count as i64 - 1) as usize;
         let whole = at.round();
         if scale == 1.0 && (at - whole).abs() < SNAP_PX {
             taps.push((place(whole), 1.0));
@@ -99,44 +150,95 @@ impl Kernel {
         taps.iter_mut().for_each(|(_, weight)| *weight /= sum);
     }
 
+    fn all_taps<const C: usize>(
+        &mut self,
+        window: &Window<C>,
+        position: [f64; 2],
+        support: f64,
+        shape: fn(f64) -> f64,
+    ) {
+        for (axis, at) in position.into_iter().enumerate() {
+            self.taps(axis, at, window.origin[axis], window.size[axis], support, shape);
+        }
+    }
+
     /// The window's value at a position `[column, row]` in source pixels (centres are whole numbers); `None` where it
     /// is void.
     pub fn sample<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
-        for (axis, at) in position.into_iter().enumerate() {
-            self.taps(axis, at, window.origin[axis], window.size[axis], 2.0, cubic);
+        if self.is_sharp {
+            return self.sample_sharply(window, position);
         }
+        self.all_taps(window, position, 2.0, cubic);
+        self.weighted(window).or_else(|| self.sample_around_voids(window, position))
+    }
+
+    fn sample_sharply<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
+        for (axis, at) in position.into_iter().enumerate() {
+            let place = |index: i64| (index - window.origin[axis]).clamp(0, window.size[axis] as i64 - 1) as usize;
+            let (taps, whole) = (&mut self.weights[axis], at.round());
+            taps.clear();
+            if (at - whole).abs() < SNAP_PX {
+                taps.push((place(whole as i64), 1.0));
+                continue;
+            }
+            let third = at.floor();
+            let weights = sharp::weights(at - third);
+            taps.extend((third as i64 - 2..).zip(weights).map(|(index, weight)| (place(index), weight)));
+        }
+        let is_copied = self.weights.iter().all(|taps| taps.len() == 1);
+        // Near voids a narrower kernel does without them.
+        let mut value = self.weighted(window);
+        if value.is_none() {
+            self.all_taps(window, position, 2.0, cubic);
+            value = self.weighted(window);
+        }
+        let value = value.or_else(|| self.sample_around_voids(window, position))?;
+        Some(if is_copied { value } else { sharp::bounded(window, position, self.spacing, value) })
+    }
+
+    /// The sum over the taps; `None` when a sample under one is void.
+    fn weighted<const C: usize>(&mut self, window: &Window<C>) -> Option<[f32; C]> {
         let mut sum = [0.0f64; C];
         let mut has_void = false;
+        let mut range = self.range;
         for &(row, down) in &self.weights[1] {
             for &(column, across) in &self.weights[0] {
                 let (pixel, is_void) = window.at(column, row);
                 has_void |= is_void;
                 let weight = down * across;
+                if !is_void && down > 0.0 && across > 0.0 {
+                    range = [range[0].min(pixel[0]), range[1].max(pixel[0])];
+                }
                 sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += weight * f64::from(v));
             }
         }
-        if !has_void {
-            return Some(sum.map(|v| v as f32));
+        if has_void {
+            return None;
         }
-        self.sample_around_voids(window, position)
+        self.range = range;
+        Some(sum.map(|v| v as f32))
     }
 
     fn sample_around_voids<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
-        for (axis, at) in position.into_iter().enumerate() {
-            self.taps(axis, at, window.origin[axis], window.size[axis], 1.0, triangle);
-        }
+        self.all_taps(window, position, 1.0, triangle);
         let (mut sum, mut known) = ([0.0f64; C], 0.0);
+        let mut range = self.range;
         for &(row, down) in &self.weights[1] {
             for &(column, across) in &self.weights[0] {
                 let (pixel, is_void) = window.at(column, row);
                 if !is_void {
                     let weight = down * across;
                     known += weight;
+                    range = [range[0].min(pixel[0]), range[1].max(pixel[0])];
                     sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += weight * f64::from(v));
                 }
             }
         }
-        (known >= 0.5).then(|| sum.map(|v| (v / known) as f32))
+        if known < 0.5 {
+            return None;
+        }
+        self.range = range;
+        Some(sum.map(|v| (v / known) as f32))
     }
 }
 

@@ -100,6 +100,18 @@ impl TargetCrs {
         parse("the CRS of the database", &self.crs.wkt)
     }
 
+    /// Latitude of a point of the plane, degrees, on Earth; `None` elsewhere, and where PROJ knows none.
+    #[must_use]
+    pub fn latitude_deg(&self, [x, y]: [f64; 2]) -> Option<f64> {
+        if self.body.name != "Earth" {
+            return None;
+        }
+        let degrees = parse("WGS 84", "EPSG:4326").ok()?;
+        let (mut lon, mut lat) = ([x], [y]);
+        CoordTransform::new(&self.srs().ok()?, &degrees).ok()?.transform_coords(&mut lon, &mut lat, &mut []).ok()?;
+        Some(lat[0]).filter(|lat| lat.is_finite())
+    }
+
     /// Whether a source is in this CRS, so that nothing has to be transformed.
     #[must_use]
     pub fn is_of(&self, raster: &Raster) -> bool {

@@ -198,7 +198,7 @@ pub(crate) fn finish(mut child: std::process::Child) -> Output {
 /// The error of a failed run: one line that begins so; nothing else looks like one.
 pub(crate) fn error_line(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!text.contains("panicked"), "{text}");
+    assert!(!text.contains("panicked") && !text.contains("internal error"), "{text}");
     let errors: Vec<&str> = text.lines().filter(|l| !l.starts_with("note: ") && !l.starts_with("warning: ")).collect();
     assert_eq!(errors.len(), 1, "{text}");
     errors[0].strip_prefix("terravision: ").unwrap_or_else(|| panic!("no error line in {text}")).to_owned()

@@ -2,6 +2,8 @@
 //! into a validated plan.
 
 pub mod database;
+pub mod film;
+pub mod planes;
 pub mod supervision;
 pub mod technique;
 pub mod values;
@@ -10,6 +12,8 @@ use crate::input::CameraSource;
 use crate::metrics::MetricsAddress;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
+use film::FilmArgs;
+use planes::PlaneArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
@@ -30,6 +34,7 @@ EXIT STATUS
        (wrong, not there, damaged, out of reach); nothing was made
   3    the flight finished, but some tiles were missing or damaged and were drawn
        from coarser ones; the report lists them
+  101  an internal error: a fault of TerraVision itself, please report it
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
@@ -108,6 +113,9 @@ pub struct DoctorArgs {
     /// The `--memory` of the flight to check for
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
+    /// Print one JSON object in place of text
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// How the picture is made; shared by `fly` and `still`.
@@ -133,7 +141,8 @@ pub struct PictureArgs {
     /// Vertical field of view, degrees [default: the path's own, else 60]
     #[arg(long, value_name = "DEGREES")]
     pub vfov: Option<f64>,
-    /// Colour of the sky, three numbers from 0 to 255 [default: the path's own, else 150,190,235]
+    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
+    /// butterscotch on Mars, black on the Moon]
     #[arg(long, value_name = "R,G,B")]
     pub sky: Option<Rgb>,
     /// Factor on all heights of the terrain
@@ -204,7 +213,7 @@ pub struct ResourceArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct CourseArgs {
-    /// The camera path: a file (JSON, KML tour or GPX track), or 'orbit'
+    /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
     /// 'orbit' circles the point of the world with the strongest relief once in 240 frames. The formats of files are
     /// in docs/camera-paths.md.
@@ -219,12 +228,28 @@ pub struct CourseArgs {
     /// else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Height above ground at which a GPX track is flown, metres [default: 150]
+    /// Height above ground at which a track is flown (GPX, or a track or line of KML), metres [default: 150, or the heights of
+    /// a KML track that was in the air]
     #[arg(long, value_name = "METRES")]
     pub agl: Option<f64>,
     /// Fly a path that is given in time N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
+    /// Whether rests and silence within a segment of a recorded track are flown in full
+    ///
+    /// 'shorten' makes seconds of two minutes and more within 30 m, and leaves out silence of more than ten minutes. Gaps between
+    /// segments and tracks are left out either way.
+    #[arg(long, value_enum, default_value_t = Rests::Shorten)]
+    pub rests: Rests,
+}
+
+/// What becomes of the rests of a recorded track.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Rests {
+    /// They become seconds
+    Shorten,
+    /// They are flown as they were
+    Keep,
 }
 
 /// How other programs take part in a flight.
@@ -234,17 +259,11 @@ pub struct LiveArgs {
     /// Also put every frame into shared memory, /dev/shm/terravision-NAME, where any number of programs read it
     #[arg(long, value_name = "NAME")]
     pub share: Option<String>,
-    /// Shared frames have the depth of every pixel: float32, metres along the view axis, NaN for sky
-    #[arg(long)]
-    pub depth: bool,
-    /// Shared frames have what every pixel sees: float64 easting, northing and height, NaN for sky
-    #[arg(long)]
-    pub ground: bool,
     /// Fly the poses that another program sends, one frame for each, in place of a path
     ///
     /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
     /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
-    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed"])]
+    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests"])]
     pub camera: Option<CameraSource>,
     /// End the flight when no pose has come for so many seconds [default: wait for ever]
     #[arg(long, value_name = "SECONDS", requires = "camera")]
@@ -349,7 +368,9 @@ EXAMPLES
   terravision fly w.tv --path tour.kml --quality best -o frames/ --report report.json
   terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
   terravision fly w.tv --path path.json --frames 100..200 -o part2/
-  terravision fly w.tv -o - | ffmpeg -i - -c:v libvpx-vp9 film.webm
+  terravision fly w.tv -o film.webm --crf 30
+  terravision fly w.tv --path tour.json -o frames/ --depth frames/depth --ground frames/ground
+  terravision fly w.tv -o - | ffplay -
   terravision fly w.tv --camera shm:uav -o shared:uav --depth --size 640x480
 
 The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
@@ -359,7 +380,7 @@ pub struct FlyArgs {
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
-    /// Where the frames go: film.mp4, a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
+    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
     /// shared:NAME for other programs; /dev/null to measure only
     ///
     /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
@@ -369,6 +390,12 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub live: LiveArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub planes: PlaneArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub film: FilmArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,

@@ -70,7 +70,12 @@ pub struct Rgb(pub [u8; 3]);
 impl FromStr for Rgb {
     type Err = ValueError;
     fn from_str(text: &str) -> Result<Self, ValueError> {
-        let error = ValueError { expected: "R,G,B, three whole numbers from 0 to 255, e.g. 150,190,235" };
+        let error = ValueError { expected: "R,G,B, three whole numbers from 0 to 255, e.g. 150,190,235, or #RRGGBB" };
+        if let Some(digits) = text.strip_prefix('#') {
+            let is_hex = digits.len() == 6 && digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+            let [_, r, g, b] = u32::from_str_radix(digits, 16).ok().filter(|_| is_hex).ok_or(error)?.to_be_bytes();
+            return Ok(Self([r, g, b]));
+        }
         let channels: Option<Vec<u8>> = text.split(',').map(|c| u8::try_from(whole(c.trim())?).ok()).collect();
         channels.and_then(|c| c.try_into().ok()).map(Self).ok_or(error)
     }
@@ -175,6 +180,10 @@ mod tests {
     #[test]
     fn colours_triples_and_memory() {
         assert_eq!("1, 2,255".parse(), Ok(Rgb([1, 2, 255])));
+        assert_eq!("#0a10fF".parse(), Ok(Rgb([10, 16, 255])));
+        for text in ["#", "#12345", "#1234567", "#+12345", "#12345g", "#ä1234"] {
+            assert!(text.parse::<Rgb>().is_err(), "{text}");
+        }
         assert!("1,2,256".parse::<Rgb>().is_err() && "1,2".parse::<Rgb>().is_err() && "".parse::<Rgb>().is_err());
         assert_eq!("-1,2.5,3e3".parse(), Ok(Triple([-1.0, 2.5, 3000.0])));
         assert!("1,2,nan".parse::<Triple>().is_err() && "1,2,inf".parse::<Triple>().is_err());

@@ -1,5 +1,6 @@
 //! Collects what the stages tell of their work, as figures per frame; and keeps all of it when a trace is wanted.
 
+use crate::data_set::FlownFrame;
 use crate::path::MAX_FRAMES;
 use std::collections::{BTreeMap, BTreeSet};
 use terravision_common::event::{Event, EventKind, SpanName};
@@ -39,6 +40,8 @@ pub struct FrameFigures {
     pub is_settled: bool,
     /// When its camera was made (realtime).
     pub camera_nanos: u64,
+    /// When its pose came, of a frame that was drawn for a pose of another program (exact mode).
+    pub pose_nanos: u64,
     /// Screen resolutions of facets and texels, pixels (realtime).
     pub r_px: [f32; 2],
     /// Tiles that it wanted and that were not there (realtime).
@@ -64,7 +67,7 @@ pub struct Collector {
     most_frames: usize,
     /// By frame, from the first.
     pub frames: Vec<FrameFigures>,
-    /// Cause by tile: 1 missing, 2 corrupt, 3 read error, 4 refused.
+    /// Cause by tile: 1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache.
     pub unavailable: BTreeMap<UnavailableTile, u64>,
     /// Tiles that could not be had at first, and came later.
     pub came_later: u64,
@@ -118,6 +121,16 @@ impl Collector {
             self.most_frames = MAX_FRAMES as usize;
         }
         self
+    }
+
+    /// Notes when the pose of each frame came: until then the pipeline had nothing to do.
+    pub fn note_poses(&mut self, poses: &[FlownFrame]) {
+        for pose in poses {
+            let index = pose.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
+            if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
+                frame.pose_nanos = pose.camera.timestamp_nanos;
+            }
+        }
     }
 
     /// Number of the first frame.

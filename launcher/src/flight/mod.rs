@@ -12,6 +12,7 @@
 pub mod collector;
 pub mod hang;
 pub mod interrupt;
+pub mod kept;
 pub mod memory;
 pub mod pilot;
 pub mod progress;
@@ -20,6 +21,7 @@ pub mod stage;
 pub mod supervisor;
 pub(crate) mod vitals;
 
+use crate::data_set::FlownFrame;
 use crate::failure::{ExitStatus, Failure};
 use crate::metrics::{FrameTally, Metrics};
 use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences, main_failure};
@@ -28,11 +30,12 @@ use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
 use crate::stream::hang::EncoderWatch;
 use crate::stream::{StreamError, StreamKeeper};
-use crate::trace;
+use crate::trace::{self, Phase};
 use anyhow::{Context, anyhow};
 use collector::Collector;
+use kept::Kept;
 use memory::MemoryPeaks;
-use pilot::Pilot;
+use pilot::{Flown, Pilot};
 use progress::Progress;
 use restart::Restarts;
 use stage::{StageProcess, StartError};
@@ -41,7 +44,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
-use terravision_common::run::{RaysChoice, RunConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{RaysChoice, RunConfig, TechniqueChoice};
 use terravision_common::shm::{
     Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, end_on_bus_error,
     reap_dead_runs,
@@ -62,10 +65,14 @@ pub fn own_folder() -> Result<PathBuf, Failure> {
 /// # Errors
 /// [`Failure`] with the exit code: a stage died, no room in shared memory, interrupted, tiles unavailable.
 pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
+    let planned_nanos = monotonic_nanos();
     let mut progress = Progress::new(plan.cameras.len() as u64, plan.is_quiet);
     let removed = reap_dead_runs();
     if !removed.is_empty() {
         progress.say(&format!("removed {} shared-memory segments of runs that were killed", removed.len()));
+    }
+    for note in &plan.notes {
+        progress.say(&format!("note: {note}"));
     }
     for warning in &plan.warnings {
         progress.warn(warning);
@@ -77,6 +84,8 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
     guard_against_truncation(&plan, &segments, ring.as_ref());
     let mut run = Run::open(&plan, ring)?;
+    run.phases.push(Phase::own("plan", started_nanos, planned_nanos));
+    run.phases.push(Phase::own("set up", planned_nanos, monotonic_nanos()));
     run.collector.note_told(&plan.warnings);
     if let Some(live) = &plan.live {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
@@ -107,13 +116,20 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         remove_partials(&plan, &figures.pids);
     }
     progress.finish();
+    let kept = Kept::of(&plan);
+    if let Err(failure) = kept.list(&plan, &figures, &progress) {
+        if ending == Ending::Finished {
+            return Err(failure);
+        }
+        progress.warn(&failure.to_string());
+    }
 
     match ending {
         Ending::Finished => {}
         Ending::Interrupted => {
             return Err(Failure {
                 status: ExitStatus::Interrupted,
-                error: anyhow!("{}", interrupted(&plan, &figures)),
+                error: anyhow!("{}", interrupted(&plan, &figures, &kept)),
             });
         }
         Ending::Died { stage, how, words, is_bad_input, restarts } => {
@@ -123,6 +139,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
             } else if how.contains("bus error") {
                 sentence += " (is /dev/shm full, or was its shared memory truncated?)";
             }
+            let rest = kept.clause(&plan);
             if let Some(why) = main_failure(&figures).filter(|_| stage == Stage::Preparer && !is_bad_input) {
                 sentence += &format!(" ({why})");
             }
@@ -136,7 +153,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
                     progress.warn(&error.to_string());
                 }
             }
-            let error = anyhow!("{sentence}");
+            let error = anyhow!("{sentence}{rest}");
             return Err(if is_bad_input { Failure::bad_input(error) } else { Failure::failed(error) });
         }
     }
@@ -198,21 +215,16 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
 
 /// Removes half files of stages that were killed.
 fn remove_partials(plan: &FlightPlan, pids: &[(Stage, u32)]) {
-    let folders = plan.files.iter().map(TemporaryFile::folder).chain(plan.folder.as_ref().map(FrameFolder::path));
+    let folders = plan.files.iter().map(TemporaryFile::folder).chain(kept::folders(plan).map(FrameFolder::path));
     for folder in folders {
         pids.iter().for_each(|(_, pid)| output::remove_partials(folder, *pid));
     }
 }
 
-fn interrupted(plan: &FlightPlan, figures: &RunFigures) -> String {
-    let kept = match plan.config.render.sink {
-        SinkConfig::PngFolder(_) if figures.written_frames > 0 => {
-            let are = if figures.written_frames == 1 { "is" } else { "are" };
-            format!("; {} {are} in {}", frames(figures.written_frames), plan.destination)
-        }
-        _ => String::new(),
-    };
-    format!("interrupted after {} of {}{kept}", figures.written_frames, frames(figures.asked_frames))
+fn interrupted(plan: &FlightPlan, figures: &RunFigures, kept: &Kept) -> String {
+    // Of files those count that are there: more may have been written than the renderer had time to tell.
+    let written = kept.count().unwrap_or(figures.written_frames);
+    format!("interrupted after {written} of {}{}", frames(figures.asked_frames), kept.clause(plan))
 }
 
 fn frames(count: u64) -> String {
@@ -253,6 +265,9 @@ struct Run {
     restarts: BTreeMap<&'static str, u32>,
     /// Frames that were asked for: by the plan, or so far by who sends the poses.
     asked_frames: u64,
+    /// Cameras of the poses that another program has sent, each a frame.
+    poses: Vec<FlownFrame>,
+    phases: Vec<Phase>,
     ring: Option<FrameRing>,
     window: WindowSpan,
     metrics: Option<Metrics>,
@@ -271,6 +286,8 @@ impl Run {
             pids: Vec::new(),
             restarts: BTreeMap::new(),
             asked_frames: plan.cameras.len() as u64,
+            poses: Vec::new(),
+            phases: Vec::new(),
             ring,
             window: WindowSpan::default(),
             metrics: None,
@@ -282,6 +299,7 @@ impl Run {
         let json = serde_json::to_string(&plan.config).context("cannot write the run's configuration");
         let json = json.map_err(Failure::failed)?;
         let programs = own_folder()?;
+        let begun_nanos = monotonic_nanos();
         let stream = StreamKeeper::start(&plan.config, plan.stream.as_ref()).map_err(Failure::failed)?;
         // What the renderer's standard output is connected with.
         let stdout_of = |stage: Stage| match &stream {
@@ -299,6 +317,8 @@ impl Run {
         for stage in Stage::ALL {
             stages.push(start(stage).map_err(Failure::failed)?);
         }
+        let flying_nanos = monotonic_nanos();
+        self.phases.push(Phase::own("start stages", begun_nanos, flying_nanos));
         self.control.set_resolutions(plan.config.r_z_px, plan.config.r_c_px);
         self.pids = stages.iter().map(|stage| (stage.stage(), stage.pid())).collect();
         let pids = &mut self.pids;
@@ -344,12 +364,14 @@ impl Run {
         };
         let ending = supervisor::watch(&mut stages, control, &is_broken_off, &is_output_blocked, &mut restarts, look);
         self.restarts = restarts.counts().clone();
+        let landed_nanos = monotonic_nanos();
+        self.phases.push(Phase::own("fly", flying_nanos, landed_nanos));
         let has_stream_failed = has_stream_failed();
         // The pilot's wait ends with the run.
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
         }
-        let (flown, words, pilot_failure) = pilot.join();
+        let (Flown { frames: flown, poses }, words, pilot_failure) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
         drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
         if may_tell_of_rays {
@@ -364,6 +386,8 @@ impl Run {
             self.collector.frames.truncate(usize::try_from(drawn).unwrap_or(usize::MAX));
         }
         self.asked_frames = flown.or(drawn).unwrap_or(self.asked_frames);
+        self.collector.note_poses(&poses);
+        self.poses = poses;
         if ending == Ending::Finished {
             for stage in &stages {
                 for line in stage.lines() {
@@ -375,7 +399,11 @@ impl Run {
             return Err(Failure::failed(error));
         }
         if let Some(stream) = stream.filter(|_| ending == Ending::Finished || has_stream_failed) {
-            match stream.finish(&is_interrupted, &mut encoder_watch) {
+            let finished = stream.finish(&is_interrupted, &mut encoder_watch);
+            let completed_nanos = monotonic_nanos();
+            self.phases.push(Phase::own("complete", landed_nanos, completed_nanos));
+            self.phases.extend(encoder.map(|pid| Phase::encoder(pid, begun_nanos, completed_nanos)));
+            match finished {
                 Err(StreamError::Interrupted) => return Ok(Ending::Interrupted),
                 finished => finished.map_err(Failure::failed)?,
             }
@@ -408,6 +436,8 @@ impl Run {
             memory: self.memory,
             pids: self.pids,
             restarts: self.restarts,
+            poses: self.poses,
+            phases: self.phases,
         }
     }
 }

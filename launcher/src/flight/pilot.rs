@@ -3,8 +3,10 @@
 //! several times a frame along a path, or whenever a pose comes, whether anybody looks or not.
 
 use super::interrupt;
+use crate::data_set::FlownFrame;
 use crate::ground::WorldGround;
 use crate::input::{Incoming, LiveCamera};
+use crate::path::MAX_FRAMES;
 use crate::plan::FlightPlan;
 use crate::thread::in_thread;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -36,9 +38,18 @@ const CUT: f64 = 8.0;
 /// The thread that flies.
 #[derive(Debug)]
 pub struct Pilot {
-    thread: JoinHandle<Option<u64>>,
+    thread: JoinHandle<Flown>,
     words: Receiver<String>,
     failure: Arc<OnceLock<ShmError>>,
+}
+
+/// What a pilot has flown of poses that another program sent.
+#[derive(Debug, Default)]
+pub struct Flown {
+    /// Frames, where each pose is one.
+    pub frames: Option<u64>,
+    /// Their cameras, up to as many as a path may have.
+    pub poses: Vec<FlownFrame>,
 }
 
 /// What the pilot flies with.
@@ -85,7 +96,7 @@ impl Pilot {
                         }
                         None => cockpit.fly_all(cameras),
                     }
-                    None
+                    Flown::default()
                 })
             }
         }?;
@@ -103,9 +114,9 @@ impl Pilot {
         self.words.try_iter()
     }
 
-    /// Waits for its end, which comes with the last camera or the end of the run. Of a live input: how many frames it
-    /// has flown; and its last words. Also why no pose could come any more, if that broke it off.
-    pub fn join(self) -> (Option<u64>, Vec<String>, Option<ShmError>) {
+    /// Waits for its end, which comes with the last camera or the end of the run. Of a live input: what it has flown; and
+    /// its last words. Also why no pose could come any more, if that broke it off.
+    pub fn join(self) -> (Flown, Vec<String>, Option<ShmError>) {
         // It has nothing that can panic.
         let flown = self.thread.join().unwrap_or_default();
         (flown, self.words.try_iter().collect(), Arc::into_inner(self.failure).and_then(OnceLock::into_inner))
@@ -129,12 +140,13 @@ impl Cockpit {
 
     /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run. In exact mode each
     /// pose is a frame: waits for them all and returns their number. In realtime mode the newest is the camera of now.
-    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &Sender<String>) -> Option<u64> {
+    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &Sender<String>) -> Flown {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
         // Nobody listens any more when the run has ended.
         let mut say = |sentence: String| drop(tell.send(sentence));
         let mut poses = 0;
+        let mut flown = Vec::new();
         let mut newest_nanos = 0;
         let mut last_work = Instant::now();
         while interrupt::count() == 0 && self.control.check_running().is_ok() {
@@ -147,7 +159,7 @@ impl Cockpit {
                 Ok(incoming) => incoming,
                 Err(error) => {
                     self.failure.get_or_init(|| error);
-                    return None;
+                    return Flown::default();
                 }
             };
             match incoming {
@@ -163,6 +175,8 @@ impl Cockpit {
                         self.control.publish_camera(&camera);
                     } else if !self.push(self.first + poses, camera) {
                         break;
+                    } else if flown.len() < MAX_FRAMES as usize {
+                        flown.push(FlownFrame { frame: self.first + poses, time_s, camera });
                     }
                     poses += 1;
                     last_work = Instant::now();
@@ -182,7 +196,7 @@ impl Cockpit {
             self.control.set_state(RunState::Finished);
         }
         input.summary().into_iter().for_each(say);
-        (!is_realtime).then_some(poses)
+        Flown { frames: (!is_realtime).then_some(poses), poses: flown }
     }
 }
 

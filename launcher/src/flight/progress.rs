@@ -1,7 +1,8 @@
 //! What a person sees while a run goes on: a bar on a terminal, and lines that begin with the program's name.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
+use terravision_common::terminal::complain;
 
 /// Progress of a run, on standard error.
 #[derive(Debug)]
@@ -51,10 +52,9 @@ impl Progress {
     }
 
     fn line(&self, text: &str) {
-        // Standard error may be closed; then there is nobody to tell.
         match &self.bar {
-            Some(bar) => bar.suspend(|| drop(writeln!(io::stderr(), "{text}"))),
-            None => drop(writeln!(io::stderr(), "{text}")),
+            Some(bar) => bar.suspend(|| complain(text)),
+            None => complain(text),
         }
     }
 }

@@ -10,8 +10,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use terravision_common::bug::INTERNAL_ERROR_WORDS;
 use terravision_common::shm::Stage;
-use terravision_common::stage::STAGE_ENVIRONMENT;
+use terravision_common::stage::{FROM_STDIN, STAGE_ENVIRONMENT};
+use terravision_common::terminal::complain;
 
 /// Lines of a stage's standard error that are kept.
 const KEPT_LINES: usize = 20;
@@ -100,12 +102,17 @@ impl StageProcess {
     pub fn start(stage: Stage, programs: &Path, run: &str, stdout: Option<OwnedFd>) -> Result<Self, StartError> {
         let program = program_of(stage, programs);
         let mut command = Command::new(&program);
-        command.envs(STAGE_ENVIRONMENT).arg("--run").arg(run).stdin(Stdio::null()).stderr(Stdio::piped());
+        // The run is not on the command line, which everybody can read: see the module `stage`.
+        command.envs(STAGE_ENVIRONMENT).arg("--run").arg(FROM_STDIN).stdin(Stdio::piped()).stderr(Stdio::piped());
         command.stdout(stdout.map_or_else(Stdio::null, Stdio::from));
         let mut child = command.spawn().map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },
             _ => StartError::Spawn { stage, program: program.clone(), source },
         })?;
+        if let Some(mut stdin) = child.stdin.take() {
+            // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read. That one of them has died is noticed elsewhere.
+            drop(stdin.write_all(run.as_bytes()));
+        }
         let words = Arc::new(SharedWords::default());
         let stderr = child.stderr.take();
         let pid = Pid::from_child(&child);
@@ -186,12 +193,17 @@ impl Drop for StageProcess {
     }
 }
 
-/// The last thing that a process said: the last line, or all of a panic's message.
+/// The last thing that a process said: the last line, or what it said of a fault of its own.
 fn last_words<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> String {
     let worth = |line: &&str| !line.trim().is_empty() && !line.starts_with("note: ");
     let lines: Vec<&str> = lines.filter(worth).collect();
-    let from = lines.iter().rposition(|line| line.contains("panicked at")).unwrap_or(lines.len().saturating_sub(1));
+    let from = lines.iter().rposition(|line| is_fault(line)).unwrap_or(lines.len().saturating_sub(1));
     without_echo(&lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" "))
+}
+
+/// Whether a line tells of a panic: by the sentence of a stage, or, of a program that is not ours, by Rust's own.
+fn is_fault(line: &str) -> bool {
+    line.contains(INTERNAL_ERROR_WORDS) || line.contains("panicked at")
 }
 
 /// A chain of causes without those that the text before them ends with: "cannot write a: full: full".
@@ -217,8 +229,7 @@ fn listen(stage: Stage, stderr: ChildStderr, shared: &SharedWords) {
     while matches!(reader.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line), Ok(1..)) {
         let text = String::from_utf8_lossy(&line).trim_end().to_owned();
         if is_passed_on {
-            // Standard error may be closed.
-            drop(writeln!(io::stderr(), "{stage}: {text}"));
+            complain(&format!("{stage}: {text}"));
         }
         let mut words = shared.words.lock().unwrap_or_else(PoisonError::into_inner);
         if words.lines.len() == KEPT_LINES {

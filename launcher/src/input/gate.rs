@@ -11,6 +11,10 @@ use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
 
 const LARGEST_ANGLE_DEG: f64 = 1e6;
+/// No clock shows more, not even one in nanoseconds that is given for seconds.
+const LARGEST_TIME: f64 = 1e20;
+/// So many poses from the past, each newer than the one before, are those of a sender that started again: its clock counts.
+const CLOCK_SET_BACK: u32 = 30;
 
 /// Causes for which a pose is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,7 +24,7 @@ pub enum Cause {
     Unreadable = 0,
     /// A number is NaN or infinite.
     NotFinite,
-    /// An angle is out of range.
+    /// An angle or the time is out of range.
     OutOfRange,
     /// So far from the world that nothing of it is seen.
     FarAway,
@@ -37,7 +41,7 @@ impl fmt::Display for Cause {
         f.write_str(match self {
             Self::Unreadable => "no JSON object with the numbers x, y, z, heading and pitch",
             Self::NotFinite => "a number that is not finite",
-            Self::OutOfRange => "an angle out of range (pitch -90 to 90, vfov 1 to 170 degrees)",
+            Self::OutOfRange => "an angle or a time out of range (pitch -90 to 90, vfov 1 to 170 degrees)",
             Self::FarAway => "far outside of the world",
             Self::FromThePast => "from the past: not newer than the pose before",
         })
@@ -68,6 +72,8 @@ pub struct Gate {
     settings: GateSettings,
     /// Time of the newest pose.
     newest_s: Option<f64>,
+    /// Time of the last pose from the past, and how many of them came one behind the other with growing times.
+    past: (f64, u32),
     accepted: u64,
     lifted: u64,
     refused: [u64; Cause::ALL.len()],
@@ -77,7 +83,14 @@ impl Gate {
     /// A gate that no pose has passed yet.
     #[must_use]
     pub fn new(settings: GateSettings) -> Self {
-        Self { settings, newest_s: None, accepted: 0, lifted: 0, refused: [0; Cause::ALL.len()] }
+        Self {
+            settings,
+            newest_s: None,
+            past: (f64::NEG_INFINITY, 0),
+            accepted: 0,
+            lifted: 0,
+            refused: [0; Cause::ALL.len()],
+        }
     }
 
     /// Poses that became frames.
@@ -123,6 +136,7 @@ impl Gate {
             if let Message::Pose(SentPose { time_s: Some(time_s), .. }) = message { *time_s } else { f64::NAN };
         if !time_s.is_nan() {
             self.newest_s = Some(time_s);
+            self.past = (f64::NEG_INFINITY, 0);
         }
         self.accepted += 1;
         self.lifted += u64::from(ground::lift(&mut pose, ground));
@@ -140,7 +154,7 @@ impl Gate {
         Ok(Incoming::Pose { camera, time_s })
     }
 
-    fn check(&self, sent: &SentPose) -> Result<(Pose, f64), Cause> {
+    fn check(&mut self, sent: &SentPose) -> Result<(Pose, f64), Cause> {
         let [heading, pitch, roll] = sent.angles_deg;
         let times = [sent.vfov_deg.unwrap_or(60.0), sent.time_s.unwrap_or(0.0)];
         if !sent.position.iter().chain(&sent.angles_deg).chain(&times).all(|number| number.is_finite()) {
@@ -148,7 +162,8 @@ impl Gate {
         }
         let is_angle = |degrees: f64| degrees.abs() <= LARGEST_ANGLE_DEG;
         let has_vfov = sent.vfov_deg.is_none_or(|degrees| (1.0..=170.0).contains(&degrees));
-        if !is_angle(heading) || !is_angle(roll) || !(-90.0..=90.0).contains(&pitch) || !has_vfov {
+        let has_time = sent.time_s.is_none_or(|time| time.abs() <= LARGEST_TIME);
+        if !is_angle(heading) || !is_angle(roll) || !(-90.0..=90.0).contains(&pitch) || !has_vfov || !has_time {
             return Err(Cause::OutOfRange);
         }
         let position = DVec3::from_array(sent.position);
@@ -160,7 +175,11 @@ impl Gate {
         if let (Some(newest), Some(time)) = (self.newest_s, sent.time_s)
             && time <= newest
         {
-            return Err(Cause::FromThePast);
+            // One wrong time must not be the last pose that is flown.
+            self.past = (time, if time > self.past.0 { self.past.1 + 1 } else { 1 });
+            if self.past.1 < CLOCK_SET_BACK {
+                return Err(Cause::FromThePast);
+            }
         }
         let pose = Pose {
             position,
@@ -252,6 +271,7 @@ mod tests {
             (with(|pose| pose.vfov_deg = Some(180.0)), Cause::OutOfRange),
             (with(|pose| pose.position[0] = 0.0), Cause::FarAway),
             (with(|pose| pose.position[2] = 1e300), Cause::FarAway),
+            (with(|pose| pose.time_s = Some(1e300)), Cause::OutOfRange),
             (with(|pose| pose.time_s = Some(1.0)), Cause::FromThePast),
             (with(|pose| pose.time_s = Some(0.5)), Cause::FromThePast),
             (Message::Unreadable, Cause::Unreadable),
@@ -262,10 +282,26 @@ mod tests {
         }
         assert_eq!(told.len(), 5, "{told:?}");
         assert!(gate.pass(&Message::Pose(sent(1.5)), &Flat, &mut |_| {}).is_ok());
-        assert_eq!((gate.accepted(), gate.refused()), (2, 12));
+        assert_eq!((gate.accepted(), gate.refused()), (2, 13));
         let summary = gate.summary();
-        assert!(summary[0].starts_with("12 of 14 poses were refused: 1 no JSON object"), "{summary:?}");
+        assert!(summary[0].starts_with("13 of 15 poses were refused: 1 no JSON object"), "{summary:?}");
         assert!(summary[0].contains("4 a number that is not finite") && summary[0].contains("2 from the past"));
+    }
+
+    #[test]
+    fn a_sender_that_starts_again_is_flown_again_and_a_late_pose_is_not() {
+        let mut gate = gate();
+        let mut pass = |time| gate.pass(&Message::Pose(sent(time)), &Flat, &mut |_| {}).is_ok();
+        // A time that is wrong, far in the future.
+        assert!(pass(1.0) && pass(1e9));
+        let flown: Vec<bool> = (0..40).map(|i| pass(1.1 + 0.1 * f64::from(i))).collect();
+        assert_eq!(flown.iter().position(|flown| *flown), Some(CLOCK_SET_BACK as usize - 1));
+        assert!(flown[CLOCK_SET_BACK as usize - 1..].iter().all(|flown| *flown));
+        // Poses that overtake each other never count for a clock.
+        for i in 0..200 {
+            let t = 100.0 + f64::from(i);
+            assert!(pass(t) && !pass(t - 0.5));
+        }
     }
 
     #[test]

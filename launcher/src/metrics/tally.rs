@@ -9,7 +9,7 @@ pub(super) const BOUNDS_S: [f64; 14] =
     [0.002, 0.005, 0.01, 0.0167, 0.02, 0.0334, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
 
 /// Why tiles could not be had, by the code of the event less one.
-pub(super) const CAUSES: [&str; 4] = ["missing", "corrupt", "read_error", "refused"];
+pub(super) const CAUSES: [&str; 5] = ["missing", "corrupt", "read_error", "refused", "not_cached"];
 
 /// Figures of frames.
 #[derive(Debug, Clone, Default)]
@@ -53,7 +53,8 @@ impl FrameTally {
             Some(EventKind::FrameLacked) => self.lacked = event.value & 0xFFFF_FFFF,
             Some(EventKind::TileUnavailable) => {
                 let cause = usize::try_from((event.value >> 8).saturating_sub(1)).unwrap_or(usize::MAX);
-                self.unavailable[cause.min(CAUSES.len() - 1)] += 1;
+                // What has no name here is an error of reading.
+                self.unavailable[if cause < CAUSES.len() { cause } else { 2 }] += 1;
             }
             _ => {}
         }
@@ -107,6 +108,6 @@ mod tests {
         assert_eq!((tally.drawn, tally.late, tally.skipped), (4, 1, 1));
         assert_eq!(tally.by_time.iter().sum::<u64>(), 4);
         assert!((tally.time_s - 0.114).abs() < 1e-9);
-        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0, 0]));
+        assert_eq!((tally.wanted, tally.lacked, tally.unavailable), (99, 12, [0, 1, 0, 0, 0]));
     }
 }

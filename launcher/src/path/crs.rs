@@ -1,11 +1,19 @@
 //! From a path's coordinates to the world's.
 //!
-//! The launcher does without GDAL: `proj4rs` knows the usual projections, and EPSG codes by their PROJ strings. Only
-//! easting and northing are transformed; heights stay as they are.
+//! The launcher does without GDAL: `proj4rs` knows the usual projections, and EPSG codes by their PROJ strings. How the
+//! world's datum lies to WGS 84 only PROJ knows for sure: ingest asked it, and the manifest has the answer
+//! ([`LonLatTable`]). Only easting and northing are transformed; heights stay as they are.
+//!
+//! What had to be guessed (a datum that nothing tells of) is said in [`Georeference::take_doubts`].
 
+use super::datum::{
+    Datum, ELLIPSOID_WORDS, datum_of, datum_words, definition, is_on_wgs84, shift_of_named_datum, with_nad27_shift,
+};
 use glam::DVec2;
-use proj4rs::Proj;
+use proj4rs::errors::Error;
+use std::cell::RefCell;
 use std::fmt;
+use terravision_common::lonlat::{LonLatTable, Plane, WGS84_LONLAT, lonlat_of_body, proj_value, without_datum};
 
 /// Why coordinates cannot be brought into the world's CRS. Each is a whole sentence.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +46,7 @@ pub enum CrsError {
         text: String,
         /// Why.
         #[source]
-        source: proj4rs::errors::Error,
+        source: Error,
     },
     /// A position has no place in the world's CRS.
     #[error("the position {x}, {y} ({from}) has no place in the world's CRS, {world}: {source}")]
@@ -53,7 +61,7 @@ pub enum CrsError {
         world: String,
         /// Why.
         #[source]
-        source: proj4rs::errors::Error,
+        source: Error,
     },
 }
 
@@ -61,23 +69,35 @@ pub enum CrsError {
 pub struct Georeference {
     name: String,
     epsg: Option<u32>,
-    /// The PROJ string. Whether it is understood matters only to paths in another CRS: that of a datum with grids (NAD27) is not.
+    /// The PROJ string. Whether it is understood matters only to paths in another CRS.
     proj4: Option<String>,
+    /// PROJ's way from longitude and latitude, where the string alone does not tell.
+    table: Option<LonLatTable>,
+    /// A place in the world, in its CRS: where the size of a doubt is measured.
+    place: [f64; 2],
+    doubts: RefCell<Vec<String>>,
 }
 
 impl fmt::Debug for Georeference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, epsg, proj4 } = self;
+        let Self { name, epsg, proj4, .. } = self;
         f.debug_struct("Georeference").field("name", name).field("epsg", epsg).field("proj4", proj4).finish()
     }
+}
+
+/// The way of a path's coordinates into the world's CRS.
+enum Way {
+    /// By the planes alone.
+    Planes { from: Plane, to: Plane },
+    /// By longitude and latitude, and PROJ's table.
+    Table { from: Plane, lonlat: Plane, plane: Plane, table: LonLatTable },
 }
 
 /// Brings positions and headings from another CRS into the world's.
 pub struct Transform {
     from_name: String,
-    from: Proj,
     to_name: String,
-    to: Proj,
+    way: Way,
 }
 
 impl fmt::Debug for Transform {
@@ -90,19 +110,14 @@ impl Georeference {
     /// The CRS of that name, given by a PROJ string or an EPSG code; without both no other CRS can be brought into it.
     #[must_use]
     pub fn new(name: String, epsg: Option<u32>, proj4: Option<&str>) -> Self {
-        Self { name, epsg, proj4: proj4.map(str::to_owned) }
+        let proj4 = proj4.map(str::to_owned);
+        Self { name, epsg, proj4, table: None, place: [0.0; 2], doubts: RefCell::default() }
     }
 
-    /// What it means; `None` when nothing tells.
-    fn proj(&self) -> Result<Option<Proj>, CrsError> {
-        match (&self.proj4, self.epsg) {
-            (Some(text), _) => {
-                let bad = |source| CrsError::BadWorldCrs { text: text.clone(), source };
-                Proj::from_proj_string(text).map(Some).map_err(bad)
-            }
-            (None, Some(epsg)) => Ok(proj_from_epsg(epsg)),
-            (None, None) => Ok(None),
-        }
+    /// With what PROJ said at ingest, if it had to say anything, and a place in the world.
+    #[must_use]
+    pub fn with_table(self, table: Option<LonLatTable>, place: [f64; 2]) -> Self {
+        Self { table: table.filter(LonLatTable::is_valid), place, ..self }
     }
 
     /// Name of the CRS, for messages.
@@ -111,15 +126,30 @@ impl Georeference {
         &self.name
     }
 
+    /// What had to be guessed until now, a sentence each; each is said once.
+    #[must_use]
+    pub fn take_doubts(&self) -> Vec<String> {
+        std::mem::take(&mut self.doubts.borrow_mut())
+    }
+
+    fn doubt(&self, sentence: String) {
+        let mut doubts = self.doubts.borrow_mut();
+        if !doubts.contains(&sentence) {
+            doubts.push(sentence);
+        }
+    }
+
     /// From longitude and latitude in degrees: WGS 84 on Earth, the body's own ellipsoid elsewhere.
     ///
     /// # Errors
     /// [`CrsError::NoWorldCrs`] or [`CrsError::BadWorldCrs`].
     pub fn from_lonlat(&self) -> Result<Transform, CrsError> {
-        let name = "longitude and latitude";
-        let lonlat = lonlat_of_body(self.proj4.as_deref().unwrap_or_default());
-        let from = Proj::from_proj_string(&lonlat);
-        self.transform_from(name, from.map_err(|source| CrsError::BadWorldCrs { text: lonlat, source })?)
+        let text = self
+            .table
+            .as_ref()
+            .map_or_else(|| lonlat_of_body(self.proj4.as_deref().unwrap_or_default()), |table| table.lonlat.clone());
+        let from = Plane::parse(&text).map_err(|source| CrsError::BadWorldCrs { text, source })?;
+        self.transform_from("longitude and latitude", from)
     }
 
     /// From a CRS that a path names; `None` when it is the world's own.
@@ -131,57 +161,165 @@ impl Georeference {
         if crs.trim() == self.name || self.proj4.as_deref() == Some(crs.trim()) {
             return Ok(None);
         }
-        let from = if let Some(epsg) = epsg_code(crs) {
+        let text = if let Some(epsg) = epsg_code(crs) {
             if self.epsg == Some(epsg) {
                 return Ok(None);
             }
-            proj_from_epsg(epsg).ok_or_else(unknown)?
+            definition(epsg).ok_or_else(unknown)?.to_owned()
         } else if crs.trim_start().starts_with('+') {
-            match Proj::from_proj_string(crs.trim()) {
-                Ok(proj) => proj,
-                Err(_reason) => return Err(unknown()),
-            }
+            crs.trim().to_owned()
         } else {
             return Err(unknown());
         };
-        self.transform_from(crs, from).map(Some)
+        let name = super::shorten(crs);
+        if let Some(transform) = self.on_own_datum(&name, &text) {
+            return Ok(Some(transform));
+        }
+        let from = match datum_of(&text) {
+            Datum::Known => Plane::parse(&text),
+            Datum::Nad27 => {
+                self.doubt(format!(
+                    "{name} is on NAD27, whose grids are not here: its mean shift is used, good to some 10 m in the \
+                     contiguous United States and to 50 m elsewhere; a path in the world's CRS, {}, has no such doubt",
+                    self.name
+                ));
+                Plane::parse(&with_nad27_shift(&text))
+            }
+            Datum::Unknown => {
+                self.doubt(format!(
+                    "{name} does not tell how its datum lies to WGS 84: it is taken for WGS 84, and the path may be off by \
+                     some hundred metres; give it in longitude and latitude or in the world's CRS, {} (gdaltransform converts)",
+                    self.name
+                ));
+                Plane::parse(&without_datum(&text))
+            }
+        };
+        let Ok(from) = from else { return Err(unknown()) };
+        self.transform_from(&name, from).map(Some)
     }
 
-    fn transform_from(&self, from_name: &str, from: Proj) -> Result<Transform, CrsError> {
-        let from_name = super::shorten(from_name);
-        match self.proj()? {
-            Some(to) => Ok(Transform { from_name, from, to_name: self.name.clone(), to }),
-            None => Err(CrsError::NoWorldCrs { found: from_name, world: self.name.clone() }),
+    /// From a system on the world's own datum: nothing shifts then. `None` when the other's datum is another one, or the
+    /// world's projection is not known here.
+    fn on_own_datum(&self, name: &str, text: &str) -> Option<Transform> {
+        let own = self.proj4.as_deref().or_else(|| definition(self.epsg?))?;
+        // On WGS 84 the common way is the exact one.
+        if self.table.is_some() && is_on_wgs84(text) {
+            return None;
         }
+        // The database of codes names the datum of most; GDAL's strings leave it out.
+        let named = self.epsg.and_then(definition).unwrap_or(own);
+        let is_same = datum_words(text) == datum_words(named) || datum_words(text) == datum_words(own);
+        let is_known_as_same = is_same && datum_words(text).len() > ELLIPSOID_WORDS;
+        if !is_known_as_same && !(is_same && datum_of(text) == Datum::Unknown) {
+            return None;
+        }
+        // What the world's table adds to its plane beyond the datum cannot be told from it.
+        if self.table.as_ref().is_some_and(|table| table.plane != without_datum(own)) {
+            return None;
+        }
+        let (from, to) = (Plane::parse(&without_datum(text)).ok()?, Plane::parse(&without_datum(own)).ok()?);
+        if !is_known_as_same {
+            self.doubt(format!(
+                "{name} does not tell how its datum lies to WGS 84: it is taken for that of the world's CRS, {}, which has the \
+                 same ellipsoid; where it is another one, the path is off by some hundred metres",
+                self.name
+            ));
+        }
+        Some(Transform { from_name: name.to_owned(), to_name: self.name.clone(), way: Way::Planes { from, to } })
+    }
+
+    fn transform_from(&self, from_name: &str, from: Plane) -> Result<Transform, CrsError> {
+        let (from_name, to_name) = (super::shorten(from_name), self.name.clone());
+        let bad = |text: &str, source| CrsError::BadWorldCrs { text: text.to_owned(), source };
+        let way = match (&self.table, &self.proj4) {
+            (Some(table), _) => Way::Table {
+                from,
+                lonlat: Plane::parse(&table.lonlat).map_err(|source| bad(&table.lonlat, source))?,
+                plane: Plane::parse(&table.plane).map_err(|source| bad(&table.plane, source))?,
+                table: table.clone(),
+            },
+            (None, Some(text)) => {
+                let to = self.plane_of_old_database(text).map_err(|source| bad(text, source))?;
+                Way::Planes { from, to }
+            }
+            (None, None) => match self.epsg.and_then(Plane::of_epsg) {
+                Some(to) => Way::Planes { from, to },
+                None => return Err(CrsError::NoWorldCrs { found: from_name, world: to_name }),
+            },
+        };
+        Ok(Transform { from_name, to_name, way })
+    }
+
+    /// The plane of a world whose manifest has no table: it needs none, or was made before there were any.
+    fn plane_of_old_database(&self, text: &str) -> Result<Plane, Error> {
+        let known = self.epsg.and_then(definition);
+        let (datum, shifted) = match (datum_of(text), known) {
+            (Datum::Nad27, _) => (Datum::Nad27, Some(with_nad27_shift(text))),
+            // Israel's grid, for one, is on the ellipsoid of GRS 80 and yet far from WGS 84.
+            (datum, Some(known)) if datum_of(known) == Datum::Known && proj_value(text, "towgs84").is_none() => {
+                let shift = proj_value(known, "towgs84").or_else(|| shift_of_named_datum(known));
+                let is_zero = is_on_wgs84(known);
+                let shifted =
+                    shift.filter(|_| !is_zero).map(|shift| format!("{} +towgs84={shift}", without_datum(text)));
+                (if is_zero { datum } else { Datum::Unknown }, shifted)
+            }
+            (datum, _) => (datum, None),
+        };
+        let remedy = "made by an earlier TerraVision, does not say how its datum lies to WGS 84";
+        match (datum, shifted) {
+            (Datum::Known, _) => Plane::parse(text),
+            (_, Some(shifted)) => {
+                let (shifted, plain) = (Plane::parse(&shifted)?, Plane::parse(&without_datum(text))?);
+                let size = self.shift_between(&plain, &shifted).map_or_else(String::new, |m| format!("of {m:.0} m "));
+                self.doubt(format!(
+                    "the database ({}), {remedy}: a mean shift {size}is used, and paths may be off by some 10 to 50 m; ingest \
+                     again (as it is, or into UTM with --crs EPSG:326NN), then they are exact",
+                    self.name
+                ));
+                Ok(shifted)
+            }
+            (_, None) => {
+                self.doubt(format!(
+                    "the database ({}), {remedy}: it is taken for WGS 84, and paths may be off by some hundred metres (up to \
+                     500 m); ingest again (as it is, or into UTM with --crs EPSG:326NN), or give the path in the world's own CRS",
+                    self.name
+                ));
+                Plane::parse(&without_datum(text))
+            }
+        }
+    }
+
+    /// How far a place of the world is from itself in two planes of one longitude and latitude, metres.
+    fn shift_between(&self, plain: &Plane, shifted: &Plane) -> Option<f64> {
+        let wgs84 = Plane::parse(WGS84_LONLAT).ok()?;
+        let lonlat = shifted.to(&wgs84, self.place).ok()?;
+        let [x, y] = wgs84.to(plain, lonlat).ok()?;
+        Some((x - self.place[0]).hypot(y - self.place[1])).filter(|m| m.is_finite())
     }
 }
 
 impl Transform {
+    fn is_from_lonlat(&self) -> bool {
+        let (Way::Planes { from, .. } | Way::Table { from, .. }) = &self.way;
+        from.is_lonlat()
+    }
+
     /// A position in the world's CRS. Geographic coordinates are degrees, longitude first.
     ///
     /// # Errors
     /// [`CrsError::NoPlace`].
     pub fn position(&self, x: f64, y: f64) -> Result<DVec2, CrsError> {
-        let no_place = |source| {
+        let found = match &self.way {
+            Way::Planes { from, to } => from.to(to, [x, y]),
+            Way::Table { from, lonlat, plane, table } => from
+                .to(lonlat, [x, y])
+                .and_then(|place| lonlat.to(plane, place))
+                .map(|place| table.world_from_plane(place)),
+        };
+        found.map(DVec2::from_array).map_err(|source| {
             let (from, world) = (self.from_name.clone(), self.to_name.clone());
             CrsError::NoPlace { x, y, from, world, source }
-        };
-        let mut point = if self.from.is_latlong() {
-            if x.abs() > 540.0 || y.abs() > 90.0 {
-                return Err(no_place(proj4rs::errors::Error::LatOrLongExceedLimit));
-            }
-            (x.to_radians(), y.to_radians())
-        } else {
-            (x, y)
-        };
-        proj4rs::transform::transform(&self.from, &self.to, &mut point).map_err(no_place)?;
-        if self.to.is_latlong() {
-            point = (point.0.to_degrees(), point.1.to_degrees());
-        }
-        if !(point.0.is_finite() && point.1.is_finite()) {
-            return Err(no_place(proj4rs::errors::Error::NanCoordinateValue));
-        }
-        Ok(DVec2::new(point.0, point.1))
+        })
     }
 
     /// A heading in the world's CRS: what was north there is not quite north here (meridian convergence).
@@ -189,17 +327,14 @@ impl Transform {
     /// # Errors
     /// [`CrsError::NoPlace`].
     pub fn heading(&self, x: f64, y: f64, heading_rad: f64) -> Result<f64, CrsError> {
+        let is_lonlat = self.is_from_lonlat();
         // A step of about a metre; along a geographic coordinate a degree is 111 km.
-        let step = if self.from.is_latlong() { 1e-5 } else { 1.0 };
+        let step = if is_lonlat { 1e-5 } else { 1.0 };
         // Away from the pole, so that the step never leaves the sphere.
-        let sign = if self.from.is_latlong() && y > 89.9 { -1.0 } else { 1.0 };
+        let sign = if is_lonlat && y > 89.9 { -1.0 } else { 1.0 };
         let north = (self.position(x, y + sign * step)? - self.position(x, y)?) * sign;
         Ok(heading_rad + north.x.atan2(north.y))
     }
-}
-
-fn proj_from_epsg(epsg: u32) -> Option<Proj> {
-    Proj::from_epsg_code(u16::try_from(epsg).ok()?).ok()
 }
 
 /// The N of `EPSG:N`, `urn:ogc:def:crs:EPSG::N`, `OGC:CRS84` and their like.
@@ -211,96 +346,5 @@ fn epsg_code(text: &str) -> Option<u32> {
     text.contains("EPSG").then(|| text.rsplit([':', '/']).next()?.parse().ok()).flatten()
 }
 
-/// PROJ string of longitude and latitude on the body of this PROJ string. A path's longitudes and latitudes on Earth
-/// are WGS 84 whatever the world's datum; other bodies have one ellipsoid, the world's own.
-fn lonlat_of_body(text: &str) -> String {
-    let value = |key: &str| {
-        text.split_whitespace().find_map(|word| word.strip_prefix('+')?.strip_prefix(key)?.strip_prefix('='))
-    };
-    let radius: Option<f64> = value("a").or(value("R")).and_then(|a| a.parse().ok());
-    match radius {
-        Some(radius) if !(6.3e6..6.4e6).contains(&radius) => {
-            let shape: Vec<&str> = text
-                .split_whitespace()
-                .filter(|word| ["+a=", "+b=", "+R=", "+rf=", "+f=", "+es="].iter().any(|key| word.starts_with(key)))
-                .collect();
-            format!("+proj=longlat {} +no_defs", shape.join(" "))
-        }
-        _ => "+proj=longlat +datum=WGS84 +no_defs".into(),
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn utm10() -> Georeference {
-        Georeference::new("WGS 84 / UTM zone 10N".into(), Some(32610), None)
-    }
-
-    #[test]
-    fn utm_positions_agree_with_proj() {
-        // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77
-        let point = utm10().from_lonlat().unwrap().position(-122.0, 45.0).unwrap();
-        assert!((point - DVec2::new(578_815.30, 4_983_436.77)).length() < 0.01, "{point}");
-    }
-
-    #[test]
-    fn north_turns_with_the_meridian() {
-        // Convergence: (lon - central meridian) * sin(lat) = 1 * sin(45 deg) = 0.707 deg east of grid north... to the
-        // first order; east of the central meridian true north lies to the west of grid north.
-        let heading = utm10().from_lonlat().unwrap().heading(-122.0, 45.0, 0.0).unwrap();
-        assert!((heading.to_degrees() + 0.707).abs() < 0.001, "{}", heading.to_degrees());
-        let polar = utm10().from_lonlat().unwrap().heading(-123.0, 90.0, 0.5).unwrap();
-        assert!((polar - 0.5).abs() < 1e-6);
-    }
-
-    #[test]
-    fn the_own_crs_needs_no_transform_and_others_do() {
-        let world = utm10();
-        for own in ["EPSG:32610", "epsg:32610", "urn:ogc:def:crs:EPSG::32610", "WGS 84 / UTM zone 10N"] {
-            assert!(world.from_crs(own).unwrap().is_none(), "{own}");
-        }
-        let zone11 = world.from_crs("EPSG:32611").unwrap().unwrap();
-        let lonlat = world.from_lonlat().unwrap();
-        let there = Georeference::new("11".into(), Some(32611), None).from_lonlat().unwrap();
-        let p11 = there.position(-120.0, 40.0).unwrap();
-        assert!((zone11.position(p11.x, p11.y).unwrap() - lonlat.position(-120.0, 40.0).unwrap()).length() < 1e-3);
-    }
-
-    #[test]
-    fn another_body_has_its_own_longitudes() {
-        let text = "+proj=eqc +lat_ts=0 +lat_0=0 +lon_0=137 +x_0=0 +y_0=0 +R=3396190 +units=m +no_defs";
-        let mars = Georeference::new("Mars".into(), None, Some(text));
-        let point = mars.from_lonlat().unwrap().position(138.0, -1.0).unwrap();
-        let degree_m = 3_396_190.0 * std::f64::consts::PI / 180.0;
-        assert!((point - DVec2::new(degree_m, -degree_m)).length() < 0.01, "{point}");
-    }
-
-    #[test]
-    fn what_cannot_be_transformed_is_said_in_a_sentence() {
-        let nameless = Georeference::new("local grid".into(), None, None);
-        assert!(nameless.from_lonlat().unwrap_err().to_string().contains("has no PROJ string"));
-        for crs in ["EPSG:1", "EPSG:99999999999", "EPSG:", "mars", "+proj=nonsense", ""] {
-            assert!(utm10().from_crs(crs).unwrap_err().to_string().contains("not known here"), "{crs}");
-        }
-        assert!(utm10().from_lonlat().unwrap().position(10.0, 95.0).is_err());
-        assert!(Georeference::new("x".into(), None, Some("+proj=rubbish")).from_lonlat().is_err());
-        // A datum whose grids are not here is no obstacle to a path in the world's own CRS.
-        let nad27 =
-            Georeference::new("NAD27 / UTM zone 10N".into(), Some(26710), Some("+proj=utm +zone=10 +datum=NAD27"));
-        assert!(nad27.from_crs("EPSG:26710").unwrap().is_none());
-        let message = nad27.from_crs("EPSG:32610").unwrap_err().to_string();
-        assert!(message.contains("the world's own CRS"), "{message}");
-    }
-
-    proptest! {
-        #[test]
-        fn foreign_positions_never_panic(x in proptest::num::f64::ANY, y in proptest::num::f64::ANY, crs in "\\PC{0,30}") {
-            drop(utm10().from_lonlat().unwrap().position(x, y));
-            drop(utm10().from_crs(&crs));
-            drop(Georeference::new(String::new(), None, Some(&crs)).from_lonlat());
-        }
-    }
-}
+mod tests;

@@ -1,256 +1,143 @@
-//! GPX tracks: flown at a height above ground, looking ahead along the way (GPX 1.1).
-//!
-//! The track is resampled by time, smoothed (receivers tremble), and set above the smoothed ground. The camera looks
-//! at where it will be a few seconds later, at the ground there.
+//! GPX (1.0 and 1.1): tracks, or where there are none, routes; flown at a height above ground ([`super::track`]).
 
-use super::crs::Georeference;
-use super::kml::text;
-use super::spline::{Key, Spline};
-use super::{CameraPath, Course, CourseOptions, Ground, PathError, PathSettings, Pose, shorten};
-use glam::{DVec2, DVec3};
-use roxmltree::{Document, Node};
+use super::crs::{Georeference, Transform};
+use super::recording::{Recorded, Segment, Stamp};
+use super::times::seconds_from_iso8601;
+use super::xml::{Document, Node};
+use super::{CameraPath, CourseOptions, Ground, PathError, Remarks, shorten, track};
+use glam::DVec2;
 use std::path::Path;
 
 /// Most points that are read.
-const MAX_POINTS: usize = 1_000_000;
-/// Seconds between two knots of the resampled track; longer tracks are sampled more coarsely, to [`MAX_KNOTS`] knots.
-const KNOT_SECONDS: f64 = 0.5;
-/// Most knots of a resampled track.
-const MAX_KNOTS: f64 = 400_000.0;
-/// Half the width of the smoothing of the way, seconds.
-const SMOOTH_SECONDS: f64 = 3.0;
-/// Half the width of the smoothing of the height, seconds: hills should not shake the camera.
-const SMOOTH_HEIGHT_SECONDS: f64 = 6.0;
-/// How far ahead the camera looks, seconds...
-const AHEAD_SECONDS: f64 = 8.0;
-/// ... but at least so many heights above ground, so that it does not stare at the ground when it is slow.
-const AHEAD_HEIGHTS: f64 = 3.0;
-/// Speed of a track without times, metres per second.
-const DEFAULT_SPEED: f64 = 25.0;
-
-/// A point of the track: when and where.
-#[derive(Debug, Clone, Copy)]
-struct Point {
-    t: f64,
-    place: DVec2,
-}
+pub(super) const MAX_POINTS: usize = 1_000_000;
 
 /// Reads all tracks of a GPX file as one (or all routes, if it has no track).
 ///
 /// # Errors
 /// [`PathError`] with the line in it.
-pub fn parse(
+pub(super) fn parse(
     path: &Path,
     document: &Document<'_>,
     world: &Georeference,
     ground: &dyn Ground,
     options: CourseOptions,
+    remarks: &mut Remarks,
 ) -> Result<CameraPath, PathError> {
-    let points = read_points(path, document, world)?;
-    let (Some(first), Some(last)) = (points.first(), points.last()) else {
-        return Err(PathError::Empty { path: path.to_owned(), expected: "a track (trkpt) or a route (rtept)" });
-    };
-    let seconds = last.t - first.t;
-    let step = KNOT_SECONDS.max(seconds / MAX_KNOTS);
-    let count = (seconds / step).floor() as usize + 1;
-    let mut places: Vec<DVec2> = Vec::with_capacity(count);
-    let mut segment = 0;
-    for i in 0..count {
-        let t = first.t + i as f64 * step;
-        while segment + 2 < points.len() && points[segment + 1].t <= t {
-            segment += 1;
+    let root = document.root();
+    let count = |name: &str| root.with_descendants().filter(|node| node.name() == name).count();
+    let kinds: [&str; 4] = match (count("trkpt"), count("rtept")) {
+        (0, 0) => {
+            let found = match count("wpt") {
+                0 => "none of them".into(),
+                points => format!(
+                    "{points} waypoints (wpt), which have no order; make a route or a track of them (gpsbabel -i gpx -f FILE \
+                     -x transform,rte=wpt -o gpx -F FILE.gpx)"
+                ),
+            };
+            let expected = "a track (trkpt) or a route (rtept)";
+            return Err(PathError::Empty { path: path.to_owned(), expected, found });
         }
-        places.push(match points.get(segment + 1) {
-            Some(next) => {
-                let s = ((t - points[segment].t) / (next.t - points[segment].t)).clamp(0.0, 1.0);
-                points[segment].place.lerp(next.place, s)
-            }
-            None => points[segment].place,
-        });
-    }
-    let places = smooth(&places, (SMOOTH_SECONDS / step).round() as usize);
-    // Outside the terrain the camera keeps the last ground that it had.
-    let mut under = None;
-    let mut floor: Vec<f64> = places
-        .iter()
-        .map(|place| {
-            under = ground.height_m(place.x, place.y).or(under);
-            under.unwrap_or(0.0)
-        })
-        .collect();
-    // A height that is the mean of its neighbourhood would cut into ridges: widen them first.
-    let radius = (SMOOTH_HEIGHT_SECONDS / step).round() as usize;
-    floor = smooth(&highest(&floor, radius), radius);
-
-    let mut heading = 0.0;
-    let keys: Vec<Key> = (0..count)
-        .map(|i| {
-            let eye = places[i].extend(floor[i] + options.agl_m);
-            let target =
-                look_ahead(&places, &floor, i, (AHEAD_SECONDS / step).ceil() as usize, options.agl_m * AHEAD_HEIGHTS);
-            let sight = target - eye;
-            if sight.truncate().length() > 1.0 {
-                heading = sight.x.atan2(sight.y);
-            }
-            let pitch_rad = sight.z.atan2(sight.truncate().length()).clamp(-0.6, 0.3);
-            let pose = Pose { position: eye, heading_rad: heading, pitch_rad, roll_rad: 0.0 };
-            Key::passing(i as f64 * step, pose)
-        })
-        .collect();
-    Ok(CameraPath {
-        settings: PathSettings::default(),
-        course: Course::Timed(Spline::new(&keys).into_iter().collect()),
-    })
-}
-
-/// The ground point that the camera looks at: some knots ahead and some metres away; past the end of the track, along
-/// its last direction.
-fn look_ahead(places: &[DVec2], floor: &[f64], i: usize, knots: usize, metres: f64) -> DVec3 {
-    let from = places[i];
-    let found = (i..places.len()).find(|&j| j >= i + knots && places[j].distance(from) >= metres);
-    if let Some(j) = found {
-        return places[j].extend(floor[j]);
-    }
-    let last = places.len() - 1;
-    let towards = places[..last].iter().rev().map(|p| places[last] - *p).find(|d| d.length() > 1.0);
-    let direction = towards.map_or(DVec2::Y, DVec2::normalize);
-    (places[last] + direction * metres).extend(floor[last])
-}
-
-/// Twice the mean over a window, which is nearly a bell; the window shrinks towards both ends, so that these stay.
-fn smooth<T>(values: &[T], radius: usize) -> Vec<T>
-where
-    T: Copy + Default + std::ops::Add<Output = T> + std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T>,
-{
-    let once = |values: &[T]| -> Vec<T> {
-        let mut out = Vec::with_capacity(values.len());
-        for i in 0..values.len() {
-            let r = radius.min(i).min(values.len() - 1 - i);
-            let window = &values[i - r..=i + r];
-            // Relative to the middle: sums of coordinates of millions of metres would cost digits.
-            let mut sum = T::default();
-            for value in window {
-                sum = sum + (*value - values[i]);
-            }
-            out.push(values[i] + sum * (1.0 / window.len() as f64));
-        }
-        out
+        (0, _) => ["rte", "rte", "rtept", "rpt"],
+        _ => ["trk", "trkseg", "trkpt", "trkpt"],
     };
-    once(&once(values))
-}
-
-/// The highest value in a window around each.
-fn highest(values: &[f64], radius: usize) -> Vec<f64> {
-    (0..values.len())
-        .map(|i| {
-            let window = &values[i.saturating_sub(radius)..values.len().min(i + radius + 1)];
-            window.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-        })
-        .collect()
-}
-
-fn read_points(path: &Path, document: &Document<'_>, world: &Georeference) -> Result<Vec<Point>, PathError> {
-    let place_of = |node: Node<'_, '_>| format!("line {}", document.text_pos_at(node.range().start).row);
-    let bad = |node: Node<'_, '_>, key: &str, expected: &'static str, found: &str| PathError::BadValue {
-        path: path.to_owned(),
-        place: place_of(node),
-        key: key.into(),
-        expected,
-        found: if found.is_empty() { "nothing".into() } else { format!("{:?}", shorten(found)) },
-    };
-    let named = |name: &'static str| document.descendants().filter(move |node| node.tag_name().name() == name);
-    let nodes: Vec<Node<'_, '_>> = match named("trkpt").next() {
-        Some(_) => named("trkpt").collect(),
-        None => named("rtept").collect(),
-    };
-    if nodes.len() > MAX_POINTS {
-        return Err(bad(nodes[MAX_POINTS], "trkpt", "at most 1000000 points", &nodes.len().to_string()));
-    }
     let crs_error =
-        |place: String| move |source| PathError::Crs { path: path.to_owned(), place, source: Box::new(source) };
-    let lonlat = world.from_lonlat().map_err(crs_error("the track".into()))?;
-    let mut points: Vec<Point> = Vec::with_capacity(nodes.len());
-    // A track has times at all points or is flown at an even speed.
-    let is_timed = !nodes.is_empty() && nodes.iter().all(|node| super::kml::child(*node, "time").is_some());
-    for node in nodes {
+        |source| PathError::Crs { path: path.to_owned(), place: "the track".into(), source: Box::new(source) };
+    let mut reader = Reader { path, lonlat: &world.from_lonlat().map_err(crs_error)?, points: 0, bad: 0, first: None };
+    let mut segments = vec![Segment::default()];
+    for node in root.with_descendants() {
+        if kinds[..2].contains(&node.name()) {
+            segments.push(Segment::default());
+        } else if kinds[2..].contains(&node.name())
+            && let (Some(point), Some(segment)) = (reader.point(node)?, segments.last_mut())
+        {
+            segment.points.push(point);
+        }
+    }
+    if let Some(error) = reader.first {
+        // Most of them: this is no track at all.
+        if 2 * reader.bad >= reader.points {
+            return Err(error);
+        }
+        remarks.warnings.push(format!(
+            "{} of {} points have no usable place and are passed over, the first of them: {error}",
+            reader.bad, reader.points
+        ));
+    }
+    track::course(path, segments, ground, options, remarks)
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    lonlat: &'a Transform,
+    points: usize,
+    /// Points without a usable place, and what is wrong with the first.
+    bad: usize,
+    first: Option<PathError>,
+}
+
+impl Reader<'_> {
+    /// A point; none, and counted, where it has no usable place.
+    fn point(&mut self, node: Node<'_>) -> Result<Option<Recorded>, PathError> {
+        self.points += 1;
+        if self.points > MAX_POINTS {
+            return Err(self.bad(node, "trkpt", "at most 1000000 points in a file", "more"));
+        }
+        match self.place(node) {
+            Ok(place) => {
+                let stamp = node.child("time").map_or(Stamp::Missing, |time| stamp(time.text()));
+                Ok(Some(Recorded { stamp, place, height_m: None, line: node.line() }))
+            }
+            Err(error) => {
+                self.bad += 1;
+                self.first.get_or_insert(error);
+                Ok(None)
+            }
+        }
+    }
+
+    fn place(&self, node: Node<'_>) -> Result<DVec2, PathError> {
         let degrees = |key: &str, expected, limit: f64| {
-            let value = node.attribute(key).unwrap_or("").trim();
+            let value = node.attribute(key).unwrap_or("");
             let number = value.parse().ok().filter(|v: &f64| v.abs() <= limit);
-            number.ok_or_else(|| bad(node, key, expected, value))
+            number.ok_or_else(|| self.bad(node, key, expected, value))
         };
         let lat = degrees("lat", "degrees from -90 to 90", 90.0)?;
-        let lon = degrees("lon", "degrees from -180 to 180", 180.0)?;
-        let place = lonlat.position(lon, lat).map_err(crs_error(place_of(node)))?;
-        let t = if is_timed {
-            let stamp = super::kml::child(node, "time").map_or("", text);
-            seconds_from_iso8601(stamp).ok_or_else(|| bad(node, "time", "a time like 2024-05-01T10:00:00Z", stamp))?
-        } else {
-            points.last().map_or(0.0, |last: &Point| last.t + last.place.distance(place) / DEFAULT_SPEED)
-        };
-        match points.last() {
-            // A receiver that stood still, or wrote a point twice.
-            Some(last) if t == last.t => continue,
-            Some(last) if t < last.t => {
-                return Err(bad(
-                    node,
-                    "time",
-                    "a time after that of the point before",
-                    &format!("{} s earlier", last.t - t),
-                ));
-            }
-            _ => points.push(Point { t, place }),
+        let lon = wrapped(degrees("lon", "degrees from -180 to 180", 360.0)?);
+        self.lonlat.position(lon, lat).map_err(|source| PathError::Crs {
+            path: self.path.to_owned(),
+            place: format!("line {}", node.line()),
+            source: Box::new(source),
+        })
+    }
+
+    fn bad(&self, node: Node<'_>, key: &str, expected: &'static str, found: &str) -> PathError {
+        PathError::BadValue {
+            path: self.path.to_owned(),
+            place: format!("line {}", node.line()),
+            key: key.into(),
+            expected,
+            found: if found.is_empty() { "nothing".into() } else { format!("{:?}", shorten(found)) },
         }
     }
-    if let (Some(first), Some(last)) = (points.first(), points.last()) {
-        // A year: a wrong date in the middle of a track would make a flight of that length.
-        if last.t - first.t > 3.2e7 {
-            return Err(PathError::TooLong { frames: (last.t - first.t) * 30.0, fps: 30.0 });
-        }
-    }
-    Ok(points)
 }
 
-/// Seconds since 1970 of a time like `2024-05-01T10:00:00.5Z` or `...+02:00` (the profile of ISO 8601 that XML Schema's
-/// dateTime is).
-fn seconds_from_iso8601(text: &str) -> Option<f64> {
-    let (date, time) = text.split_once(['T', 't'])?;
-    let digits = |text: &str, len: usize| -> Option<i64> {
-        (text.len() == len && text.bytes().all(|b| b.is_ascii_digit())).then(|| text.parse().ok()).flatten()
-    };
-    let mut parts = date.split('-');
-    let (year, month, day) = (digits(parts.next()?, 4)?, digits(parts.next()?, 2)?, digits(parts.next()?, 2)?);
-    let zone_at = time.find(['Z', 'z', '+', '-']).unwrap_or(time.len());
-    let (clock, zone) = time.split_at(zone_at);
-    let mut parts = clock.split(':');
-    let (hour, minute) = (digits(parts.next()?, 2)?, digits(parts.next()?, 2)?);
-    let second = parts.next()?;
-    let is_plain = second.len() <= 20 && second.bytes().all(|b| b.is_ascii_digit() || b == b'.');
-    let second: f64 = is_plain.then(|| second.parse().ok()).flatten()?;
-    let offset_minutes = match zone.as_bytes().first() {
-        None | Some(b'Z' | b'z') => 0,
-        Some(sign) => {
-            let (hours, minutes) = zone[1..].split_once(':')?;
-            let minutes = digits(hours, 2)? * 60 + digits(minutes, 2)?;
-            if *sign == b'-' { -minutes } else { minutes }
-        }
-    };
-    let is_valid = (1..=12).contains(&month) && (1..=31).contains(&day) && hour < 25 && minute < 60 && second < 61.0;
-    if !is_valid || parts.next().is_some() {
-        return None;
+/// Degrees of longitude from -180 to 180.
+pub(super) fn wrapped(degrees: f64) -> f64 {
+    // What is in range stays the same number.
+    if degrees.abs() <= 180.0 { degrees } else { (degrees + 180.0).rem_euclid(360.0) - 180.0 }
+}
+
+/// The time of a point, as it is written.
+pub(super) fn stamp(text: &str) -> Stamp {
+    match text {
+        "" => Stamp::Missing,
+        text => seconds_from_iso8601(text).map_or(Stamp::Unreadable, Stamp::At),
     }
-    // Days from the civil calendar; H. Hinnant, "chrono-compatible low-level date algorithms", days_from_civil.
-    let shifted = if month <= 2 { year - 1 } else { year };
-    let era = shifted.div_euclid(400);
-    let year_of_era = shifted.rem_euclid(400);
-    let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    let day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year;
-    let days = era * 146_097 + day_of_era - 719_468;
-    Some((days * 86_400 + hour * 3600 + (minute - offset_minutes) * 60) as f64 + second)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::parse_text;
+    use super::super::tests::{parse_text, parse_with};
     use super::*;
     use proptest::prelude::*;
 
@@ -265,6 +152,25 @@ mod tests {
         format!("<trkpt lat=\"45\" lon=\"{lon}\"><ele>5</ele><time>{time}</time></trkpt>\n")
     }
 
+    /// A track through these parts: seconds of the day and longitudes.
+    fn track(parts: &[&[(u32, f64)]]) -> String {
+        let parts: Vec<String> = parts
+            .iter()
+            .map(|part| {
+                let stamp = |s: u32| {
+                    format!("2024-05-{:02}T{:02}:{:02}:{:02}Z", 1 + s / 86_400, s / 3600 % 24, s / 60 % 60, s % 60)
+                };
+                part.iter().map(|(s, lon)| point(*lon, &stamp(*s))).collect()
+            })
+            .collect();
+        gpx(&parts.join("</trkseg><trkseg>"))
+    }
+
+    fn frames(text: &str, options: CourseOptions) -> (u64, Remarks) {
+        let (path, remarks) = parse_with(text, options);
+        (path.unwrap().course.frame_count(1.0, 1.0).unwrap().unwrap(), remarks)
+    }
+
     #[test]
     fn a_track_is_flown_in_its_time_above_ground_looking_ahead() {
         let points = [point(-122.0, "2024-05-01T10:00:00Z"), point(-121.99, "2024-05-01T10:01:00Z")].concat();
@@ -275,15 +181,24 @@ mod tests {
         assert!((pose.position.z - 250.0).abs() < 1e-6, "{pose:?}");
         assert!((pose.heading_rad.to_degrees() - 90.0).abs() < 2.0, "{pose:?}");
         assert!(pose.pitch_rad < -0.1, "{pose:?}");
+        let low = CourseOptions { agl_m: Some(20.0), ..CourseOptions::default() };
+        let pose = parse_with(&gpx(&points), low).0.unwrap().course.pose(900, 30.0, 1.0).unwrap();
+        assert!((pose.position.z - 120.0).abs() < 1e-6, "{pose:?}");
     }
 
     #[test]
-    fn a_track_without_times_and_a_route_are_flown_at_an_even_speed() {
+    fn a_track_without_times_and_routes_are_flown_at_an_even_speed() {
         let text = gpx("<trkpt lat=\"45\" lon=\"-122\"/><trkpt lat=\"45\" lon=\"-121.99\"/>");
         let route = text.replace("trkseg", "rte").replace("trkpt", "rtept");
-        for text in [text, route] {
-            let frames = parse_text(&text).unwrap().course.frame_count(1.0, 1.0).unwrap().unwrap();
+        // Two points that were set, with the road between them as Garmin's planner writes it.
+        let planned = text
+            .replace("trkseg", "rte")
+            .replace("<trkpt lat=\"45\" lon=\"-122\"/>", "<rtept lat=\"45\" lon=\"-122\"><extensions><x:e><x:rpt lat=\"45\" lon=\"-121.995\"/></x:e></extensions></rtept>")
+            .replace("trkpt", "rtept");
+        for text in [text, route, planned] {
+            let (frames, remarks) = frames(&text, CourseOptions::default());
             assert!((30..34).contains(&frames), "{frames}");
+            assert_eq!(remarks, Remarks::default());
         }
     }
 
@@ -295,34 +210,88 @@ mod tests {
     }
 
     #[test]
-    fn times_are_read() {
-        assert_eq!(seconds_from_iso8601("1970-01-01T00:00:00Z"), Some(0.0));
-        assert_eq!(seconds_from_iso8601("2000-03-01T12:00:00.25Z"), Some(951_912_000.25));
-        assert_eq!(seconds_from_iso8601("2000-03-01T14:00:00+02:00"), Some(951_912_000.0));
-        for text in ["", "T", "2000-13-01T00:00:00Z", "2000-01-01", "2000-01-01T1:00:00Z", "2000-01-01T00:00:00+é:00"]
-        {
-            assert_eq!(seconds_from_iso8601(text), None, "{text}");
-        }
-    }
-
-    #[test]
     fn a_bad_track_is_named_by_its_line() {
-        let late = [point(-122.0, "2024-05-01T10:00:10Z"), point(-121.0, "2024-05-01T10:00:00Z")].concat();
         for (points, expected) in [
-            (String::new(), "nothing to fly: expected a track"),
-            (point(-200.0, "2024-05-01T10:00:00Z"), "line 2: lon: expected degrees from -180 to 180, found \"-200\""),
+            (String::new(), "nothing to fly: expected a track (trkpt) or a route (rtept), found none of them"),
+            ("<wpt lat=\"1\" lon=\"2\"/>".into(), "found 1 waypoints (wpt), which have no order"),
+            (point(-400.0, "2024-05-01T10:00:00Z"), "line 2: lon: expected degrees from -180 to 180, found \"-400\""),
             (point(f64::NAN, "2024-05-01T10:00:00Z"), "lon"),
-            (point(-122.0, "noon"), "time: expected a time like 2024-05-01T10:00:00Z, found \"noon\""),
-            (late, "line 3: time: expected a time after"),
+            (point(-122.0, "noon"), "line 2: time: expected times like 2024-05-01T10:00:00Z"),
             ("<trkpt/>".into(), "lat: expected degrees from -90 to 90, found nothing"),
-            (
-                [point(-122.0, "1999-05-01T10:00:10Z"), point(-121.0, "2024-05-01T10:00:00Z")].concat(),
-                "at most 2000000",
-            ),
         ] {
             let message = parse_text(&gpx(&points)).unwrap_err().to_string();
             assert!(message.contains(expected), "{points}\n  {message}\n  {expected}");
         }
+    }
+
+    #[test]
+    fn a_point_without_a_place_is_passed_over_and_counted() {
+        let points: String =
+            (0..10).map(|i| point(-122.0 + 0.001 * f64::from(i), &format!("2024-05-01T10:00:{i:02}Z"))).collect();
+        let text = gpx(&points.replace("lon=\"-121.995\"", "lon=\"\""));
+        let (count, remarks) = frames(&text, CourseOptions::default());
+        assert_eq!(count, 10);
+        assert!(remarks.warnings[0].starts_with("1 of 10 points have no usable place"), "{remarks:?}");
+        assert!(remarks.warnings[0].contains("line 7: lon"), "{remarks:?}");
+    }
+
+    #[test]
+    fn three_days_are_three_pieces_of_their_own_time() {
+        let day = |day: u32| -> Vec<(u32, f64)> {
+            (0..60)
+                .map(|i| (86_400 * day + 8 * 3600 + 10 * i, -122.0 + 0.05 * f64::from(day) + 0.0003 * f64::from(i)))
+                .collect()
+        };
+        let (one, two, three) = (day(0), day(1), day(2));
+        // Also when they stand in another order, and in one segment.
+        for text in [
+            track(&[&one, &two, &three]),
+            track(&[&three, &one, &two]),
+            track(&[&[one.clone(), two.clone(), three.clone()].concat()]),
+        ] {
+            let (path, remarks) = parse_with(&text, CourseOptions::default());
+            let course = path.unwrap().course;
+            assert_eq!(course.frame_count(30.0, 20.0).unwrap(), Some(2656));
+            assert!(
+                remarks.notes[0].starts_with("2 gaps in the recording (47 h 40 min in all) became cuts"),
+                "{remarks:?}"
+            );
+            assert_eq!(remarks.warnings, [] as [String; 0]);
+            // The camera never flies from day to day.
+            let xs: Vec<f64> = (0..1771).map(|frame| course.pose(frame, 1.0, 1.0).unwrap().position.x).collect();
+            let far: Vec<usize> = (1..xs.len()).filter(|&i| (xs[i] - xs[i - 1]).abs() > 100.0).collect();
+            assert_eq!(far, [590, 1180]);
+            assert!(xs.windows(2).filter(|pair| (pair[1] - pair[0]).abs() < 0.5).count() < 10);
+        }
+    }
+
+    #[test]
+    fn a_rest_is_shortened_unless_it_is_wanted() {
+        let walk = |from: u32, lon: f64| (0..30).map(move |i| (from + 10 * i, lon + 0.0003 * f64::from(i)));
+        // Half an hour of trembling between two walks of five minutes.
+        let rest = (0..180).map(|i| (300 + 10 * i, -122.0 + 0.009 + if i % 2 == 0 { 0.0 } else { 0.0001 }));
+        let points: Vec<(u32, f64)> = walk(0, -122.0).chain(rest).chain(walk(2100, -122.0 + 0.0093)).collect();
+        let (count, remarks) = frames(&track(&[&points]), CourseOptions::default());
+        assert!((590..620).contains(&count), "{count}");
+        assert!(remarks.notes[0].starts_with("1 rest were shortened by 30 min in all (--rests keep"), "{remarks:?}");
+        let keep = CourseOptions { keeps_rests: true, ..CourseOptions::default() };
+        assert_eq!(frames(&track(&[&points]), keep), (2391, Remarks::default()));
+        // Silence is a rest too.
+        let points: Vec<(u32, f64)> = walk(0, -122.0).chain(walk(2100, -122.0 + 0.0090)).collect();
+        assert!((580..600).contains(&frames(&track(&[&points]), CourseOptions::default()).0));
+        // What never moves is left alone.
+        let still: Vec<(u32, f64)> = (0..100).map(|i| (10 * i, -122.0)).collect();
+        assert_eq!(frames(&track(&[&still]), CourseOptions::default()), (991, Remarks::default()));
+    }
+
+    #[test]
+    fn a_short_loss_of_reception_is_flown_as_it_was() {
+        let first: Vec<(u32, f64)> = (0..30).map(|i| (10 * i, -122.0 + 0.0003 * f64::from(i))).collect();
+        let second: Vec<(u32, f64)> = first.iter().map(|(s, lon)| (s + 340, lon + 0.0102)).collect();
+        let whole = [first.clone(), second.clone()].concat();
+        let (text, joined) = (track(&[&first, &second]), track(&[&whole]));
+        let (split, one) = (parse_text(&text).unwrap(), parse_text(&joined).unwrap());
+        assert_eq!(split, one);
     }
 
     proptest! {
@@ -331,18 +300,9 @@ mod tests {
             lon in "(-?[0-9]{1,3}(\\.[0-9]{1,3})?|NaN|[a-z]{0,3})",
             time in "([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}(Z|[+-][0-9]{2}:[0-9]{2})?|\\PC{0,10})",
         ) {
-            let _read: Option<f64> = seconds_from_iso8601(&time);
             let time: String = time.chars().filter(|c| !"<&".contains(*c)).collect();
             let text = gpx(&format!("<trkpt lat=\"45\" lon=\"{lon}\"><time>{time}</time></trkpt>").repeat(2));
             drop(parse_text(&text));
-        }
-
-        #[test]
-        fn smoothing_keeps_straight_lines(n in 1usize..50, radius in 0usize..20) {
-            let line: Vec<f64> = (0..n).map(|i| i as f64 * 2.0 + 1e6).collect();
-            for (a, b) in smooth(&line, radius).iter().zip(&line) {
-                prop_assert!((a - b).abs() < 1e-6);
-            }
         }
     }
 }

@@ -1,19 +1,135 @@
 //! Camera paths in JSON: one pose per frame (`"frames"`), or poses at moments (`"keyframes"`).
 //!
-//! Numbers are read one by one, so that a wrong one is named by its frame and key. Unknown keys are ignored.
+//! Numbers are read one by one, so that a wrong one is named by its frame and key. Unknown keys are ignored, and cost no
+//! memory: of a file there is the text, and what is flown of it.
 
 use super::crs::{CrsError, Georeference, Transform};
-use super::spline::{Key, Spline};
-use super::{CameraPath, Course, MAX_FRAMES, PathError, PathSettings, Pose, shorten};
+use super::spline::{self, Spline};
+use super::{CameraPath, Course, MAX_FRAMES, PathError, PathSettings, Pose, printable};
 use glam::DVec3;
+use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
-use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
 /// Most keyframes that are read.
 const MAX_KEYFRAMES: usize = 1_000_000;
 
-type Object<'a> = BTreeMap<String, &'a RawValue>;
+/// Keyframes are at least so far apart, seconds, and not farther from 0 than that: the speeds between them are finite.
+const SHORTEST_STEP: f64 = 1e-6;
+const MAX_TIME: f64 = 1e10;
+
+/// The keys that are read.
+const KEYS: [&str; 16] = [
+    "x",
+    "y",
+    "z",
+    "heading",
+    "pitch",
+    "roll",
+    "t",
+    "width",
+    "height",
+    "vfov_deg",
+    "fps",
+    "sky_rgb",
+    "crs",
+    "frames",
+    "keyframes",
+    "type",
+];
+
+/// An object: of each key that is read its value, as it is written.
+#[derive(Default)]
+struct Object<'a> {
+    values: [Option<&'a RawValue>; KEYS.len()],
+}
+
+impl<'a> Object<'a> {
+    fn get(&self, key: &str) -> Option<&'a RawValue> {
+        self.values[KEYS.iter().position(|known| *known == key)?]
+    }
+}
+
+impl<'de> serde::Deserialize<'de> for Object<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Values;
+        impl<'de> Visitor<'de> for Values {
+            type Value = Object<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+                let mut object = Object::default();
+                while let Some(Key(key)) = map.next_key()? {
+                    match key {
+                        Some(key) => object.values[key] = Some(map.next_value()?),
+                        None => drop(map.next_value::<IgnoredAny>()?),
+                    }
+                }
+                Ok(object)
+            }
+        }
+        deserializer.deserialize_map(Values)
+    }
+}
+
+/// The place of a key in [`KEYS`].
+struct Key(Option<usize>);
+
+impl<'de> serde::Deserialize<'de> for Key {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Name;
+        impl Visitor<'_> for Name {
+            type Value = Key;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a key")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Key, E> {
+                Ok(Key(KEYS.iter().position(|known| *known == name)))
+            }
+        }
+        deserializer.deserialize_str(Name)
+    }
+}
+
+/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`, which is kept.
+struct EachOf<'e, F, E> {
+    each: F,
+    error: &'e mut Option<E>,
+}
+
+impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> DeserializeSeed<'de> for EachOf<'_, F, E> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> Visitor<'de> for EachOf<'_, F, E> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<(), A::Error> {
+        let mut count = 0;
+        while let Some(entry) = list.next_element::<&RawValue>()? {
+            if let Err(error) = (self.each)(count, entry) {
+                *self.error = Some(error);
+                return Err(serde::de::Error::custom("an entry cannot be used"));
+            }
+            count += 1;
+        }
+        Ok(())
+    }
+}
 
 /// Reads a path.
 ///
@@ -29,6 +145,7 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
         vfov_rad: reader
             .optional("vfov_deg", "degrees between 1 and 170", |raw| number(raw).filter(|v| (1.0..=170.0).contains(v)))?
             .map(f64::to_radians),
+        hfov_rad: None,
         fps: reader.optional("fps", "frames per second, more than 0 and at most 1000", |raw| {
             number(raw).filter(|v| *v > 0.0 && *v <= 1000.0)
         })?,
@@ -47,66 +164,102 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
         Some(crs) => world.from_crs(&crs).map_err(|source| crs_error("\"crs\"", source))?,
         None => None,
     };
-    let poses = |key: &'static str, limit: usize| -> Result<Option<Vec<&RawValue>>, PathError> {
-        let list = reader.optional(key, "a list", |raw| serde_json::from_str::<Vec<&RawValue>>(raw.get()).ok())?;
-        match list {
-            Some(list) if list.len() > limit => Err(reader.bad(
-                key,
-                "a list of at most 2000000 frames or 1000000 keyframes",
-                format!("{} of them", list.len()),
-            )),
-            other => Ok(other),
-        }
-    };
-    let (frames, keyframes) = (poses("frames", MAX_FRAMES as usize)?, poses("keyframes", MAX_KEYFRAMES)?);
-    let pose = |raw: &RawValue, place: String| -> Result<(Pose, f64), PathError> {
-        let object: Object<'_> = match serde_json::from_str(raw.get()) {
-            Ok(object) => object,
-            Err(_not_an_object) => {
-                let reader = Reader { path, place, object: &file };
-                return Err(reader.bad("the entry", "an object with x, y, z, heading and pitch", shorten(raw.get())));
-            }
-        };
-        let reader = Reader { path, place, object: &object };
-        let pose = reader.pose(transform.as_ref())?;
-        let t = if keyframes.is_some() && frames.is_none() {
-            reader.required("t", "a number of seconds", number)?
-        } else {
-            0.0
-        };
-        Ok((pose, t))
-    };
+    let (frames, keyframes) = (reader.list("frames")?, reader.list("keyframes")?);
+    let reads = Poses { path, transform: transform.as_ref() };
     const EXPECTED: &str = "\"frames\" or \"keyframes\", a list with at least one pose";
-    let course = match (&frames, &keyframes) {
+    let empty = |found: &str| PathError::Empty { path: path.to_owned(), expected: EXPECTED, found: found.into() };
+    let course = match (frames, keyframes) {
         (Some(_), Some(_)) => {
             return Err(reader.bad("\"frames\"", "either \"frames\" or \"keyframes\"", "both".into()));
         }
-        (Some(list), None) => {
-            let poses: Result<Vec<Pose>, PathError> =
-                list.iter().enumerate().map(|(i, raw)| Ok(pose(raw, format!("frame {i}"))?.0)).collect();
-            Course::Frames(poses?)
+        (Some(list), None) => Course::Frames(reads.frames(&reader, list)?),
+        (None, Some(list)) => Course::Timed(Spline::new(&reads.keyframes(&reader, list)?).into_iter().collect()),
+        (None, None) if file.get("type").is_some() => {
+            return Err(empty("GeoJSON (it has a \"type\"); ogr2ogr -f GPX FILE.gpx FILE makes a GPX of its lines"));
         }
-        (None, Some(list)) => {
-            let mut keys: Vec<Key> = Vec::new();
-            for (i, raw) in list.iter().enumerate() {
-                let (pose, t) = pose(raw, format!("keyframe {i}"))?;
-                if let Some(last) = keys.last().filter(|last| last.t >= t) {
-                    let reader = Reader { path, place: format!("keyframe {i}"), object: &file };
-                    let found = format!("{t} after {}", last.t);
-                    return Err(reader.bad("\"t\"", "more seconds than the keyframe before", found));
-                }
-                keys.push(Key::passing(t, pose));
-            }
-            Course::Timed(Spline::new(&keys).into_iter().collect())
-        }
-        (None, None) => return Err(PathError::Empty { path: path.to_owned(), expected: EXPECTED }),
+        (None, None) => return Err(empty("neither")),
     };
-    if matches!(&course, Course::Frames(poses) if poses.is_empty())
-        || matches!(&course, Course::Timed(s) if s.is_empty())
-    {
-        return Err(PathError::Empty { path: path.to_owned(), expected: EXPECTED });
+    let is_empty = match &course {
+        Course::Frames(poses) | Course::Round(poses) => poses.is_empty(),
+        Course::Timed(pieces) => pieces.is_empty(),
+    };
+    if is_empty { Err(empty("an empty list")) } else { Ok(CameraPath { settings, course }) }
+}
+
+/// Reads lists of poses.
+struct Poses<'p> {
+    path: &'p Path,
+    transform: Option<&'p Transform>,
+}
+
+impl Poses<'_> {
+    fn frames(&self, file: &Reader<'_>, list: &RawValue) -> Result<Vec<Pose>, PathError> {
+        let mut poses = Vec::new();
+        self.each(list, |i, raw| {
+            if i as u64 >= MAX_FRAMES {
+                return Err(file.bad("\"frames\"", "a list of at most 2000000 frames", "more".into()));
+            }
+            let (pose, _) = self.pose(raw, format!("frame {i}"), false)?;
+            poses.push(pose);
+            Ok(())
+        })?;
+        Ok(poses)
     }
-    Ok(CameraPath { settings, course })
+
+    fn keyframes(&self, file: &Reader<'_>, list: &RawValue) -> Result<Vec<spline::Key>, PathError> {
+        let mut keys: Vec<spline::Key> = Vec::new();
+        self.each(list, |i, raw| {
+            if i >= MAX_KEYFRAMES {
+                return Err(file.bad("\"keyframes\"", "a list of at most 1000000 keyframes", "more".into()));
+            }
+            let place = format!("keyframe {i}");
+            let (pose, t) = self.pose(raw, place.clone(), true)?;
+            if let Some(last) = keys.last().filter(|last| t < last.t + SHORTEST_STEP) {
+                let expected = "more seconds than the keyframe before, by 0.000001 at least";
+                let found = format!("{t} after {}", last.t);
+                return Err(PathError::BadValue {
+                    path: self.path.to_owned(),
+                    place,
+                    key: "\"t\"".into(),
+                    expected,
+                    found,
+                });
+            }
+            keys.push(spline::Key::passing(t, pose));
+            Ok(())
+        })?;
+        Ok(keys)
+    }
+
+    fn each(
+        &self,
+        list: &RawValue,
+        each: impl FnMut(usize, &RawValue) -> Result<(), PathError>,
+    ) -> Result<(), PathError> {
+        let mut text = serde_json::Deserializer::from_str(list.get());
+        let mut error = None;
+        let outcome = EachOf { each, error: &mut error }.deserialize(&mut text);
+        match error {
+            Some(error) => Err(error),
+            // Its syntax was checked with the whole file's.
+            None => outcome.map_err(|source| PathError::Json { path: self.path.to_owned(), source }),
+        }
+    }
+
+    fn pose(&self, raw: &RawValue, place: String, has_time: bool) -> Result<(Pose, f64), PathError> {
+        let object: Object<'_> = match serde_json::from_str(raw.get()) {
+            Ok(object) => object,
+            Err(_not_an_object) => {
+                let reader = Reader { path: self.path, place, object: &Object::default() };
+                return Err(reader.bad("the entry", "an object with x, y, z, heading and pitch", printable(raw.get())));
+            }
+        };
+        let reader = Reader { path: self.path, place, object: &object };
+        let pose = reader.pose(self.transform)?;
+        let time = |raw: &RawValue| number(raw).filter(|t| t.abs() <= MAX_TIME);
+        let t = if has_time { reader.required("t", "seconds from -10000000000 to 10000000000", time)? } else { 0.0 };
+        Ok((pose, t))
+    }
 }
 
 fn number(raw: &RawValue) -> Option<f64> {
@@ -144,9 +297,14 @@ impl<'a> Reader<'a> {
             Some(raw) if raw.get() == "null" => Ok(None),
             Some(raw) => match read(raw) {
                 Some(value) => Ok(Some(value)),
-                None => Err(self.bad(&format!("{key:?}"), expected, shorten(raw.get()))),
+                None => Err(self.bad(&format!("{key:?}"), expected, printable(raw.get()))),
             },
         }
+    }
+
+    /// The text of a list that may be absent.
+    fn list(&self, key: &str) -> Result<Option<&'a RawValue>, PathError> {
+        self.optional(key, "a list", |raw| raw.get().starts_with('[').then_some(raw))
     }
 
     fn required<T>(
@@ -243,16 +401,41 @@ mod tests {
             (r#"{"crs":"moon","frames":[]}"#, "not known here"),
             (
                 r#"{"keyframes":[{"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
-                r#"keyframe 0: "t": expected a number of seconds, found nothing"#,
+                r#"keyframe 0: "t": expected seconds from -10000000000 to 10000000000, found nothing"#,
             ),
             (
                 r#"{"keyframes":[{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
                 "keyframe 1",
             ),
+            (
+                r#"{"keyframes":[{"t":1e300,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
+                "\"t\": expected seconds from -10000000000 to 10000000000, found 1e300",
+            ),
+            (
+                r#"{"keyframes":[{"t":0,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1e-320,"x":9,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
+                "by 0.000001 at least",
+            ),
+            (r#"{"type":"FeatureCollection","features":[]}"#, "found GeoJSON"),
         ] {
             let message = parse_text(text).unwrap_err().to_string();
             assert!(message.contains(expected), "{text}\n  {message}\n  {expected}");
         }
+    }
+
+    #[test]
+    fn what_is_not_read_costs_nothing_and_what_is_has_a_bound() {
+        let keys: String = (0..100_000).map(|i| format!("\"k{i}\":[[{{}}]],")).collect();
+        let deep = format!("{}{}", "[".repeat(300_000), "]".repeat(300_000));
+        let text = format!("{{{keys}\"deep\":{deep},\"frames\":[{FRAME}]}}");
+        assert_eq!(parse_text(&text).unwrap().course.frame_count(1.0, 1.0).unwrap(), Some(1));
+        let message = parse_text(&format!("{{\"frames\":{deep}}}")).unwrap_err().to_string();
+        assert!(message.contains("frame 0: the entry: expected an object"), "{message}");
+        let many = format!("{{\"keyframes\":[{}{FRAME}]}}", "{},".repeat(1_000_001));
+        assert!(parse_text(&many).unwrap_err().to_string().contains("keyframe 0"));
+        let key = |t: usize| FRAME.replacen('{', &format!("{{\"t\":{t},"), 1) + ",";
+        let keyframes: String = (0..=MAX_KEYFRAMES).map(key).collect();
+        let message = parse_text(&format!("{{\"keyframes\":[{}]}}", keyframes.trim_end_matches(','))).unwrap_err();
+        assert!(message.to_string().contains("at most 1000000 keyframes, found more"), "{message}");
     }
 
     #[test]

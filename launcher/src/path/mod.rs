@@ -1,28 +1,42 @@
 //! Camera paths: where the camera is in every frame.
 //!
-//! A path comes from a JSON file with a pose per frame ([`json`]), a JSON file with poses at moments, a KML tour
-//! ([`kml`]), a GPX track ([`gpx`]), or is the built-in [`orbit`]. All become a [`CameraPath`] in the world's own CRS.
+//! A path comes from a JSON file with a pose per frame ([`json`]), a JSON file with poses at moments, a KML file
+//! ([`kml`]: a tour, views, a track or a line), a GPX track ([`gpx`]), or is the built-in [`orbit`]. All become a
+//! [`CameraPath`] in the world's own CRS.
 
 pub mod crs;
+mod datum;
+mod error;
+mod file;
 pub mod gpx;
 pub mod json;
 pub mod kml;
 pub mod orbit;
+mod recording;
 pub mod spline;
+mod text;
+mod times;
+mod track;
+mod xml;
+mod zip;
 
-use crs::{CrsError, Georeference};
+pub use error::PathError;
+
+use crs::Georeference;
 use glam::DVec3;
 use spline::Spline;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Most frames that one path may have: 18 hours at 30 frames a second.
 pub const MAX_FRAMES: u64 = 2_000_000;
 /// Largest JSON path that is read, bytes.
 const MAX_JSON_BYTES: u64 = 256 << 20;
-/// Largest KML or GPX file that is read, bytes. Its tree in memory is several times larger.
-const MAX_XML_BYTES: u64 = 64 << 20;
-/// Most XML nodes that are read.
-pub(crate) const MAX_XML_NODES: u32 = 4_000_000;
+/// Largest KML or GPX text that is read, bytes, unpacked.
+const MAX_XML_BYTES: u64 = 128 << 20;
+/// Roots of KML: some programs leave out the `kml` around it.
+const KML_ROOTS: [&str; 5] = ["kml", "Document", "Folder", "Placemark", "Tour"];
+/// All roots that are read.
+const ROOTS: [&str; 6] = ["gpx", "kml", "Document", "Folder", "Placemark", "Tour"];
 
 /// Where the camera is and looks. The position is easting, northing and height in the world's CRS, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +60,8 @@ pub struct PathSettings {
     pub height: Option<u32>,
     /// Vertical field of view, radians.
     pub vfov_rad: Option<f64>,
+    /// Horizontal field of view, radians, where the path gives that one; the vertical one wins over it.
+    pub hfov_rad: Option<f64>,
     /// Frames per second.
     pub fps: Option<f64>,
     /// Colour of the sky.
@@ -83,109 +99,35 @@ pub trait Ground {
     }
 }
 
-/// Why there is no camera path.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PathError {
-    /// The file cannot be read.
-    #[error("cannot read the camera path {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        #[source]
-        source: std::io::Error,
-    },
-    /// The file is larger than any path.
-    #[error("the camera path {} has {bytes} bytes, at most {limit} are read", path.display())]
-    TooLarge {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-        /// The largest size that is read.
-        limit: u64,
-    },
-    /// It is neither JSON nor KML nor GPX.
-    #[error(
-        "{} is no camera path: expected a JSON object, a KML tour or a GPX track, found {found} \
-         (docs/camera-paths.md shows each)", path.display()
-    )]
-    UnknownFormat {
-        /// The file.
-        path: PathBuf,
-        /// How it begins.
-        found: String,
-    },
-    /// The JSON is malformed.
-    #[error("the camera path {} is not valid JSON: {source}", path.display())]
-    Json {
-        /// The file.
-        path: PathBuf,
-        /// Where and why.
-        #[source]
-        source: serde_json::Error,
-    },
-    /// The XML is malformed.
-    #[error("the camera path {} is not valid XML: {source}", path.display())]
-    Xml {
-        /// The file.
-        path: PathBuf,
-        /// Where and why.
-        #[source]
-        source: roxmltree::Error,
-    },
-    /// One value is not what it has to be.
-    #[error("{}: {place}: {key}: expected {expected}, found {found}", path.display())]
-    BadValue {
-        /// The file.
-        path: PathBuf,
-        /// Where in the file, e.g. "frame 3" or "line 12".
-        place: String,
-        /// Name of the value.
-        key: String,
-        /// What was expected, in words.
-        expected: &'static str,
-        /// What was found.
-        found: String,
-    },
-    /// There is nothing to fly in it.
-    #[error("{} has nothing to fly: expected {expected}", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-        /// What was expected, in words.
-        expected: &'static str,
-    },
-    /// Its coordinates cannot be brought into the world's CRS.
-    #[error("{}: {place}: {source}", path.display())]
-    Crs {
-        /// The file.
-        path: PathBuf,
-        /// Where in the file.
-        place: String,
-        /// Why.
-        #[source]
-        source: Box<CrsError>,
-    },
-    /// It has too many frames.
-    #[error("the path has {frames} frames at {fps} frames a second, at most {MAX_FRAMES} are flown")]
-    TooLong {
-        /// Its frames.
-        frames: f64,
-        /// Frames per second.
-        fps: f64,
-    },
-}
-
 /// How a path that is given in time or along the ground is flown.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct CourseOptions {
-    /// Height above ground of a GPX track, metres.
-    pub agl_m: f64,
+    /// Height above ground of a track, metres; none for the way's own heights, where it has them, else for
+    /// 150 m.
+    pub agl_m: Option<f64>,
+    /// Whether rests within a segment of a track are flown in full.
+    pub keeps_rests: bool,
 }
 
-/// Reads a path file of any kind.
+/// What is to be said about a path that can be flown.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct Remarks {
+    /// What is good to know, a sentence each.
+    pub notes: Vec<String>,
+    /// What may not be as meant, a sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl PathSettings {
+    /// Vertical field of view of a picture of this size, radians, if the path says one.
+    #[must_use]
+    pub fn vfov_of(&self, width: u32, height: u32) -> Option<f64> {
+        let of_horizontal = |hfov: f64| 2.0 * ((hfov / 2.0).tan() * f64::from(height) / f64::from(width)).atan();
+        self.vfov_rad.or(self.hfov_rad.map(of_horizontal))
+    }
+}
+
+/// Reads a path file of any kind; what is to be said about it goes into `remarks`.
 ///
 /// # Errors
 /// [`PathError`], a sentence with the file and the place in it.
@@ -194,19 +136,10 @@ pub fn load(
     world: &Georeference,
     ground: &dyn Ground,
     options: CourseOptions,
+    remarks: &mut Remarks,
 ) -> Result<CameraPath, PathError> {
-    let read = |source| PathError::Read { path: path.to_owned(), source };
-    let bytes = std::fs::metadata(path).map_err(read)?.len();
-    if bytes > MAX_JSON_BYTES {
-        return Err(PathError::TooLarge { path: path.to_owned(), bytes, limit: MAX_JSON_BYTES });
-    }
-    let text = std::fs::read(path).map_err(read)?;
-    // Some editors of other systems put a byte order mark first; neither JSON nor the XML reader wants it.
-    let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&text);
-    let Ok(text) = std::str::from_utf8(text) else {
-        return Err(PathError::UnknownFormat { path: path.to_owned(), found: "bytes that are no UTF-8 text".into() });
-    };
-    parse(path, text, world, ground, options)
+    let source = file::read(path)?;
+    parse(&source.path, &source.text, world, ground, options, remarks)
 }
 
 /// Reads the text of a path file; `path` is for messages.
@@ -219,30 +152,57 @@ pub fn parse(
     world: &Georeference,
     ground: &dyn Ground,
     options: CourseOptions,
+    remarks: &mut Remarks,
 ) -> Result<CameraPath, PathError> {
-    let unknown = |found: String| PathError::UnknownFormat { path: path.to_owned(), found };
     match text.trim_start().chars().next() {
-        Some('{') => json::parse(path, text, world),
+        Some('{') => {
+            if options.agl_m.is_some() {
+                return Err(PathError::HasHeights { path: path.to_owned(), kind: "poses" });
+            }
+            json::parse(path, text, world)
+        }
         Some('<') => {
             if text.len() as u64 > MAX_XML_BYTES {
-                let bytes = text.len() as u64;
-                return Err(PathError::TooLarge { path: path.to_owned(), bytes, limit: MAX_XML_BYTES });
+                return Err(PathError::TooLarge { path: path.to_owned(), limit: MAX_XML_BYTES });
             }
-            let parsing = roxmltree::ParsingOptions { nodes_limit: MAX_XML_NODES, ..Default::default() };
-            let document = roxmltree::Document::parse_with_options(text, parsing)
-                .map_err(|source| PathError::Xml { path: path.to_owned(), source })?;
-            match document.root_element().tag_name().name() {
-                "kml" => kml::parse(path, &document, world, ground),
-                "gpx" => gpx::parse(path, &document, world, ground, options),
-                other => Err(unknown(format!("XML of the kind <{}>", shorten(other)))),
+            let document = xml::Document::parse(path, text, &ROOTS)?;
+            if KML_ROOTS.contains(&document.root().name()) {
+                kml::parse(path, &document, world, ground, options, remarks)
+            } else {
+                gpx::parse(path, &document, world, ground, options, remarks)
             }
         }
-        Some(_) if text.starts_with("PK") => {
-            Err(unknown("a ZIP archive; unpack a KMZ file and fly its doc.kml".into()))
-        }
-        Some(_) => Err(unknown(format!("{:?}", shorten(text.trim_start())))),
-        None => Err(unknown("an empty file".into())),
+        _ => Err(PathError::UnknownFormat { path: path.to_owned(), found: what_is(text) }),
     }
+}
+
+/// A text that is neither JSON nor XML, and what to do.
+fn what_is(text: &str) -> String {
+    let start = text.trim_start();
+    let is_binary =
+        text.chars().take(400).any(|c| c == char::REPLACEMENT_CHARACTER || (c.is_control() && !c.is_whitespace()));
+    match start.chars().next() {
+        None => "an empty file".into(),
+        _ if is_binary => "bytes that are no text".into(),
+        Some('$') => "NMEA sentences; gpsbabel -i nmea -f FILE -o gpx -F FILE.gpx makes a GPX of them".into(),
+        Some('A') if start.lines().any(|line| line.starts_with("HFDTE")) => {
+            "an IGC recording; gpsbabel -i igc -f FILE -o gpx -F FILE.gpx makes a GPX of it".into()
+        }
+        Some(_) => format!("\"{}\"", printable(start)),
+    }
+}
+
+/// The first characters of a text that came from outside, as they may go to a terminal.
+pub(crate) fn printable(text: &str) -> String {
+    let short = shorten(text);
+    short.chars().fold(String::with_capacity(short.len()), |mut out, c| {
+        if c.is_control() {
+            out.extend(c.escape_default())
+        } else {
+            out.push(c)
+        }
+        out
+    })
 }
 
 /// The first characters of a text that came from outside, for a message.
@@ -271,7 +231,11 @@ impl Course {
             }
         };
         if frames > MAX_FRAMES as f64 {
-            return Err(PathError::TooLong { frames, fps });
+            // Rounded up to two digits, so that it surely suffices.
+            let least = frames * speed / MAX_FRAMES as f64;
+            let digit = 10f64.powf(least.log10().floor() - 1.0);
+            let enough = ((least / digit).ceil() * digit * 1e6).round() / 1e6;
+            return Err(PathError::TooLong { frames, fps, hours: frames / fps * speed / 3600.0, speed: enough });
         }
         Ok(Some(frames as u64))
     }
@@ -285,7 +249,8 @@ impl Course {
             Self::Round(poses) => poses.get(usize::try_from(frame.checked_rem(poses.len() as u64)?).ok()?).copied(),
             Self::Timed(pieces) => {
                 let t = pieces.first()?.start() + frame as f64 * speed / fps;
-                let piece = pieces.iter().rev().find(|piece| piece.start() <= t).or(pieces.first())?;
+                let after = pieces.partition_point(|piece| piece.start() <= t);
+                let piece = pieces.get(after.saturating_sub(1))?;
                 Some(piece.pose(t))
             }
         }
@@ -318,19 +283,28 @@ pub(crate) mod tests {
     }
 
     pub(crate) fn parse_text(text: &str) -> Result<CameraPath, PathError> {
-        parse(Path::new("p"), text, &utm10(), &Plain, CourseOptions { agl_m: 150.0 })
+        parse_with(text, CourseOptions::default()).0
+    }
+
+    pub(crate) fn parse_with(text: &str, options: CourseOptions) -> (Result<CameraPath, PathError>, Remarks) {
+        let mut remarks = Remarks::default();
+        let path = parse(Path::new("p"), text, &utm10(), &Plain, options, &mut remarks);
+        (path, remarks)
     }
 
     #[test]
-    fn what_is_no_path_is_named() {
+    fn what_is_no_path_is_named_with_what_to_do() {
         for (text, expected) in [
             ("", "an empty file"),
-            ("hello", "hello"),
-            ("PK\x03\x04", "unpack a KMZ"),
+            (" \n", "an empty file"),
+            ("hello", "found \"hello\""),
+            ("\u{fffd}PNG\r\n\u{1a}\n", "bytes that are no text"),
             ("<svg/>", "<svg>"),
             ("<kml", "not valid XML"),
             ("{", "not valid JSON"),
             ("[]", "expected a JSON object"),
+            ("$GPGGA,1", "gpsbabel -i nmea"),
+            ("AXXX\nHFDTE010524\n", "gpsbabel -i igc"),
         ] {
             let message = parse_text(text).unwrap_err().to_string();
             assert!(message.contains(expected) && !message.contains('\n'), "{text}: {message}");
@@ -341,6 +315,60 @@ pub(crate) mod tests {
     fn entities_cannot_read_files_or_explode() {
         let text = "<!DOCTYPE kml [<!ENTITY x SYSTEM \"file:///etc/passwd\">]><kml>&x;</kml>";
         assert!(parse_text(text).unwrap_err().to_string().contains("not valid XML"));
+    }
+
+    #[test]
+    fn a_path_that_is_too_long_says_how_fast_it_is_short_enough() {
+        let text = r#"{"keyframes":[{"t":0,"x":0,"y":0,"z":0,"heading":0,"pitch":0},{"t":200000,"x":1,"y":0,"z":0,"heading":0,"pitch":0}]}"#;
+        let course = parse_text(text).unwrap().course;
+        let PathError::TooLong { speed, hours, .. } = course.frame_count(30.0, 1.0).unwrap_err() else { panic!() };
+        assert!(course.frame_count(30.0, speed).is_ok() && course.frame_count(30.0, 0.95 * speed).is_err(), "{speed}");
+        assert!((hours - 55.6).abs() < 0.1);
+        let message = course.frame_count(30.0, 1.0).unwrap_err().to_string();
+        assert!(message.contains("6000001 frames") && message.contains("--speed 3.1 makes"), "{message}");
+    }
+
+    #[test]
+    fn a_compressed_kmz_is_flown_as_its_kml() {
+        let view = |lon: f64| {
+            format!(
+                "<gx:FlyTo><gx:duration>2</gx:duration><Camera><longitude>{lon}</longitude><latitude>45</latitude></Camera></gx:FlyTo>"
+            )
+        };
+        let text = format!("<kml><gx:Tour><gx:Playlist>{}{}</gx:Playlist></gx:Tour></kml>", view(-122.0), view(-121.9));
+        let path = std::env::temp_dir().join(format!("tv-path-{}.kmz", std::process::id()));
+        let utf16: Vec<u8> = format!("\u{feff}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for doc in [text.as_bytes(), &utf16] {
+            std::fs::write(&path, zip::tests::archive(&[("files/a.png", &[0; 999]), ("doc.kml", doc)])).unwrap();
+            let mut remarks = Remarks::default();
+            let flown = load(&path, &utm10(), &Plain, CourseOptions::default(), &mut remarks).unwrap();
+            assert_eq!((flown, remarks), (parse_text(&text).unwrap(), Remarks::default()));
+        }
+        // Messages name the file in the archive.
+        std::fs::write(&path, zip::tests::archive(&[("tour.kml", b"<kml>\n<a></kml>")])).unwrap();
+        let error = load(&path, &utm10(), &Plain, CourseOptions::default(), &mut Remarks::default()).unwrap_err();
+        assert!(error.to_string().contains(".kmz/tour.kml is not valid XML: line 2: expected </a>"), "{error}");
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn cuts_are_found_by_their_time() {
+        let pose = |x| Pose { position: DVec3::new(x, 0.0, 0.0), heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0 };
+        let piece = |i: usize| {
+            let keys = [0.0, 1.0].map(|t| spline::Key::passing(i as f64 + t, pose(10.0 * i as f64 + t)));
+            Spline::new(&keys).unwrap()
+        };
+        let course = Course::Timed((0..5).map(piece).collect());
+        let xs: Vec<f64> = (0..=10).map(|frame| course.pose(frame, 2.0, 1.0).unwrap().position.x).collect();
+        assert_eq!(xs, [0.0, 0.5, 10.0, 10.5, 20.0, 20.5, 30.0, 30.5, 40.0, 40.5, 41.0]);
+    }
+
+    #[test]
+    fn a_horizontal_field_of_view_becomes_a_vertical_one_by_the_picture() {
+        let settings = PathSettings { hfov_rad: Some(1.0), ..PathSettings::default() };
+        let vfov = settings.vfov_of(1280, 720).unwrap();
+        assert!(((vfov / 2.0).tan() * 1280.0 / 720.0 - 0.5f64.tan()).abs() < 1e-12);
+        assert!((settings.vfov_of(500, 500).unwrap() - 1.0).abs() < 1e-12);
     }
 
     #[test]

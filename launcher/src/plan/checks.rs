@@ -35,12 +35,17 @@ pub(super) fn fps(asked: Option<f64>) -> Result<f64, Failure> {
 pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
     let fps = fps(args.fps.or(path.settings.fps))?;
     let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
-    if args.speed.is_some() && !path.course.is_timed() {
-        return Err(Failure::bad_input(anyhow!(
-            "--speed is for paths that are given in time (keyframes, KML, GPX); this one has a pose per frame"
-        )));
+    const IN_TIME: &str = "--speed is for paths that are given in time (keyframes, KML, GPX)";
+    match (&path.course, args.speed) {
+        (Course::Frames(_), Some(_)) => Err(Failure::bad_input(anyhow!(
+            "{IN_TIME}; this one has a pose per frame: --fps makes it faster or slower"
+        ))),
+        (Course::Round(poses), Some(_)) => Err(Failure::bad_input(anyhow!(
+            "{IN_TIME}; the orbit turns once in {} frames: --fps makes it faster or slower",
+            poses.len()
+        ))),
+        _ => Ok((fps, speed)),
     }
-    Ok((fps, speed))
 }
 
 /// The frames to fly: those asked for, or all.

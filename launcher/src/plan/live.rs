@@ -2,7 +2,8 @@
 
 use super::checks::in_range;
 use super::{DEFAULT_VFOV_DEG, open_world};
-use crate::cli::{FlyArgs, LiveArgs};
+use crate::cli::FlyArgs;
+use crate::cli::planes::PlaneArgs;
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::input::gate::{Gate, GateSettings};
@@ -19,22 +20,20 @@ pub(super) fn shared_name(output: &Path) -> Option<&str> {
 }
 
 /// The frame ring that is asked for, by `-o shared:NAME` or by `--share NAME`.
-pub(super) fn share(output: &Path, args: &LiveArgs) -> Result<Option<ShareConfig>, Failure> {
-    let name = match (shared_name(output), args.share.as_deref()) {
+pub(super) fn share(args: &FlyArgs) -> Result<Option<ShareConfig>, Failure> {
+    let name = match (shared_name(&args.output), args.live.share.as_deref()) {
         (Some(_), Some(second)) => {
-            return Err(Failure::bad_input(anyhow!("--share {second}: frames go to -o {} already", output.display())));
-        }
-        (Some(name), None) | (None, Some(name)) => name,
-        (None, None) if args.depth || args.ground => {
             return Err(Failure::bad_input(anyhow!(
-                "--depth and --ground are for shared frames: -o shared:NAME or --share NAME (terravision still writes \
-                 them into files)"
+                "--share {second}: frames go to -o {} already",
+                args.output.display()
             )));
         }
+        (Some(name), None) | (None, Some(name)) => name,
         (None, None) => return Ok(None),
     };
     let name = SharedName::parse(name).map_err(Failure::bad_input)?.to_string();
-    Ok(Some(ShareConfig { name, has_depth: args.depth, has_ground: args.ground }))
+    let PlaneArgs { depth, ground } = &args.planes;
+    Ok(Some(ShareConfig { name, has_depth: depth.is_some(), has_ground: ground.is_some() }))
 }
 
 /// The input that `--camera` asks for, listening.

@@ -3,28 +3,32 @@
 
 mod checks;
 mod compression;
+mod course;
+mod film;
 mod live;
+mod planes;
 
 pub use checks::{FAR_FROM_WORLD, frame_range, pace};
+pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
 use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    CourseArgs, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs,
-    ResourceArgs, StillArgs,
+    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    StillArgs,
 };
+use crate::data_set::DataSet;
 use crate::failure::Failure;
 use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
-use crate::machine::{bytes_for_people, find_program};
+use crate::machine::bytes_for_people;
 use crate::metrics::MetricsSocket;
 use crate::output::{self, FrameFolder, TemporaryFile};
-use crate::path::crs::Georeference;
-use crate::path::orbit;
-use crate::path::{self, CameraPath, CourseOptions, Pose};
+use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
+use crate::stream::film::Container;
 use crate::world::{self, open_world};
 use anyhow::anyhow;
 use checks::{
@@ -33,22 +37,34 @@ use checks::{
 };
 use compression::TexelQuestion;
 use glam::DVec3;
+use planes::PlaneFolders;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::Camera;
+use terravision_common::film::even;
 use terravision_common::run::{
     OPEN_END, PlaneTarget, RaysChoice, RenderConfig, RunConfig, ShareConfig, SinkConfig, TechniqueChoice,
 };
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_store::Store;
 
-/// Where `--path orbit` is meant, unless a file has that name.
-const ORBIT: &str = "orbit";
-/// Default height of a GPX track above ground, metres.
-const DEFAULT_AGL_M: f64 = 150.0;
-const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
+/// Names of pictures end with one of these.
+const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp"];
+/// Size of a picture for which neither the command line nor the path says one.
+pub const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
 const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+fn sky_of(body: &str) -> [u8; 3] {
+    match body {
+        "Mars" => [210, 170, 125],
+        "Venus" => [215, 180, 110],
+        "Titan" => [190, 140, 60],
+        "Moon" | "Mercury" | "Ceres" | "Vesta" => [0, 0, 0],
+        _ => DEFAULT_SKY,
+    }
+}
 /// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
 const FRAMES_IN_FLIGHT: u32 = 0;
 
@@ -67,6 +83,8 @@ pub struct FlightPlan {
     pub live: Option<LiveCamera>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
+    /// Depth and ground of every frame, if they go into files. Before the folder of frames, in which its folders may be.
+    pub data_set: Option<DataSet>,
     /// The folder of frames, if that is where they go.
     pub folder: Option<FrameFolder>,
     /// The stream, if that is where frames go.
@@ -77,6 +95,8 @@ pub struct FlightPlan {
     pub trace: Option<TemporaryFile>,
     /// Where figures are served while the run goes on, if they are wanted.
     pub metrics: Option<MetricsSocket>,
+    /// What is good to know of the flight, a sentence each.
+    pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
     /// Whether the run says nothing but warnings and errors.
@@ -87,29 +107,6 @@ pub struct FlightPlan {
     pub destination: String,
     /// Which deaths of stages the run survives.
     pub restarts: RestartRules,
-}
-
-/// The CRS of a world, for paths in other coordinates.
-#[must_use]
-pub fn georeference(database: &Store) -> Georeference {
-    let crs = &database.manifest().crs;
-    Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref())
-}
-
-/// The path that `--path` means.
-///
-/// # Errors
-/// Bad input: the file cannot be read or is no path.
-pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<CameraPath, Failure> {
-    let agl_m = in_range("--agl", args.agl.unwrap_or(DEFAULT_AGL_M), 1.0, 1e6, "metres from 1 to 1000000")?;
-    let world = database.world();
-    if args.path == Path::new(ORBIT) {
-        let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
-        let ground = WorldGround::coarse(database, world, exaggeration, spacing);
-        return Ok(orbit::orbit(&ground.extent(), &ground));
-    }
-    let ground = WorldGround::finest(database, world, exaggeration);
-    path::load(&args.path, &georeference(database), &ground, CourseOptions { agl_m }).map_err(Failure::bad_input)
 }
 
 /// The plan of `terravision fly`.
@@ -133,7 +130,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.frames = [0, OPEN_END];
         draft
     } else {
-        let path = load_path(&args.course, &database, exaggeration)?;
+        let LoadedPath { path, notes, warnings } = load_path(&args.course, &database, exaggeration)?;
         let (fps, speed) = pace(&args.course, &path)?;
         let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
         let poses: Option<Vec<Pose>> =
@@ -143,12 +140,17 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         draft.fps = fps;
         draft.frames = frames;
         draft.poses = poses;
+        (draft.notes, draft.warnings) = (notes, warnings);
         draft
     };
 
     let run = draft.run.to_string();
-    draft.share = live::share(&args.output, &args.live)?;
+    draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
+    let is_film = !is_folder_name(&args.output) && has_extension(&args.output, &Container::EXTENSIONS);
+    if !is_film {
+        film::refuse(&args.film, &args.output)?;
+    }
     if live::shared_name(&args.output).is_some() || args.output == Path::new("/dev/null") {
         draft.sink = SinkConfig::Null;
     } else if args.output == Path::new("-") {
@@ -169,29 +171,55 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
         let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
         draft.sink = SinkConfig::PngFolder(folder.path().to_owned());
         draft.folder = Some(folder);
-    } else if has_extension(&args.output, &["mp4", "mkv", "mov"]) {
-        if find_program("ffmpeg").is_none() {
-            return Err(Failure::failed(anyhow!(
-                "ffmpeg is not installed, and makes the film: apt-get install ffmpeg, or write frames with -o DIR/"
-            )));
-        }
+    } else if let Some(format) = film::format(&args.output, &args.film)? {
         let file = TemporaryFile::create(&args.output, &run).map_err(Failure::bad_input)?;
-        draft.stream_into(StreamTarget::Film { path: args.output.clone(), temporary: file.temporary().to_owned() });
+        let temporary = file.temporary().to_owned();
+        draft.stream_into(StreamTarget::Film { path: args.output.clone(), temporary, format });
         draft.files.push(file);
     } else {
-        return Err(Failure::bad_input(anyhow!(
-            "-o {}: expected a film (.mp4, .mkv, .mov), a folder that ends with a slash, - for standard output, or \
-             shared:NAME",
-            args.output.display()
-        )));
+        return Err(no_output(&args.output));
     }
+    draft.planes = PlaneFolders::create(args, &run)?;
+    [draft.depth, draft.ground] = draft.planes.targets();
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
     let mut plan = draft.finish(texels, &args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
     plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
+    plan.notes.extend(of_odd_sides(&plan));
     Ok(plan)
+}
+
+/// What a film of odd sides becomes.
+fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
+    let size = [plan.config.width, plan.config.height];
+    let [width, height] = even(size);
+    let is_padded = matches!(plan.stream, Some(StreamTarget::Film { .. })) && size != [width, height];
+    is_padded.then(|| {
+        format!(
+            "a film has even sides: {}x{} becomes {width}x{height}, its last column or row is repeated",
+            size[0], size[1]
+        )
+    })
+}
+
+/// What can be written in place of what was asked for.
+fn no_output(output: &Path) -> Failure {
+    if has_extension(output, &PICTURES) {
+        return Failure::bad_input(anyhow!(
+            "-o {0}: a flight has many frames; expected a folder for them, e.g. -o {1}/ (PNG files), or a film (.{2}); \
+             terravision still makes one picture",
+            output.display(),
+            output.with_extension("").display(),
+            Container::EXTENSIONS.join(", .")
+        ));
+    }
+    Failure::bad_input(anyhow!(
+        "-o {}: expected a film (.{}), a folder that ends with a slash, - for standard output, or shared:NAME",
+        output.display(),
+        Container::EXTENSIONS.join(", .")
+    ))
 }
 
 /// The plan of `terravision still`.
@@ -215,7 +243,30 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
-        return Err(Failure::bad_input(anyhow!("-o {}: expected a PNG file, e.g. a.png", args.output.display())));
+        let is_other = !is_folder_name(&args.output) && has_extension(&args.output, &PICTURES);
+        let advice = if is_other {
+            "; JPEG and the like are made of it by other programs, e.g. ffmpeg -i a.png a.jpg"
+        } else {
+            ""
+        };
+        return Err(Failure::bad_input(anyhow!(
+            "-o {}: expected a PNG file, e.g. a.png{advice}",
+            args.output.display()
+        )));
+    }
+    for (flag, path, values) in
+        [("--depth", &args.depth, "depths are float32"), ("--ground", &args.ground, "positions are float64")]
+    {
+        if let Some(path) = path
+            && !path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())
+            && (is_folder_name(path) || !has_extension(path, &["tif", "tiff"]))
+        {
+            return Err(Failure::bad_input(anyhow!(
+                "{flag} {}: expected a TIFF file, e.g. {}.tif: {values}, which other kinds of pictures do not hold",
+                path.display(),
+                flag.trim_start_matches('-')
+            )));
+        }
     }
     let mut named: Vec<PathBuf> = Vec::new();
     let mut temporary = |path: &Path| -> Result<PathBuf, Failure> {
@@ -255,16 +306,18 @@ struct Draft<'a> {
     fps: f64,
     frames: [u64; 2],
     poses: Vec<Pose>,
+    notes: Vec<String>,
+    warnings: Vec<String>,
     sink: SinkConfig,
     depth: Option<PlaneTarget>,
     ground: Option<PlaneTarget>,
     share: Option<ShareConfig>,
+    planes: PlaneFolders,
     files: Vec<TemporaryFile>,
     folder: Option<FrameFolder>,
     stream: Option<StreamTarget>,
     destination: String,
     realtime: Option<&'a RealtimeArgs>,
-    warnings: Vec<String>,
 }
 
 impl<'a> Draft<'a> {
@@ -285,16 +338,18 @@ impl<'a> Draft<'a> {
             fps: DEFAULT_FPS,
             frames: [0, 1],
             poses: Vec::new(),
+            notes: Vec::new(),
+            warnings: Vec::new(),
             sink: SinkConfig::Null,
             depth: None,
             ground: None,
             share: None,
+            planes: PlaneFolders::default(),
             files: Vec::new(),
             folder: None,
             stream: None,
             destination: String::new(),
             realtime: None,
-            warnings: Vec::new(),
         })
     }
 
@@ -306,12 +361,13 @@ impl<'a> Draft<'a> {
     fn finish(self, texels: TexelQuestion, measurements: &MeasurementArgs) -> Result<FlightPlan, Failure> {
         let Self { database, access, picture, resources, settings, .. } = self;
         let world = &database.world().clone();
-        let vfov_deg = picture.vfov.or(settings.vfov_rad.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
-        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let size = picture.size.unwrap_or(PictureSize {
             width: settings.width.unwrap_or(DEFAULT_SIZE.width),
             height: settings.height.unwrap_or(DEFAULT_SIZE.height),
         });
+        let of_path = settings.vfov_of(size.width, size.height).map(f64::to_degrees);
+        let vfov_deg = picture.vfov.or(of_path).unwrap_or(DEFAULT_VFOV_DEG);
+        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let (asked, rays) = checks::technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
@@ -374,38 +430,44 @@ impl<'a> Draft<'a> {
         let index = database.index().path();
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
-        Ok(FlightPlan {
-            config: RunConfig {
-                run_id: run.clone(),
-                // The stages run in this folder too, but an absolute name reads better in messages.
-                world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
-                database: world::config(database.location(), access),
-                width: size.width,
-                height: size.height,
-                fps: self.fps,
-                frames: self.frames,
-                r_z_px,
-                r_c_px,
-                measure: picture.measure.into(),
-                exaggeration,
-                texels,
-                decoder_threads,
-                prefetch: prefetch(self.realtime),
-                render: RenderConfig {
-                    technique,
-                    rays,
-                    sky_rgb: picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or(DEFAULT_SKY),
-                    samples: picture.samples.unwrap_or(samples),
-                    has_tree_overlay: picture.overlay == Some(Overlay::Tree),
-                    has_validation: resources.validation,
-                    frames_in_flight: FRAMES_IN_FLIGHT,
-                    sink: self.sink,
-                    depth: self.depth,
-                    ground: self.ground,
-                    share: self.share,
-                },
-                realtime,
+        let config = RunConfig {
+            run_id: run.clone(),
+            // The stages run in this folder too, but an absolute name reads better in messages.
+            world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
+            database: world::config(database.location(), access),
+            width: size.width,
+            height: size.height,
+            fps: self.fps,
+            frames: self.frames,
+            r_z_px,
+            r_c_px,
+            measure: picture.measure.into(),
+            exaggeration,
+            texels,
+            decoder_threads,
+            prefetch: prefetch(self.realtime),
+            render: RenderConfig {
+                technique,
+                rays,
+                sky_rgb: picture
+                    .sky
+                    .map(|Rgb(rgb)| rgb)
+                    .or(settings.sky_rgb)
+                    .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
+                samples: picture.samples.unwrap_or(samples),
+                has_tree_overlay: picture.overlay == Some(Overlay::Tree),
+                has_validation: resources.validation,
+                frames_in_flight: FRAMES_IN_FLIGHT,
+                sink: self.sink,
+                depth: self.depth,
+                ground: self.ground,
+                share: self.share,
             },
+            realtime,
+        };
+        Ok(FlightPlan {
+            data_set: self.planes.into_data_set(&config, &database),
+            config,
             report: measurements.report.as_deref().map(temporary).transpose()?,
             trace: measurements.trace.as_deref().map(temporary).transpose()?,
             metrics: measurements.metrics.map(MetricsSocket::open).transpose()?,
@@ -416,6 +478,7 @@ impl<'a> Draft<'a> {
             files: self.files,
             folder: self.folder,
             stream: self.stream,
+            notes: self.notes,
             warnings,
             is_quiet: resources.quiet,
             database,

@@ -1,9 +1,9 @@
 //! ffmpeg, fed raw frames.
 //!
-//! H.264, 4:2:0, BT.709, constant quality. The number of the encoder's threads is fixed, because x264's output depends on
-//! it: the same pictures make the same bytes on any machine with the same ffmpeg.
+//! What it is told of codecs stands in [`super::film`].
 
 use super::StreamError;
+use super::film::FilmFormat;
 use crate::flight::supervisor::signal_name;
 use crate::thread::in_thread;
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -15,10 +15,6 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::film::{even, rational_fps};
 
-/// Threads of the encoder, on every machine.
-const ENCODER_THREADS: &str = "4";
-/// x264's constant rate factor: 18 is taken for visually lossless; 23, its default, smears forests.
-const QUALITY: &str = "18";
 /// How long the end of an encoder's messages is waited for after its own.
 const WORDS_PATIENCE: Duration = Duration::from_millis(500);
 /// Bytes of ffmpeg's messages that are kept.
@@ -37,18 +33,22 @@ impl Encoder {
     ///
     /// # Errors
     /// [`StreamError::StartEncoder`].
-    pub fn start(program: &Path, path: &Path, size: [u32; 2], fps: f64) -> Result<(Self, ChildStdin), StreamError> {
+    pub fn start(
+        program: &Path,
+        path: &Path,
+        format: FilmFormat,
+        size: [u32; 2],
+        fps: f64,
+    ) -> Result<(Self, ChildStdin), StreamError> {
         let ([n, d], [width, height]) = (rational_fps(fps), even(size));
         let mut command = Command::new(program);
         command
             .args(["-hide_banner", "-nostdin", "-loglevel", "error", "-y"])
             .args(["-f", "rawvideo", "-pixel_format", "rgb0"])
             .args(["-video_size", &format!("{width}x{height}"), "-framerate", &format!("{n}/{d}"), "-i", "pipe:0"])
-            .args(["-vf", "scale=out_color_matrix=bt709:out_range=limited:flags=accurate_rnd+full_chroma_int"])
-            .args(["-pix_fmt", "yuv420p", "-c:v", "libx264", "-preset", "veryfast", "-crf", QUALITY])
-            .args(["-threads", ENCODER_THREADS, "-colorspace", "bt709", "-color_primaries", "bt709"])
-            .args(["-color_trc", "bt709", "-color_range", "tv"])
-            .args(["-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"])
+            .args(format.arguments())
+            // SVT-AV1 introduces itself on standard error otherwise, where errors are expected.
+            .env("SVT_LOG", "1")
             .arg(path)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())

@@ -5,14 +5,16 @@
 //! its successor ──────▶ another pipe ──┘
 //! ```
 //!
-//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it is given.
+//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it is given. [`film`]: codecs.
 
 pub mod encoder;
+pub mod film;
 pub mod hang;
 pub mod relay;
 
 use crate::thread::in_thread;
 use encoder::Encoder;
+use film::FilmFormat;
 use hang::EncoderWatch;
 use relay::{Passage, Relay, StreamShape};
 use std::fs::File;
@@ -41,6 +43,8 @@ pub enum StreamTarget {
         path: PathBuf,
         /// Where it is written to.
         temporary: PathBuf,
+        /// How it is encoded.
+        format: FilmFormat,
     },
     /// Y4M on standard output.
     Stdout,
@@ -145,8 +149,8 @@ impl StreamKeeper {
             has_gaps: config.realtime.is_some(),
         };
         let (encoder, out): (_, Box<dyn Write + Send>) = match target {
-            StreamTarget::Film { temporary, .. } => {
-                let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, size, config.fps)?;
+            StreamTarget::Film { temporary, format, .. } => {
+                let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, *format, size, config.fps)?;
                 (Some(encoder), Box::new(input))
             }
             StreamTarget::Stdout => {
@@ -227,7 +231,7 @@ impl StreamKeeper {
             })
         });
         let ended = self.encoder.take().map(Encoder::end);
-        let (Some(ended), StreamTarget::Film { path, temporary }) = (ended, &self.target) else { return relayed };
+        let (Some(ended), StreamTarget::Film { path, temporary, .. }) = (ended, &self.target) else { return relayed };
         let failed = |reason: &str| Err(StreamError::Encoder { reason: reason.to_owned(), path: path.clone() });
         match (ended, relayed) {
             _ if watch.hung_after().is_some() => {

@@ -1,6 +1,7 @@
 //! Streams over pipes of this process.
 
 use super::encoder::Encoder;
+use super::film::{Codec, Container, FilmFormat};
 use super::relay::{Passage, Relay, StreamShape};
 use super::{StreamError, StreamTarget};
 use std::fs;
@@ -143,7 +144,8 @@ fn a_reader_that_goes_is_told_of_before_the_renderer_notices() {
 #[test]
 fn targets_have_their_encodings() {
     assert_eq!(StreamTarget::Stdout.encoding(), FrameEncoding::Y4m);
-    let film = StreamTarget::Film { path: "a.mp4".into(), temporary: ".a.part.mp4".into() };
+    let film =
+        StreamTarget::Film { path: "a.mp4".into(), temporary: ".a.part.mp4".into(), format: FilmFormat::usual() };
     assert_eq!(film.encoding(), FrameEncoding::Raw);
 }
 
@@ -156,7 +158,7 @@ fn an_encoder_that_complains_and_ends_with_success_has_failed() {
     fs::write(&program, script).unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
     let started = loop {
-        match Encoder::start(&program, &folder.join("a.mp4"), [2, 2], 30.0) {
+        match Encoder::start(&program, &folder.join("a.mp4"), FilmFormat::usual(), [2, 2], 30.0) {
             // Another test's fork holds the script open for writing for a moment.
             Err(StreamError::StartEncoder { source }) if source.kind() == io::ErrorKind::ExecutableFileBusy => {}
             started => break started,
@@ -175,7 +177,11 @@ fn folder(name: &str) -> PathBuf {
 }
 
 fn film(path: &Path, size: [u32; 2]) -> Result<(), String> {
-    let (encoder, mut input) = Encoder::start("ffmpeg".as_ref(), path, size, 30.0).unwrap();
+    film_of(path, FilmFormat::usual(), size)
+}
+
+fn film_of(path: &Path, format: FilmFormat, size: [u32; 2]) -> Result<(), String> {
+    let (encoder, mut input) = Encoder::start("ffmpeg".as_ref(), path, format, size, 30.0).unwrap();
     let bytes = FrameEncoding::Raw.frame_bytes(size);
     let frame: Vec<u8> = (0..bytes).map(|i| (i % 251) as u8).collect();
     // An encoder that gives up closes its input.
@@ -194,18 +200,61 @@ fn the_same_pictures_make_the_same_film() {
     fs::remove_dir_all(folder).unwrap();
 }
 
+/// What ffprobe says of the first stream of a film.
+fn probe(path: &Path) -> String {
+    let output = std::process::Command::new("ffprobe")
+        .args(["-v", "error", "-count_frames", "-select_streams", "v:0", "-of", "csv=p=0"])
+        .args(["-show_entries", "stream=codec_name,width,height,nb_read_frames"])
+        .arg(path)
+        .output()
+        .unwrap();
+    String::from_utf8(output.stdout).unwrap().trim().trim_end_matches(',').to_owned()
+}
+
+/// Of those that this machine's ffmpeg can do.
+#[test]
+fn every_codec_makes_the_same_film_of_the_same_pictures() {
+    let folder = folder("codecs");
+    let listed = std::process::Command::new("ffmpeg").args(["-hide_banner", "-encoders"]).output().unwrap();
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    for (name, found, codec) in [
+        ("mp4", "h264", Codec::H264),
+        ("mov", "hevc", Codec::H265),
+        ("webm", "vp9", Codec::Vp9),
+        ("mp4", "av1", Codec::Av1),
+        ("mkv", "ffv1", Codec::Ffv1),
+        ("gif", "gif", Codec::Gif),
+    ] {
+        if !listed.contains(&format!(" {} ", codec.encoder())) {
+            continue;
+        }
+        let films = ["a", "b"].map(|stem| folder.join(format!("{stem}-{}.{name}", codec.name())));
+        let container = Container::of(&films[0]).unwrap();
+        assert!(container.codecs().contains(&codec));
+        let format = FilmFormat { container, codec, crf: codec.crf().map(|(usual, _)| usual) };
+        // SVT-AV1 takes no smaller pictures.
+        films.iter().for_each(|path| film_of(path, format, [129, 65]).unwrap());
+        assert_eq!(probe(&films[0]), format!("{found},130,66,10"), "{}", codec.name());
+        let [a, b] = films.map(|path| fs::read(path).unwrap());
+        assert!(a == b, "{}: {} and {} bytes", codec.name(), a.len(), b.len());
+    }
+    fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn an_encoder_that_fails_is_quoted_and_one_that_is_killed_ends() {
     let folder = folder("fails");
     // The container that belongs to this extension does not exist.
     let words = film(&folder.join("a.nonsense"), [512, 512]).unwrap_err();
     assert!(words.len() > 10, "{words}");
-    let (mut encoder, _input) = Encoder::start("ffmpeg".as_ref(), &folder.join("b.mp4"), [64, 64], 30.0).unwrap();
+    let (mut encoder, _input) =
+        Encoder::start("ffmpeg".as_ref(), &folder.join("b.mp4"), FilmFormat::usual(), [64, 64], 30.0).unwrap();
     assert!(encoder.is_busy());
     let pid = encoder.pid();
     encoder.kill();
     assert!(!Path::new(&format!("/proc/{pid}")).exists());
-    let missing = Encoder::start("/nonexistent/ffmpeg".as_ref(), &folder.join("c.mp4"), [64, 64], 30.0);
+    let missing =
+        Encoder::start("/nonexistent/ffmpeg".as_ref(), &folder.join("c.mp4"), FilmFormat::usual(), [64, 64], 30.0);
     assert!(matches!(missing, Err(StreamError::StartEncoder { .. })));
     fs::remove_dir_all(folder).unwrap();
 }

@@ -5,19 +5,21 @@ use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::time::SystemTime;
+use terravision_common::files::open_regular;
 
 const MAGIC: &[u8; 4] = b"TVx1";
 pub(super) const HEADER_BYTES: usize = 8;
 
 /// The content and when it was used last; `None` for an entry that is damaged.
 pub(super) fn read(path: &Path, length: u64) -> io::Result<Option<(Bytes, SystemTime)>> {
-    let mut file = File::open(path)?;
+    let file = open_regular(path)?;
     let about = file.metadata()?;
     if about.len() != length + HEADER_BYTES as u64 {
         return Ok(None);
     }
+    // As long as the piece that was asked for; not more is read of one that grows.
     let mut bytes = Vec::with_capacity(about.len() as usize);
-    file.read_to_end(&mut bytes)?;
+    file.take(about.len()).read_to_end(&mut bytes)?;
     let Some((header, content)) = bytes.split_first_chunk::<HEADER_BYTES>() else { return Ok(None) };
     let is_whole = content.len() as u64 == length
         && &header[..4] == MAGIC

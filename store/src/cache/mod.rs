@@ -9,6 +9,9 @@
 //!   tiles/<database>/<xx>/<archive>-<first byte>-<bytes>
 //! ```
 //!
+//! Folders are this user's alone (0700): what others could write there would be drawn, and what they could read shows where somebody flew.
+//! A sweep removes what has such a name, and nothing else that may lie there.
+//!
 //! Several processes may use it at once: entries appear whole, by renaming, and room is reserved in the ledger before an
 //! entry is written. A process that dies between the two leaves the ledger too high, never too low; the next sweep sets
 //! it right. Each entry carries a checksum; one that fails it is removed. Nothing that goes wrong here is fatal: the
@@ -24,13 +27,14 @@ use crate::error::{Cause, Fault};
 use crate::error_log::ErrorLog;
 use bytes::Bytes;
 use ledger::Ledger;
-use std::fs::{self, File, FileTimes};
+use std::fs::{self, FileTimes};
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
+use terravision_common::files::{claim_folder, open_regular, private_folder};
 
 /// Entries that were used within this time are not marked again.
 const MARK_EVERY: Duration = Duration::from_secs(1);
@@ -38,6 +42,17 @@ const MARK_EVERY: Duration = Duration::from_secs(1);
 const PAUSE: Duration = Duration::from_secs(30);
 /// What an entry takes on disk is counted in whole blocks.
 const BLOCK_BYTES: u64 = 4096;
+
+/// What lies in a cache's folder; the worlds of benches, too.
+const NAMES: [&str; 6] = ["bench", "gate", "index", "ledger", "locations", "tiles"];
+
+/// Makes sure that a cache's folder is there and that nobody else writes into it.
+///
+/// # Errors
+/// Why it cannot be used.
+pub(crate) fn claim_cache(folder: &Path) -> io::Result<()> {
+    claim_folder(folder, &NAMES)
+}
 
 /// What an entry is a piece of.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -78,6 +93,7 @@ pub(crate) struct DiskCache {
     folder: PathBuf,
     tiles: PathBuf,
     most_bytes: u64,
+    is_readable: bool,
     ledger: Option<Ledger>,
     paused: Mutex<Option<Instant>>,
     counters: Counters,
@@ -99,6 +115,7 @@ impl DiskCache {
             folder: folder.to_owned(),
             tiles,
             most_bytes,
+            is_readable: true,
             ledger: None,
             paused: Mutex::new(None),
             counters: Counters::default(),
@@ -106,7 +123,10 @@ impl DiskCache {
             log,
         };
         if most_bytes > 0 {
-            match fs::create_dir_all(&cache.tiles).and_then(|()| Ledger::open(folder)) {
+            let claimed = claim_cache(folder);
+            // What another user may have written is not read either.
+            cache.is_readable = claimed.is_ok();
+            match claimed.and_then(|()| private_folder(&cache.tiles)).and_then(|()| Ledger::open(folder)) {
                 Ok(ledger) => cache.ledger = Some(ledger),
                 Err(error) => cache.fail(&error),
             }
@@ -141,6 +161,9 @@ impl DiskCache {
 
     /// A piece, if it is there and whole. Blocks on the disk.
     pub(crate) fn get(&self, key: &Key) -> Option<Bytes> {
+        if !self.is_readable {
+            return None;
+        }
         let path = self.path(key);
         match entry::read(&path, key.range.end - key.range.start) {
             Ok(Some((content, modified))) => {
@@ -256,7 +279,7 @@ fn mark_used(path: &Path, modified: SystemTime) {
     let now = SystemTime::now();
     if now.duration_since(modified).is_ok_and(|age| age > MARK_EVERY) {
         // An entry that another process removes just now needs no mark; nor does one in a folder that is read only.
-        let marked = File::open(path).and_then(|file| file.set_times(FileTimes::new().set_modified(now)));
+        let marked = open_regular(path).and_then(|file| file.set_times(FileTimes::new().set_modified(now)));
         marked.unwrap_or_default();
     }
 }

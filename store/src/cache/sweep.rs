@@ -2,10 +2,13 @@
 
 use super::disk_bytes;
 use super::ledger::Ledger;
+use crate::mirror::is_name;
+use std::ffi::OsStr;
 use std::fs::{self, DirEntry, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+use terravision_common::database::{MANIFEST_FILE, NODES_FILE};
 
 /// Names of entries that are being written begin so.
 pub(super) const TEMPORARY: &str = ".new-";
@@ -40,13 +43,26 @@ pub(super) fn sweep(folder: &Path, ledger: &Ledger, size: u64, most_bytes: u64) 
     let mut found = Vec::new();
     let now = SystemTime::now();
     let age = |used: SystemTime| now.duration_since(used).unwrap_or_default();
-    for_each_file(&folder.join("tiles"), 3, &mut |entry, used, bytes| {
-        let is_temporary = entry.file_name().as_encoded_bytes().starts_with(TEMPORARY.as_bytes());
-        let is_loose = !is_temporary || age(used) > TEMPORARY_AGE;
-        found.push(Found { used, bytes, path: entry.path(), is_loose });
+    for_each_database(&folder.join("tiles"), &mut |database| {
+        for_each(database, &mut |shard| {
+            if !shard.file_type().is_ok_and(|kind| kind.is_dir()) {
+                return;
+            }
+            for_each(&shard.path(), &mut |entry| {
+                let Some(is_temporary) = kind_of_entry(&entry.file_name()) else { return };
+                if let Some((used, bytes)) = file_of(entry) {
+                    let is_loose = !is_temporary || age(used) > TEMPORARY_AGE;
+                    found.push(Found { used, bytes, path: entry.path(), is_loose });
+                }
+            });
+        });
     });
-    for_each_file(&folder.join("index"), 2, &mut |entry, used, bytes| {
-        found.push(Found { used, bytes, path: entry.path(), is_loose: age(used) > INDEX_AGE });
+    for_each_database(&folder.join("index"), &mut |database| {
+        for_each(database, &mut |entry| {
+            if let Some((used, bytes)) = file_of(entry).filter(|_| is_of_an_index(&entry.file_name())) {
+                found.push(Found { used, bytes, path: entry.path(), is_loose: age(used) > INDEX_AGE });
+            }
+        });
     });
     found.sort_by(|a, b| a.used.cmp(&b.used).then_with(|| a.path.cmp(&b.path)));
     let mut left: u64 = found.iter().map(|found| found.bytes).sum();
@@ -64,17 +80,42 @@ pub(super) fn sweep(folder: &Path, ledger: &Ledger, size: u64, most_bytes: u64) 
     ledger.settle(left)
 }
 
-/// Each file below a folder, `depth` folders down at most. What cannot be read is left out.
-fn for_each_file(folder: &Path, depth: u32, each: &mut dyn FnMut(&DirEntry, SystemTime, u64)) {
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let Ok(about) = entry.metadata() else { continue };
-        if about.is_dir() {
-            if depth > 1 {
-                for_each_file(&entry.path(), depth - 1, each);
-            }
-        } else {
-            let bytes = disk_bytes(about.len().saturating_sub(super::entry::HEADER_BYTES as u64));
-            each(&entry, about.modified().unwrap_or(SystemTime::UNIX_EPOCH), bytes);
+/// Each entry of a folder. What cannot be read is left out.
+fn for_each(folder: &Path, each: &mut dyn FnMut(&DirEntry)) {
+    fs::read_dir(folder).into_iter().flatten().flatten().for_each(|entry| each(&entry));
+}
+
+/// Each folder of a folder that has the name of a database. No link is followed.
+fn for_each_database(folder: &Path, each: &mut dyn FnMut(&Path)) {
+    for_each(folder, &mut |entry| {
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        if is_folder && entry.file_name().to_str().is_some_and(is_name) {
+            each(&entry.path());
         }
+    });
+}
+
+/// When a file was used last, and its bytes on disk; `None` for anything else, a link too.
+fn file_of(entry: &DirEntry) -> Option<(SystemTime, u64)> {
+    let about = entry.metadata().ok().filter(fs::Metadata::is_file)?;
+    let bytes = disk_bytes(about.len().saturating_sub(super::entry::HEADER_BYTES as u64));
+    Some((about.modified().unwrap_or(SystemTime::UNIX_EPOCH), bytes))
+}
+
+/// Whether a name is that of an entry that is being written (true) or of a whole one (false); `None` for one that no entry has.
+fn kind_of_entry(name: &OsStr) -> Option<bool> {
+    let name = name.to_str()?;
+    if name.starts_with(TEMPORARY) {
+        return Some(true);
     }
+    let mut parts = name.rsplitn(3, '-');
+    let is_number = |part: Option<&str>| part.is_some_and(|part| part.parse::<u64>().is_ok());
+    let is_entry = is_number(parts.next()) && is_number(parts.next()) && parts.next().is_some();
+    is_entry.then_some(false)
+}
+
+/// Whether a name is one that the index of a database has, whole or being written.
+fn is_of_an_index(name: &OsStr) -> bool {
+    let is_new = |name: &str| ["nodes.new-", "manifest.new-"].iter().any(|start| name.starts_with(start));
+    name.to_str().is_some_and(|name| [MANIFEST_FILE, NODES_FILE].contains(&name) || is_new(name))
 }

@@ -1,7 +1,11 @@
 //! The cache by itself: entries, bound, sharing, damage.
 
 use super::*;
+use std::fs::File;
 use std::sync::atomic::AtomicU32;
+
+/// As databases are named.
+const NAME: &str = "0123456789abcdef0123456789abcdef";
 
 struct Folder(PathBuf);
 
@@ -15,7 +19,7 @@ impl Folder {
     }
 
     fn open(&self, most_bytes: u64) -> DiskCache {
-        DiskCache::open(&self.0, "database", most_bytes, Arc::default())
+        DiskCache::open(&self.0, NAME, most_bytes, Arc::default())
     }
 
     /// Bytes of all entries, while nobody writes.
@@ -61,7 +65,10 @@ fn what_was_kept_is_read_again_by_another_process_too() {
         assert_eq!(cache.get(&Key { file: "elevation", ..key(1) }), None);
     }
     assert_eq!(cache.figures(), CacheFigures { hits: 1, bytes: 10_000, misses: 2, written: 1, damaged: 0 });
-    assert_eq!(DiskCache::open(&folder.0, "another", 1 << 20, Arc::default()).get(&key(1)), None);
+    assert_eq!(
+        DiskCache::open(&folder.0, "fedcba9876543210fedcba9876543210", 1 << 20, Arc::default()).get(&key(1)),
+        None
+    );
 }
 
 #[test]
@@ -109,7 +116,7 @@ fn the_bound_holds_with_several_users_and_the_longest_unused_goes() {
 fn damaged_entries_are_removed_and_noted_once() {
     let folder = Folder::new();
     let log = Arc::new(ErrorLog::default());
-    let cache = DiskCache::open(&folder.0, "database", 1 << 20, Arc::clone(&log));
+    let cache = DiskCache::open(&folder.0, NAME, 1 << 20, Arc::clone(&log));
     for (number, change) in [0usize, 5, 100, 10_007].into_iter().enumerate() {
         let key = key(number as u64);
         cache.put(&key, &content(1));
@@ -135,7 +142,7 @@ fn a_cache_that_cannot_be_written_is_none() {
     let file = folder.0.join("file");
     fs::write(&file, "in the way").unwrap();
     let log = Arc::new(ErrorLog::default());
-    let cache = DiskCache::open(&file, "database", 1 << 20, Arc::clone(&log));
+    let cache = DiskCache::open(&file, NAME, 1 << 20, Arc::clone(&log));
     cache.put(&key(1), &content(1));
     assert_eq!(cache.get(&key(1)), None);
     let news = log.take_news();
@@ -153,4 +160,66 @@ fn a_ledger_that_was_lost_is_found_again() {
     cache.put(&key(50), &content(50));
     assert!(cache.get(&key(50)).is_some() && folder.bytes() <= most);
     assert_eq!(cache.ledger.as_ref().unwrap().total().unwrap(), folder.bytes());
+}
+
+#[test]
+fn a_cache_is_private_and_one_that_others_may_write_into_is_done_without() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    fs::set_permissions(&folder.0, fs::Permissions::from_mode(0o775)).unwrap();
+    let cache = folder.open(1 << 20);
+    cache.put(&key(1), &content(1));
+    assert!(cache.get(&key(1)).is_some());
+    let path = cache.path(&key(1));
+    assert!(
+        path.ancestors()
+            .skip(1)
+            .take_while(|path| *path != folder.0.parent().unwrap())
+            .all(|path| mode(path) & 0o022 == 0)
+    );
+    assert_eq!([mode(&folder.0), mode(&folder.0.join("tiles"))], [0o700; 2]);
+
+    // With things of the user's own in it, the folder's mode is not ours to change.
+    fs::write(folder.0.join("notes.txt"), "mine").unwrap();
+    fs::set_permissions(&folder.0, fs::Permissions::from_mode(0o777)).unwrap();
+    let log = Arc::new(ErrorLog::default());
+    let cache = DiskCache::open(&folder.0, NAME, 1 << 20, Arc::clone(&log));
+    cache.put(&key(2), &content(2));
+    assert!(cache.get(&key(2)).is_none() && cache.get(&key(1)).is_none());
+    assert_eq!(mode(&folder.0), 0o777);
+    let news = log.take_news();
+    assert!(news.len() == 1 && news[0].contains("others may write") && news[0].contains("chmod 700"), "{news:?}");
+}
+
+#[test]
+fn a_sweep_removes_entries_and_nothing_else() {
+    let folder = Folder::new();
+    let most = 20 * disk_bytes(10_000);
+    let cache = folder.open(most);
+    let elsewhere = Folder::new();
+    fs::write(elsewhere.0.join("color-1-10000"), "another user's").unwrap();
+    let shard = cache.path(&key(0)).parent().unwrap().to_owned();
+    fs::create_dir_all(&shard).unwrap();
+    let mine = [
+        folder.0.join("tiles/photo.jpg"),
+        folder.0.join("tiles/holiday/0/color-1-2"),
+        shard.join("notes.txt"),
+        folder.0.join("index").join(NAME).join("notes.txt"),
+    ];
+    for path in &mine {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, "mine").unwrap();
+    }
+    // A link into another folder, where an entry's folder would be, and one in place of an entry.
+    std::os::unix::fs::symlink(&elsewhere.0, folder.0.join("tiles").join(NAME).join("ff")).unwrap();
+    std::os::unix::fs::symlink(elsewhere.0.join("color-1-10000"), shard.join("color-7-10000")).unwrap();
+    let old = SystemTime::now() - Duration::from_secs(1_000_000);
+    for path in mine.iter().chain([&elsewhere.0.join("color-1-10000")]) {
+        File::options().write(true).open(path).unwrap().set_times(FileTimes::new().set_modified(old)).unwrap();
+    }
+    (0..60).for_each(|number| cache.put(&key(number), &content(number)));
+    assert!(folder.bytes() > 0 && cache.get(&key(59)).is_some() && cache.get(&key(0)).is_none(), "room was made");
+    assert!(mine.iter().chain([&elsewhere.0.join("color-1-10000")]).all(|path| path.exists()));
+    assert!(shard.join("color-7-10000").symlink_metadata().is_ok());
 }

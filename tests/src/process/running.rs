@@ -8,6 +8,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use terravision_common::bug::INTERNAL_ERROR_WORDS;
 
 /// A process of a group of its own; the group is killed when this is dropped.
 #[derive(Debug)]
@@ -215,6 +216,12 @@ impl Finished {
         assert!(bad.is_none(), "{} said what it should not:\n{}", self.what, self.stderr);
     }
 
+    /// Whether one of its processes had a fault of its own.
+    #[must_use]
+    pub fn has_panicked(&self) -> bool {
+        [INTERNAL_ERROR_WORDS, "panicked"].iter().any(|words| self.stderr.contains(words))
+    }
+
     /// Asserts what every failure owes its user: this exit code, a message of one sentence, no panic, and nothing of
     /// the run left in /dev/shm.
     ///
@@ -222,7 +229,7 @@ impl Finished {
     /// When one of them does not hold.
     pub fn assert_told(&self, code: i32) {
         self.assert_code(code);
-        assert!(!self.stderr.contains("panicked"), "{} panicked:\n{}", self.what, self.stderr);
+        assert!(!self.has_panicked(), "{} panicked:\n{}", self.what, self.stderr);
         let lines: Vec<&str> = self.stderr.lines().filter(|line| !line.trim().is_empty()).collect();
         assert!(!lines.is_empty(), "{} failed and said nothing", self.what);
         let left = super::segments_of_launcher(self.pid);

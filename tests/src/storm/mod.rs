@@ -12,6 +12,7 @@ use crate::folder::TestFolder;
 use crate::process::{Running, Terravision, segments_of_launcher};
 use crate::worlds::TestWorld;
 use std::time::Duration;
+use terravision_common::bug::INTERNAL_ERROR_WORDS;
 use terravision_common::shm::{RunId, SegmentKind, SharedName};
 
 /// Picture of a storm's flight: small, so that a frame is quick on any machine.
@@ -72,6 +73,6 @@ fn run_of(flight: &Running) -> Option<RunId> {
 
 /// What no process of a storm may ever say, or be said of.
 fn crash_in(said: &str) -> Option<&str> {
-    let crashes = ["panicked", "signal 4", "signal 6", "signal 7", "signal 8", "signal 11"];
+    let crashes = [INTERNAL_ERROR_WORDS, "panicked", "signal 4", "signal 6", "signal 7", "signal 8", "signal 11"];
     said.lines().find(|line| crashes.iter().any(|crash| line.contains(crash)))
 }

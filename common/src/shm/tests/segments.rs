@@ -155,9 +155,18 @@ fn segments_of_dead_runs_are_removed_and_nothing_else_is() {
     let dead = RunId::parse(&format!("tv-{}-{}", own.pid, own.start_time - 1)).unwrap();
     let foreign = PathBuf::from(format!("/dev/shm/tv-{}-{}-ring.bak", own.pid, own.start_time - 1));
     let orphans = [SegmentKind::Control, SegmentKind::ColorPool].map(|kind| path(&dead, kind));
-    for file in orphans.iter().chain([&foreign]) {
-        std::fs::write(file, b"left behind").unwrap();
-    }
+    // One that was whole, and one whose maker died before it wrote anything.
+    std::fs::write(&orphans[0], b"TVSHMSEG left behind").unwrap();
+    std::fs::write(&orphans[1], vec![0; 8192]).unwrap();
+    std::fs::write(&foreign, b"TVSHMSEG left behind").unwrap();
+    // With the name of a segment: someone's notes, a link to a file that begins like a segment, and a second name of one.
+    let [notes, link, second] =
+        [SegmentKind::PingPong, SegmentKind::WantList, SegmentKind::ElevationPool].map(|kind| path(&dead, kind));
+    std::fs::write(&notes, b"someone's notes").unwrap();
+    std::os::unix::fs::symlink(&foreign, &link).unwrap();
+    let target = foreign.with_extension("target");
+    std::fs::write(&target, b"TVSHMSEG").unwrap();
+    std::fs::hard_link(&target, &second).unwrap();
     // A launcher in another container looks dead from here, but holds the lock of its segments.
     let elsewhere = path(&dead, SegmentKind::Ring);
     // Locked before it has its name: tests beside this one remove segments of dead runs as well.
@@ -169,12 +178,13 @@ fn segments_of_dead_runs_are_removed_and_nothing_else_is() {
     // Another process may be at it at the same time, so the files tell, not the list.
     drop(reap_dead_runs());
     assert!(orphans.iter().all(|file| !file.exists()));
-    assert!(foreign.exists() && elsewhere.exists());
+    assert!([&foreign, &elsewhere, &notes, &target, &second].into_iter().all(|file| file.exists()));
+    assert!(link.symlink_metadata().is_ok(), "a link is not ours");
     assert_eq!(names_of(live.run()).len(), SegmentKind::ALL.len());
     drop(held);
     drop(reap_dead_runs());
     assert!(!elsewhere.exists());
-    std::fs::remove_file(foreign).unwrap();
+    [notes, link, second, target, foreign].into_iter().for_each(|file| std::fs::remove_file(file).unwrap());
 }
 
 #[test]
