@@ -51,6 +51,7 @@ class Frames:
             names = "frame published camera t x y z heading pitch roll vfov flags".split()
             frame = dict(zip(names, struct.unpack_from("<3Q8dQ", self.memory, slot + 8)), number=number)
             frame["rgba"] = self._plane(slot, self.color, np.uint8, 4)
+            frame["is_made_up"] = frame["rgba"][..., 3] & 1 == 0
             frame["depth"] = self._plane(slot, self.depth, np.float32, 1)
             frame["ground"] = self._plane(slot, self.ground, np.float64, 3)
             if struct.unpack_from("<Q", self.memory, slot)[0] == 2 * number:

@@ -100,6 +100,7 @@ impl Scene {
             log_spacing: 0,
             cells: [SIDE as u32 - 1; 2],
             heights: &heights,
+            shares: None,
             stride: SIDE,
             datum_m: 0.0,
             // One colour per column: texels' centres are the columns.

@@ -94,6 +94,7 @@ impl Session {
                 rays: settings.rays,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,
+                skirt_low_m: None,
                 has_tree_overlay: false,
                 has_validation: false,
                 frames_in_flight: 0,
@@ -101,6 +102,7 @@ impl Session {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: None,
         };

@@ -4,7 +4,8 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
-//! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
+//! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`validity`]: which of it was
+//!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
@@ -38,4 +39,5 @@ pub mod threads;
 pub mod top_levels;
 pub mod traversal;
 pub mod tree;
+pub mod validity;
 pub mod world;

@@ -181,6 +181,9 @@ pub struct RenderConfig {
     pub sky_rgb: [u8; 3],
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
+    /// Height of the world's lowest ground as it is drawn, metres: walls go down to it where the world ends; `None` for none.
+    #[serde(default)]
+    pub skirt_low_m: Option<f64>,
     /// Draw the tree's colour leaves over the picture.
     pub has_tree_overlay: bool,
     /// Ask for the Vulkan validation layer; one message of it ends the renderer with an error.
@@ -196,6 +199,31 @@ pub struct RenderConfig {
     /// Also put every frame into a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
+    /// What depth and ground say where the ground was made up.
+    #[serde(default)]
+    pub made_up: MadeUp,
+}
+
+/// How depth and ground positions tell ground that was made up from ground that was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MadeUp {
+    /// They are NaN there, as they are for sky.
+    #[default]
+    Nan,
+    /// They have its values, and files have one band more: 1 where it was measured, 0 where it was made up, NaN for sky.
+    Mark,
+}
+
+impl MadeUp {
+    /// As the command line spells it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nan => "nan",
+            Self::Mark => "mark",
+        }
+    }
 }
 
 /// How the ground is drawn (docs/techniques.md).

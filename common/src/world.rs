@@ -26,6 +26,10 @@ use serde::{Deserialize, Serialize};
 #[serde(try_from = "WorldFields", into = "WorldFields")]
 pub struct World {
     fields: WorldFields,
+    /// Not of its geometry, so not of [`WorldFields`]: the manifest names it among the database's features.
+    has_validity: bool,
+    /// Likewise.
+    has_holes: bool,
 }
 
 /// The numbers that a [`World`] is made of, as the manifest has them, unchecked.
@@ -112,7 +116,37 @@ impl World {
                 "at most log2(elevation_tile) levels above the finest colour level",
             );
         }
-        Ok(Self { fields })
+        Ok(Self { fields, has_validity: false, has_holes: false })
+    }
+
+    /// The same world with planes of validity beside its heights ([`crate::validity`]); `has_holes`: some of it is not ground.
+    #[must_use]
+    pub fn with_validity(self, has_holes: bool) -> Self {
+        Self { has_validity: true, has_holes, ..self }
+    }
+
+    /// Whether there are places in its extent without ground, through which rays come to see the rest from below.
+    #[must_use]
+    pub fn has_holes(&self) -> bool {
+        self.has_holes
+    }
+
+    /// Whether elevation tiles and arrays hold planes of validity beside heights: some posts have no data.
+    #[must_use]
+    pub fn has_validity(&self) -> bool {
+        self.has_validity
+    }
+
+    /// Planes of `(Nz + 1)²` numbers that an elevation tile or array has: heights alone, or heights and validity.
+    #[must_use]
+    pub fn elevation_planes(&self) -> usize {
+        if self.has_validity { crate::validity::PLANES } else { 1 }
+    }
+
+    /// Numbers that an elevation tile or array has, all planes together.
+    #[must_use]
+    pub fn elevation_values(&self) -> usize {
+        self.elevation_planes() * (self.elevation_posts() as usize).pow(2)
     }
 
     /// The numbers it is made of.

@@ -10,8 +10,8 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use terravision_common::database::{
     Archive, ArchiveRecord, Body, COLOR_FILE, ColorLayer, Crs, Database, DatabaseError, ELEVATION_FILE, ElevationLayer,
-    FORMAT_VERSION, MANIFEST_FILE, MOST_DIRECTORY_BYTES, MOST_LEAF_BYTES, Manifest, ManifestError, NODES_FILE,
-    NodeRanges, TileError, TileScratch, TileSource, color_tile_bytes, encode_elevation_tile, index_crc32,
+    FEATURES_VERSION, FORMAT_VERSION, MANIFEST_FILE, MOST_DIRECTORY_BYTES, MOST_LEAF_BYTES, Manifest, ManifestError,
+    NODES_FILE, NodeRanges, TileError, TileScratch, TileSource, color_tile_bytes, encode_elevation_tile, index_crc32,
     seal_color_tile, tile_coord,
 };
 use terravision_common::node::NodeId;
@@ -82,6 +82,7 @@ fn write_database(folder: &Path) {
     let manifest = Manifest {
         format: String::new(),
         format_version: FORMAT_VERSION,
+        features: Vec::new(),
         written_by: "a test".to_owned(),
         name: "test".to_owned(),
         crs: Crs { name: "plane".to_owned(), epsg: None, wkt: "LOCAL_CS[\"plane\"]".to_owned(), proj4: None },
@@ -95,6 +96,7 @@ fn write_database(folder: &Path) {
             range_m: [90.0, 120.0],
             source_range_m: None,
             void_area_m2: 0.0,
+            voids: None,
             encoding: "terravision-elevation-1".to_owned(),
             archive: elevation,
         },
@@ -258,8 +260,13 @@ fn a_newer_version_is_told_from_damage() {
     let text = String::from_utf8(good().0[0].clone()).unwrap();
     let newer = text.replace("\"format_version\": 1", "\"format_version\": 7, \"curvature\": true");
     let error = Manifest::parse(&newer).unwrap_err();
-    assert!(matches!(error, ManifestError::Version { expected: FORMAT_VERSION, found: 7 }));
-    assert!(error.to_string().contains("version 7") && error.to_string().contains("version 1"));
+    assert!(matches!(error, ManifestError::Version { expected: FEATURES_VERSION, found: 7 }));
+    assert!(error.to_string().contains("version 7") && error.to_string().contains("up to 2"));
+    let strange =
+        text.replace("\"format_version\": 1", "\"format_version\": 2, \"features\": [\"validity\", \"curvature\"]");
+    let error = Manifest::parse(&strange).unwrap_err();
+    assert!(matches!(&error, ManifestError::Feature { found } if found == "curvature"));
+    assert!(error.to_string().contains("\"curvature\""), "{error}");
     let unknown = text.replace("\"vertical_unit\"", "\"horizontal_unit\"");
     assert!(matches!(Manifest::parse(&unknown).unwrap_err(), ManifestError::Content { .. }));
     assert!(matches!(Manifest::parse("{}").unwrap_err(), ManifestError::NotAManifest));

@@ -55,6 +55,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             rays: RaysChoice::Mipmap,
             sky_rgb: [0; 3],
             samples: 1,
+            skirt_low_m: None,
             has_tree_overlay: false,
             has_validation: false,
             frames_in_flight: 2,
@@ -62,6 +63,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
             depth: None,
             ground: None,
             share: None,
+            made_up: Default::default(),
         },
         realtime: None,
     }

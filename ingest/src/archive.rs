@@ -1,6 +1,7 @@
 //! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along the Hilbert curve.
 
 use crate::IngestError;
+use crate::pyramid::validity::Shares;
 use crate::store::{Level, Rect, Rgb};
 use crate::work::Work;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
@@ -8,7 +9,9 @@ use pmtiles::{CallerKey, Compression, PmTilesStreamWriter, PmTilesWriter, TileCo
 use std::fs::File;
 use std::io;
 use std::path::Path;
-use terravision_common::database::{ArchiveRecord, encode_elevation_tile, index_crc32, seal_color_tile, tile_coord};
+use terravision_common::database::{
+    ArchiveRecord, encode_elevation_tile, encode_elevation_tile_with_validity, index_crc32, seal_color_tile, tile_coord,
+};
 use terravision_common::node::NodeId;
 use terravision_common::world::{COLOR_BORDER, World};
 
@@ -127,7 +130,8 @@ pub(crate) fn write(
     Ok(ArchiveRecord { bytes, index_crc32, tiles: count })
 }
 
-/// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids.
+/// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids; `validity[k]` has the shares
+/// of its posts, where there were some.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
@@ -135,6 +139,7 @@ pub fn write_elevation(
     path: &Path,
     world: &World,
     levels: &[Level<f32>],
+    validity: &[Level<Shares>],
     info: &ArchiveInfo,
     work: &Work,
 ) -> Result<ArchiveRecord, IngestError> {
@@ -144,23 +149,38 @@ pub fn write_elevation(
         let origin = run.map(|v| i64::from(v) * side as i64);
         let rect = Rect::new(origin, tiles_size(&tiles, run).map(|n| n * side + 1));
         let heights = levels[usize::from(q - finest)].read(rect)?;
-        let tile = |[m, n]: [u32; 2]| {
-            let at = [(m - run[0]) as usize * side, (n - run[1]) as usize * side];
-            (0..posts)
-                .flat_map(|j| &heights[(at[1] + j) * rect.size[0] + at[0]..][..posts])
-                .copied()
-                .collect::<Vec<_>>()
-        };
+        let shares = validity.get(usize::from(q - finest)).map(|level| level.read(rect)).transpose()?;
         Ok(tiles
             .into_iter()
-            .map(|(_, coord, at)| {
-                let tile = tile(at);
-                let first = tile[0];
-                let key = tile.iter().all(|h| *h == first).then(|| u64::from(first.to_bits()));
-                (coord, encode_elevation_tile(&tile, posts as u32), key)
+            .map(|(_, coord, [m, n])| {
+                let at = [(m - run[0]) as usize * side, (n - run[1]) as usize * side];
+                let heights = cut(&heights, rect.size[0], at, posts);
+                match &shares {
+                    Some(shares) => elevation_tile(coord, &heights, &cut(shares, rect.size[0], at, posts), posts),
+                    None => elevation_tile(coord, &heights, &[], posts),
+                }
             })
             .collect())
     })
+}
+
+/// A square of `posts`² values of those in rows of `width`.
+fn cut<T: Copy>(values: &[T], width: usize, at: [usize; 2], posts: usize) -> Vec<T> {
+    (0..posts).flat_map(|j| &values[(at[1] + j) * width + at[0]..][..posts]).copied().collect()
+}
+
+/// A tile of heights and of shares; without shares all is measured.
+fn elevation_tile(coord: TileCoord, heights: &[f32], shares: &[Shares], posts: usize) -> Tile {
+    let (first, share) = (heights[0], shares.first().copied().unwrap_or([255; 2]));
+    let is_level = heights.iter().all(|h| *h == first) && shares.iter().all(|s| *s == share);
+    // Level tiles of measured ground have the key of their height alone.
+    let [hole, made_up] = share.map(|share| u64::from(255 - share));
+    let key = is_level.then(|| u64::from(first.to_bits()) | hole << 32 | made_up << 40);
+    let bytes = match shares {
+        [] => encode_elevation_tile(heights, posts as u32),
+        shares => encode_elevation_tile_with_validity(heights, shares, posts as u32),
+    };
+    (coord, bytes, key)
 }
 
 /// Columns and rows of tiles that a run needs.

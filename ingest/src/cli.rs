@@ -5,8 +5,10 @@ use crate::job::Job;
 use crate::plan::PlanOptions;
 use crate::source::values::{NodataChoice, metres_in};
 use crate::synth::SynthOptions;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
+use terravision_common::database::Voids;
 
 /// Rasters to terrain databases, and a synthetic world.
 #[derive(Debug, Parser)]
@@ -102,6 +104,11 @@ pub struct IngestArgs {
     /// Bands that show red, green and blue, counted from 1 (Landsat 7: 3,2,1)
     #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
     bands: Option<Bands>,
+    /// Ground without data. fill: all of it is filled from around it. keep: it stays without ground, a hole. clip: what reaches the
+    /// border of the world (the rim of a warped or rotated raster) has no ground, the rest is filled. Depth and ground pictures tell
+    /// what was made up from what was measured
+    #[arg(long, default_value = Voids::default().name(), value_name = "HOW", value_parser = voids_parser())]
+    voids: Voids,
     /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load
     #[arg(long, default_value_t = 90, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
     color_quality: u8,
@@ -154,6 +161,7 @@ impl IngestArgs {
                 color_tile: self.color_tile,
                 spacing_m: self.spacing,
             },
+            voids: self.voids,
             ..job
         })
     }
@@ -253,6 +261,12 @@ fn parse_bands(text: &str) -> Result<Bands, String> {
         ([red, green, blue], 3) => Ok(Bands([*red, *green, *blue])),
         _ => Err(format!("{text} does not name three bands, expected for example 3,2,1")),
     }
+}
+
+fn voids_parser() -> impl TypedValueParser<Value = Voids> {
+    let all = [Voids::Fill, Voids::Keep, Voids::Clip];
+    PossibleValuesParser::new(all.map(Voids::name))
+        .map(move |name| all.into_iter().find(|voids| voids.name() == name).unwrap_or_default())
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

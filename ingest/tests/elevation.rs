@@ -5,8 +5,9 @@
 mod support;
 
 use support::{TestFolder, Tiff, UTM, heights, job, run};
-use terravision_common::database::{TileScratch, TileSource, ground_height};
+use terravision_common::database::{TileScratch, TileSource, Voids, VoidsRecord, ground_at, ground_height};
 use terravision_common::node::NodeId;
+use terravision_common::validity::Validity;
 use terravision_ingest::source::Note;
 use terravision_ingest::source::values::NodataChoice;
 
@@ -126,6 +127,71 @@ fn voids_are_filled_and_their_area_is_told() {
             assert!((found - expected).abs() <= tolerance, "post {i}, {j}: {found}, expected {expected}");
         }
     }
+}
+
+#[test]
+fn voids_are_holes_or_filled_as_asked_and_their_heights_are_the_same() {
+    let folder = TestFolder::new();
+    // A lake, and a wedge that reaches the border.
+    let lake = |i: usize, j: usize| (60..80).contains(&i) && (40..55).contains(&j);
+    let wedge = |i: usize, j: usize| i + j < 50;
+    let height = |i: usize, j: usize| 300.0 + 0.5 * i as f32 + 0.25 * j as f32;
+    let f = |i: usize, j: usize| if lake(i, j) || wedge(i, j) { -9999.0 } else { height(i, j) };
+    let dem = Tiff { nodata: Some(-9999.0), ..Tiff::utm([120, 100], f) }.write(&folder.path("dem.tif"));
+    let worlds = [Voids::Fill, Voids::Keep, Voids::Clip].map(|voids| {
+        let mut job = job(std::slice::from_ref(&dem), &[], folder.path(&format!("{}.tv", voids.name())));
+        job.voids = voids;
+        (voids, run(&job).unwrap().0)
+    });
+    let wedge_m2 = 100.0 * (50.0 * 51.0 / 2.0);
+    let void_m2 = wedge_m2 + 100.0 * 20.0 * 15.0;
+    let levels = worlds[0].1.world().levels();
+    for (voids, database) in &worlds {
+        let manifest = database.manifest();
+        assert_eq!((manifest.format_version, manifest.elevation.void_area_m2), (2, void_m2));
+        let expected = match voids {
+            Voids::Fill => 0.0,
+            Voids::Keep => void_m2,
+            Voids::Clip => wedge_m2,
+        };
+        assert_eq!(manifest.elevation.voids, Some(VoidsRecord { mode: *voids, hole_area_m2: expected }));
+        assert_eq!((database.world().has_validity(), database.world().has_holes()), (true, expected > 0.0));
+        for q in 0..levels {
+            assert!(heights(database, q) == heights(&worlds[0].1, q), "{voids:?}, level {q}");
+        }
+        // Columns from the west, rows from the north.
+        for (i, j) in [(5, 5), (48, 0), (51, 0), (25, 24), (26, 26), (62, 45), (59, 45), (81, 45), (119, 99)] {
+            let (x, y) = (10.0 * i as f64, 10.0 * (99 - j) as f64);
+            let ground = ground_at(database, database.world(), x, y, &mut TileScratch::default()).unwrap().unwrap();
+            let of_hole = |is_hole: bool| if is_hole { Validity::Hole } else { Validity::MadeUp };
+            let expected = match (lake(i, j), wedge(i, j)) {
+                (true, _) => of_hole(*voids == Voids::Keep),
+                (_, true) => of_hole(*voids != Voids::Fill),
+                _ => Validity::Measured,
+            };
+            assert_eq!(ground.validity, expected, "{voids:?} at {i}, {j}");
+        }
+    }
+}
+
+#[test]
+fn a_world_without_voids_says_nothing_of_them() {
+    let folder = TestFolder::new();
+    let dem = Tiff::utm([40, 40], rough).write(&folder.path("dem.tif"));
+    let mut plain = job(std::slice::from_ref(&dem), &[], folder.path("a.tv"));
+    run(&plain).unwrap();
+    let text = std::fs::read_to_string(folder.path("a.tv").join("manifest.json")).unwrap();
+    assert!(
+        text.contains("\"format_version\": 1,") && !text.contains("features") && !text.contains("voids\""),
+        "{text}"
+    );
+    let tile = std::fs::read(folder.path("a.tv").join("elevation.pmtiles")).unwrap();
+    assert!(!tile.windows(4).any(|bytes| bytes == b"TVe2"));
+    (plain.voids, plain.output) = (Voids::Keep, folder.path("b.tv"));
+    run(&plain).unwrap();
+    let again = std::fs::read(folder.path("b.tv").join("elevation.pmtiles")).unwrap();
+    // The archives' metadata have the worlds' names, which are as long.
+    assert_eq!(again.len(), tile.len());
 }
 
 #[test]

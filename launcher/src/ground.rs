@@ -5,9 +5,10 @@ use crate::path::{Ground, Pose};
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use terravision_common::database::{NodeRanges, TileScratch, TileSource};
+use terravision_common::database::{GroundPoint, NodeRanges, TileScratch, TileSource};
 use terravision_common::facet::facet_linear;
 use terravision_common::node::NodeId;
+use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
 use terravision_common::world::World;
 
 /// The camera stays at least this high above ground, metres.
@@ -29,7 +30,7 @@ pub struct WorldGround<'a> {
 #[derive(Default)]
 struct Cache {
     scratch: TileScratch,
-    /// Posts by node; `None` for a tile that cannot be had.
+    /// Posts, and their shares, by node; `None` for a tile that cannot be had.
     tiles: HashMap<NodeId, Option<Vec<f32>>>,
 }
 
@@ -88,8 +89,8 @@ impl<'a> WorldGround<'a> {
         NodeId::new(((place.x / side) as u32).min(columns - 1), ((place.y / side) as u32).min(rows - 1), q)
     }
 
-    /// Height at a place inside one node's square; `None` when the tile cannot be had.
-    fn height_in(&self, node: NodeId, place: DVec2) -> Option<f64> {
+    /// The ground at a place inside one node's square; `None` when the tile cannot be had.
+    fn ground_in(&self, node: NodeId, place: DVec2) -> Option<GroundPoint> {
         let mut cache = self.cache.borrow_mut();
         let Cache { scratch, tiles } = &mut *cache;
         if tiles.len() > KEPT_TILES {
@@ -97,27 +98,41 @@ impl<'a> WorldGround<'a> {
         }
         let posts = self.world.elevation_posts() as usize;
         let tile = tiles.entry(node).or_insert_with(|| {
-            let mut heights = vec![0f32; posts * posts];
-            self.source.read_elevation(node, &mut heights, scratch).is_ok().then_some(heights)
+            let mut values = vec![0f32; self.world.elevation_values()];
+            self.source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
         });
-        let heights = tile.as_ref()?;
+        let values = tile.as_ref()?;
         let spacing = self.world.elevation_spacing_m(node.q());
         let corner = DVec2::from_array(self.world.node_origin(node).map(|v| v as f64 * self.world.lattice_unit_m()));
         let at = ((place - corner) / spacing).clamp(DVec2::ZERO, DVec2::splat((posts - 1) as f64));
         let cell = at.floor().min(DVec2::splat((posts - 2) as f64));
         let offset = at - cell;
         let first = cell.y as usize * posts + cell.x as usize;
-        let z = |index: usize| f64::from(heights[index]);
-        Some(facet_linear(z(first), z(first + 1), z(first + posts), z(first + posts + 1), offset.x, offset.y))
+        let at = |plane: usize| {
+            let z = |index: usize| f64::from(values[plane * posts * posts + index]);
+            facet_linear(z(first), z(first + 1), z(first + posts), z(first + posts + 1), offset.x, offset.y)
+        };
+        let validity = match self.world.has_validity() {
+            true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
+            false => Validity::Measured,
+        };
+        Some(GroundPoint { height_m: at(0), validity })
+    }
+
+    /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile can be had.
+    #[must_use]
+    pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
+        let place = self.place(x, y)?;
+        // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
+        let ground = (self.level..self.world.levels()).find_map(|q| self.ground_in(self.node_at(place, q)?, place))?;
+        Some(GroundPoint { height_m: ground.height_m * self.exaggeration, ..ground })
     }
 }
 
 impl Ground for WorldGround<'_> {
     fn height_m(&self, x: f64, y: f64) -> Option<f64> {
-        let place = self.place(x, y)?;
-        // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
-        (self.level..self.world.levels())
-            .find_map(|q| Some(self.height_in(self.node_at(place, q)?, place)? * self.exaggeration))
+        // A hole is not ground: what height it has is for the filters alone.
+        self.at(x, y).filter(|ground| ground.validity != Validity::Hole).map(|ground| ground.height_m)
     }
 
     fn bound_m(&self, x: f64, y: f64) -> Option<f64> {

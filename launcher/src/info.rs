@@ -7,7 +7,7 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::json;
 use std::io::{self, Write};
-use terravision_common::database::Source;
+use terravision_common::database::{Manifest, Source, VoidsRecord};
 use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
 
@@ -17,11 +17,7 @@ use terravision_store::Store;
 /// Bad input: no database. Or standard output cannot be written to.
 pub fn info(args: &InfoArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
-    let text = if args.json {
-        printable_json(&as_json(&database)).into_owned()
-    } else {
-        lines_for_people(&as_text(&database))
-    };
+    let text = if args.json { printable_json(&as_json(&database)).into_owned() } else { as_text(&database) };
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
@@ -29,9 +25,15 @@ pub fn info(args: &InfoArgs) -> Result<(), Failure> {
         .map_err(Failure::failed)
 }
 
-/// What a manifest says is foreign.
-fn lines_for_people(text: &str) -> String {
-    text.lines().map(|line| format!("{}\n", printable(line))).collect()
+/// A manifest with its texts, which are foreign, as a terminal may show them.
+fn printable_manifest(manifest: &Manifest) -> Manifest {
+    let mut manifest = manifest.clone();
+    let sources = manifest.elevation.sources.iter_mut().chain(&mut manifest.color.sources);
+    let texts = sources.flat_map(|source| [&mut source.file, &mut source.crs, &mut source.data_type]);
+    for text in texts.chain([&mut manifest.name, &mut manifest.crs.name, &mut manifest.body.name]) {
+        *text = printable(text).into_owned();
+    }
+    manifest
 }
 
 fn as_json(database: &Store) -> String {
@@ -48,7 +50,7 @@ fn as_json(database: &Store) -> String {
 }
 
 fn as_text(database: &Store) -> String {
-    let (manifest, world) = (database.manifest(), database.world());
+    let (manifest, world) = (printable_manifest(database.manifest()), database.world());
     let [width, height] = world.extent_m();
     let [x, y] = world.fields().origin;
     let [low, high] = manifest.elevation.range_m;
@@ -56,6 +58,13 @@ fn as_text(database: &Store) -> String {
     let void = |area_m2: f64| match area_m2 {
         a if a <= 0.0 => String::new(),
         a => format!(", {:.3} km² without data filled", a / 1e6),
+    };
+    // Areas count posts, and there is one more along a side than the world has intervals.
+    let post_m = world.elevation_spacing_m(world.finest_elevation_level());
+    // What became of voids stands on a line of its own, where there were some.
+    let void_z = match &manifest.elevation.voids {
+        Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, (width + post_m) * (height + post_m)),
+        None => void(manifest.elevation.void_area_m2),
     };
     let sources = |list: &[Source]| {
         let each = list
@@ -85,7 +94,6 @@ fn as_text(database: &Store) -> String {
         dz = world.elevation_spacing_m(world.finest_elevation_level()),
         tiles_z = manifest.elevation.archive.tiles,
         bytes_z = bytes_for_people(manifest.elevation.archive.bytes),
-        void_z = void(manifest.elevation.void_area_m2),
         sources_z = sources(&manifest.elevation.sources),
         dc = world.color_spacing_m(world.finest_color_level()),
         tiles_c = manifest.color.archive.tiles,
@@ -96,5 +104,17 @@ fn as_text(database: &Store) -> String {
         } else {
             sources(&manifest.color.sources)
         },
+    )
+}
+
+/// What became of an area without data, in a world of an area, square metres.
+fn about_voids(voids: &VoidsRecord, void_m2: f64, world_m2: f64) -> String {
+    let part = |area_m2: f64| format!("{:.3} km² ({:.1} %)", area_m2 / 1e6, 100.0 * area_m2 / world_m2);
+    format!(
+        "\n              {} without data: {} have no ground, {} were made up (--voids {})",
+        part(void_m2),
+        part(voids.hole_area_m2),
+        part((void_m2 - voids.hole_area_m2).max(0.0)),
+        voids.mode.name()
     )
 }

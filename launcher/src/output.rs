@@ -375,7 +375,7 @@ mod tests {
         // No process of that id starts in this very tick.
         let dead = format!("tv-{}-1", std::process::id());
         let keep = [
-            format!(".film.{alive}.part.mp4"),
+            format!(".film.{alive}.part.webm"),
             format!(".other.{dead}.part.mp4"),
             ".partial-77-a.png".into(),
             "film.mp4".into(),

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::bug::contained;
 use terravision_common::database::{
-    Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_tile,
+    Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_planes,
 };
 use terravision_common::event::monotonic_nanos;
 use terravision_common::shm::{FillGuard, WantBell};
@@ -98,9 +98,8 @@ pub fn decode(
     let DecodeJob { tile, payload, mut guard } = job;
     let is_decoded = match tile.layer {
         Layer::Elevation => {
-            let posts = world.elevation_posts();
-            guard.f32_mut().len() >= (posts * posts) as usize
-                && decode_elevation_tile(&payload, posts, guard.f32_mut(), &mut scratch.tile).is_ok()
+            guard.f32_mut().len() >= world.elevation_values()
+                && decode_elevation_planes(world, &payload, guard.f32_mut(), &mut scratch.tile).is_ok()
         }
         Layer::Color => {
             let side = world.color_stored();

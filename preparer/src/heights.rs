@@ -6,6 +6,9 @@
 //! lattice point and the floor, evaluated with the same operations in the same order.
 //!
 //! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
+//!
+//! In a world with validity an array goes on with the shares of its vertices ([`terravision_common::validity`]), taken from the
+//! tiles' planes just as heights are: so leaves agree on them along their edges, and holes grow and shrink as smoothly as heights.
 
 use crate::entered_tile::EnteredTile;
 use crate::truncation::{ElevationLeaf, Tiles};
@@ -65,8 +68,8 @@ impl Heights {
         }
     }
 
-    /// Fills `out`, `(Nz + 1)²` numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
-    /// relative to the eye, metres, exaggerated. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
+    /// Fills `out`, [`World::elevation_values`] numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
+    /// relative to the eye, metres, exaggerated, and the planes of validity of a world that has them. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
     /// them are set to zero. Tiles of the leaf and of all its ancestors have to be there.
     ///
     /// # Errors
@@ -84,20 +87,22 @@ impl Heights {
         let mut ancestors = Ancestors::new(&world, tiles, leaf.node);
         self.place(leaf.node);
         self.make_levels(level, &mut ancestors, grid)?;
-        self.make_heights(&mut ancestors, grid)?;
         let posts = self.columns.len();
-        let (exaggeration, eye_z) = (level.exaggeration(), level.eye().z);
-        let rows = out.chunks_exact_mut(posts).zip(self.sums.chunks_exact(posts));
-        for (row, (out, sums)) in rows.enumerate() {
-            if row % grid > 0 {
-                out.fill(0.0);
-                continue;
+        for (plane, out) in out.chunks_exact_mut(posts * posts).take(world.elevation_planes()).enumerate() {
+            self.make_plane(&mut ancestors, plane, grid)?;
+            let rows = out.chunks_exact_mut(posts).zip(self.sums.chunks_exact(posts));
+            for (row, (out, sums)) in rows.enumerate() {
+                if row % grid > 0 {
+                    out.fill(0.0);
+                    continue;
+                }
+                for (out, sum) in out.iter_mut().zip(sums) {
+                    *out = stored(level, plane, *sum);
+                }
             }
-            for (out, z) in out.iter_mut().zip(sums) {
-                *out = relative_height(exaggeration, *z, eye_z);
-            }
+            self.make_seams(level, &mut ancestors, plane, leaf, grid, out)?;
         }
-        self.make_seams(level, &mut ancestors, leaf, grid, out)
+        Ok(())
     }
 
     /// Where the vertices are: columns and rows, clamped to the extent.
@@ -123,7 +128,7 @@ impl Heights {
     ) -> Result<(), TileVanished> {
         let (posts, node) = (self.columns.len(), ancestors.node);
         let (root, floor) = (f64::from(self.world.root().q()), f64::from(node.q()));
-        let smooth = ancestors.tile(smooth_level(&self.world, node.q()))?;
+        let smooth = ancestors.tile(smooth_level(&self.world, node.q()), 0)?;
         self.enter(smooth.0);
         for j in (0..posts).step_by(grid) {
             self.interpolate_row(&smooth, j);
@@ -154,7 +159,7 @@ impl Heights {
     ) -> Result<u8, TileVanished> {
         self.place(node);
         let world = self.world;
-        let smooth = Ancestors::new(&world, tiles, node).tile(smooth_level(&world, node.q()))?;
+        let smooth = Ancestors::new(&world, tiles, node).tile(smooth_level(&world, node.q()), 0)?;
         self.enter(smooth.0);
         let posts = self.columns.len();
         let mut lowest = f64::from(self.world.root().q());
@@ -170,13 +175,19 @@ impl Heights {
         Ok((lowest.max(0.0) as u8).max(node.q()))
     }
 
-    fn make_heights<T: Tiles>(&mut self, ancestors: &mut Ancestors<'_, T>, grid: usize) -> Result<(), TileVanished> {
+    /// Heights, or shares, before they are stored.
+    fn make_plane<T: Tiles>(
+        &mut self,
+        ancestors: &mut Ancestors<'_, T>,
+        plane: usize,
+        grid: usize,
+    ) -> Result<(), TileVanished> {
         let posts = self.columns.len();
         self.sums.fill(0.0);
         let drawn = self.spans.iter().step_by(grid);
         let [lowest, highest] = drawn.fold([u8::MAX, 0], |[low, high], s| [low.min(*s.start()), high.max(*s.end())]);
         for q in lowest..=highest {
-            let tile = ancestors.tile(q)?;
+            let tile = ancestors.tile(q, plane)?;
             self.enter(tile.0);
             for j in (0..posts).step_by(grid) {
                 // What another level would add is an exact zero.
@@ -198,6 +209,7 @@ impl Heights {
         &self,
         level: &LevelFunction,
         ancestors: &mut Ancestors<'_, T>,
+        plane: usize,
         leaf: &ElevationLeaf,
         grid: usize,
         out: &mut [f32],
@@ -206,7 +218,7 @@ impl Heights {
         let mut make = |floor: u8, i: usize, j: usize| {
             if floor > leaf.node.q() {
                 let point = LatticePoint { x: self.columns[i], y: self.rows[j] };
-                out[j * (last + 1) + i] = ancestors.vertex_height(level, point, floor)?;
+                out[j * (last + 1) + i] = stored(level, plane, ancestors.vertex_sum(level, plane, point, floor)?);
             }
             Ok(())
         };
@@ -258,35 +270,43 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
         Self { world, tiles, node, found: [None; MAX_LEVEL as usize + 1] }
     }
 
-    /// The ancestor of level `q` and its posts.
-    fn tile(&mut self, q: u8) -> Result<(NodeId, &'t [f32]), TileVanished> {
+    /// The ancestor of level `q` and a plane of its posts.
+    fn tile(&mut self, q: u8, plane: usize) -> Result<(NodeId, &'t [f32]), TileVanished> {
         let ancestor = self.node.ancestor(q);
         let found = &mut self.found[usize::from(q)];
         if found.is_none() {
-            let posts = self.world.elevation_posts() as usize;
-            *found = self.tiles.elevation(ancestor).and_then(|tile| tile.get(..posts * posts));
+            *found = self.tiles.elevation(ancestor).and_then(|tile| tile.get(..self.world.elevation_values()));
         }
-        found.map(|tile| (ancestor, tile)).ok_or(TileVanished { node: ancestor })
+        let posts = (self.world.elevation_posts() as usize).pow(2);
+        let plane = found.and_then(|tile| tile.get(plane * posts..(plane + 1) * posts));
+        plane.map(|plane| (ancestor, plane)).ok_or(TileVanished { node: ancestor })
     }
 
-    fn elevation(&mut self, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
-        let (tile, posts) = self.tile(q)?;
+    fn elevation(&mut self, plane: usize, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
+        let (tile, posts) = self.tile(q, plane)?;
         let ([x0, y0], cells) = (self.world.node_origin(tile), self.world.elevation_tile());
         let (x, y) = (CellPosition::new(point.x, x0, q, cells), CellPosition::new(point.y, y0, q, cells));
         Ok(tile_elevation(posts, cells, x, y))
     }
 
-    fn vertex_height(&mut self, level: &LevelFunction, point: LatticePoint, floor: u8) -> Result<f32, TileVanished> {
+    /// Height, or a share, of a vertex before it is stored.
+    fn vertex_sum(
+        &mut self,
+        level: &LevelFunction,
+        plane: usize,
+        point: LatticePoint,
+        floor: u8,
+    ) -> Result<f64, TileVanished> {
         let (root, unit) = (self.world.root().q(), self.world.lattice_unit_m());
-        let smooth = self.elevation(point, smooth_level(self.world, floor))? * level.exaggeration();
+        let smooth = self.elevation(0, point, smooth_level(self.world, floor))? * level.exaggeration();
         let p = glam::DVec3::new(point.x as f64 * unit, point.y as f64 * unit, smooth);
         let l = level.elevation_level_at(p).max(f64::from(floor)).min(f64::from(root));
         let lower = l as u8;
         let mut sum = 0.0;
         for q in lower..=(lower + 1).min(root) {
-            sum += weight(l, q) * self.elevation(point, q)?;
+            sum += weight(l, q) * self.elevation(plane, point, q)?;
         }
-        Ok(relative_height(level.exaggeration(), sum, level.eye().z))
+        Ok(sum)
     }
 }
 
@@ -303,7 +323,7 @@ pub fn vertex_height(
     point: LatticePoint,
     floor: u8,
 ) -> Result<f32, TileVanished> {
-    Ancestors::new(world, tiles, node).vertex_height(level, point, floor)
+    Ok(stored(level, 0, Ancestors::new(world, tiles, node).vertex_sum(level, 0, point, floor)?))
 }
 
 /// Least and greatest of numbers, four side by side: a plain fold waits for each comparison.
@@ -327,6 +347,12 @@ fn range_of(numbers: &[f64]) -> [f64; 2] {
 #[inline(always)]
 fn weight(l: f64, q: u8) -> f64 {
     (1.0 - (l - f64::from(q)).abs()).max(0.0)
+}
+
+/// A number of a plane as arrays hold it: heights from the eye, shares as they are.
+#[inline(always)]
+fn stored(level: &LevelFunction, plane: usize, sum: f64) -> f32 {
+    if plane == 0 { relative_height(level.exaggeration(), sum, level.eye().z) } else { sum as f32 }
 }
 
 #[inline(always)]

@@ -11,6 +11,10 @@
 //!
 //! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken from the rows and columns
 //! of drawn edges; a block of facets is hidden when its highest vertex lies below the horizon of every bin that it touches.
+//!
+//! Through a hole in the ground (`terravision_common::validity`) rays come under the surface, and out of it where there is
+//! another hole. So a leaf with a hole hides nothing, and neither does what comes after it in its directions; what was nearer
+//! goes on hiding: a ray that meets it has met no hole before.
 
 use glam::{DVec2, Vec2};
 use terravision_common::camera::Camera;
@@ -51,6 +55,10 @@ pub struct Horizon {
     /// In `u` and `v`.
     margin: f32,
     bins: Vec<f32>,
+    /// Bins that may be seen through a hole, from the first to the one past the last. Nothing raises them any more.
+    holed: [usize; 2],
+    /// Whether the entered leaf has a hole.
+    has_hole: bool,
     /// Upright coordinates of the entered leaf's vertices, `u` in bins.
     us: Vec<f32>,
     vs: Vec<f32>,
@@ -93,6 +101,8 @@ impl Horizon {
             bins_per_u: 1.0,
             margin: 0.0,
             bins: vec![f32::NEG_INFINITY; BINS],
+            holed: [0; 2],
+            has_hole: false,
             us: vec![0.0; posts * posts],
             vs: vec![0.0; posts * posts],
             entered: None,
@@ -114,6 +124,7 @@ impl Horizon {
             && camera.eye_in_world[2] > ground_m
             && corners.iter().all(|corner| corner.dot(ahead) >= LEAST_AHEAD);
         self.entered = None;
+        self.holed = [0; 2];
         if self.is_active {
             let across = corners.map(|corner| (corner.perp_dot(ahead) / corner.dot(ahead)).abs());
             self.ahead = ahead.as_vec2();
@@ -131,13 +142,41 @@ impl Horizon {
             self.is_active = false;
         }
         self.entered = (self.is_active && self.project(vertices, leaf)).then_some(leaf);
+        self.has_hole = false;
+    }
+
+    /// The entered leaf has a hole.
+    pub fn enter_hole(&mut self) {
+        self.has_hole = true;
     }
 
     /// The entered leaf is drawn, at least in part: it hides what comes after it.
     pub fn leave(&mut self) {
-        if let Some(leaf) = self.entered.take() {
+        let entered = self.entered.take();
+        if self.has_hole {
+            self.open(entered);
+        } else if let Some(leaf) = entered {
             self.raise(leaf);
         }
+    }
+
+    /// The directions of a leaf that has a hole are open from now on; all of them when it has no place on the upright plane. As one
+    /// range: holes beside each other are the usual case, and directions between two cost time alone.
+    fn open(&mut self, leaf: Option<Leaf>) {
+        let Some(leaf) = leaf else {
+            self.holed = [0, BINS];
+            return;
+        };
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for row in self.us.chunks_exact(self.posts).step_by(leaf.grid) {
+            for u in row.iter().step_by(leaf.grid) {
+                (low, high) = (low.min(*u), high.max(*u));
+            }
+        }
+        // A bin more on both sides: rounding. Casts of negative numbers give 0.
+        let [first, end] = [(low - 1.0) as usize, (high + 2.0) as usize].map(|bin| bin.min(BINS));
+        let [before, after] = self.holed;
+        self.holed = if before < after { [before.min(first), after.max(end)] } else { [first, end] };
     }
 
     /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. It is taken to be as large as the
@@ -257,8 +296,10 @@ impl Horizon {
                 }
                 while is_inside && next.0 >= bin + 1.0 && bin < BINS as f32 {
                     let height = height_at(bin + 1.0);
-                    let place = &mut self.bins[bin as usize];
-                    *place = place.max(lowest.min(height));
+                    if !(self.holed[0]..self.holed[1]).contains(&(bin as usize)) {
+                        let place = &mut self.bins[bin as usize];
+                        *place = place.max(lowest.min(height));
+                    }
                     lowest = height;
                     bin += 1.0;
                 }
@@ -320,6 +361,31 @@ mod tests {
         assert!(enter(&mut horizon, [-100.0, 1000.0], -80.0));
         assert!(!enter(&mut horizon, [-100.0, 1400.0], -10.0), "it rises above the horizon");
         assert!(!enter(&mut horizon, [1300.0, 1800.0], -80.0), "it is not behind what was drawn");
+    }
+
+    #[test]
+    fn nothing_is_hidden_by_a_leaf_with_a_hole_nor_by_what_is_behind_it() {
+        let enter_holed = |horizon: &mut Horizon, [west, south]: [f32; 2], up: f32| {
+            let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
+            let vertices = Vertices { xs: &metres(west), ys: &metres(south), heights: &[up; POSTS * POSTS] };
+            horizon.enter(vertices, 1, [1; 4]);
+            horizon.enter_hole();
+            horizon.leave();
+        };
+        let mut horizon = horizon();
+        enter_holed(&mut horizon, [-200.0, 400.0], -20.0);
+        assert!(!enter(&mut horizon, [-200.0, 900.0], -20.0));
+        assert!(!enter(&mut horizon, [-100.0, 1400.0], -80.0), "seen through the hole, from under the leaf before it");
+        // What was nearer hides it all the same.
+        let mut horizon = self::horizon();
+        assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
+        enter_holed(&mut horizon, [-200.0, 900.0], -20.0);
+        assert!(enter(&mut horizon, [-100.0, 1400.0], -80.0));
+        // A hole under the eye is in all directions.
+        let mut horizon = self::horizon();
+        enter_holed(&mut horizon, [-200.0, -200.0], -100.0);
+        assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
+        assert!(!enter(&mut horizon, [-100.0, 1000.0], -80.0));
     }
 
     #[test]

@@ -152,7 +152,7 @@ impl<L: TileLoader> Preparer<L> {
     /// # Errors
     /// [`PreparerError`].
     pub fn new(world: &World, config: &RunConfig, loader: L, ports: &mut Ports) -> Result<Self, PreparerError> {
-        let expected = world.elevation_posts() * world.elevation_posts();
+        let expected = world.elevation_values() as u32;
         let found = ports.elevation.array_f32();
         if found < expected {
             return Err(PreparerError::WrongArrays { found, expected });

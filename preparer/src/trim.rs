@@ -8,6 +8,7 @@
 use crate::horizon::{Horizon, Vertices};
 use terravision_common::camera::Camera;
 use terravision_common::slot::TileSlot;
+use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
 /// A vertex counts as inside of a plane when it is outside by less than this share of its distance from the eye, plus
@@ -20,6 +21,7 @@ const PLANES: usize = 5;
 #[derive(Debug)]
 pub struct Trim {
     posts: usize,
+    has_validity: bool,
     unit: f64,
     extent: [u32; 2],
     normals: [glam::Vec3; PLANES],
@@ -40,6 +42,7 @@ impl Trim {
         let posts = world.elevation_posts() as usize;
         Self {
             posts,
+            has_validity: world.has_validity(),
             unit: world.lattice_unit_m(),
             extent: world.extent(),
             normals: [glam::Vec3::ZERO; PLANES],
@@ -60,10 +63,12 @@ impl Trim {
         self.horizon.look(camera, ground_m);
     }
 
-    /// Takes the array of an elevation leaf, near to far: heights relative to the eye, as the slots of its blocks have it.
+    /// Takes the array of an elevation leaf, near to far: heights relative to the eye, as the slots of its blocks have it, and
+    /// behind them the shares of ground of a world with validity.
     /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
     /// between them are not looked at.
-    pub fn enter(&mut self, origin: [u64; 2], q: u8, heights: &[f32], snaps: (u8, [u8; 4])) {
+    pub fn enter(&mut self, origin: [u64; 2], q: u8, array: &[f32], snaps: (u8, [u8; 4])) {
+        let heights = &array[..self.posts * self.posts];
         let axes = [(&mut self.xs, self.eye.x), (&mut self.ys, self.eye.y)];
         for (axis, (metres, eye)) in axes.into_iter().enumerate() {
             for (index, metres) in (0u64..).zip(metres.iter_mut()) {
@@ -89,6 +94,12 @@ impl Trim {
         }
         let vertices = Vertices { xs: &self.xs, ys: &self.ys, heights };
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
+        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.has_validity);
+        let mut rows =
+            shares.into_iter().flat_map(|shares| shares.chunks_exact(self.posts).take(self.posts).step_by(grid));
+        if rows.any(|row| row.iter().any(|share| *share < 1.0)) {
+            self.horizon.enter_hole();
+        }
         self.is_seen = false;
     }
 

@@ -65,6 +65,8 @@ pub struct CastOptions {
     pub sampling: Sampling,
     /// Colour where no ground is.
     pub sky_rgb: [u8; 3],
+    /// Whether the ground is seen from below by an eye over it, too: through holes.
+    pub has_undersides: bool,
 }
 
 impl Default for CastOptions {
@@ -75,6 +77,7 @@ impl Default for CastOptions {
             looks_between: true,
             sampling: Sampling { interval_voxels: 0.6, voxel_px: 1.0 },
             sky_rgb: [150, 190, 235],
+            has_undersides: false,
         }
     }
 }
@@ -165,7 +168,7 @@ impl Caster {
                 f32::NEG_INFINITY
             },
             highest: if has_ground { ground.top_m() - from_datum } else { f32::NEG_INFINITY },
-            has_undersides: is_beside_world(ground, &view),
+            has_undersides: options.has_undersides || is_beside_world(ground, &view),
         };
         let coherence = match method {
             Method::Coherent | Method::Mipmap => Coherence::Proven,
@@ -181,7 +184,7 @@ impl Caster {
         let line_options = LineOptions { coherence, steepness: &self.steepness };
         let (lines, strips) = (&self.lines, &self.strips);
         let next = AtomicUsize::new(0);
-        self.workers.run(|worker| {
+        let counts = self.workers.run(|worker| {
             let mut counts = Counts::default();
             // A worker's own. What a panic has left in it is not looked at.
             let mut strips = strips[worker].lock().unwrap_or_else(PoisonError::into_inner);
@@ -214,7 +217,11 @@ impl Caster {
                         };
                 }
             }
-        })
+        });
+        if ground.is_partly_unmeasured() {
+            frame.look_at_shares(&self.workers);
+        }
+        counts
     }
 
     /// The tiles of the ground that was drawn last.

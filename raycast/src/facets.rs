@@ -26,8 +26,8 @@ pub(crate) struct Hit {
 }
 
 /// A ray lies under the ground when it is lower by so many metres, and by this share of the distance: less is rounding.
-const LEAST_BELOW_M: f32 = 1e-3;
-const LEAST_BELOW: f32 = 1e-5;
+pub(crate) const LEAST_BELOW_M: f32 = 1e-3;
+pub(crate) const LEAST_BELOW: f32 = 1e-5;
 
 /// How a ray crossed a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -29,6 +29,7 @@ mod outline;
 mod paint;
 pub mod picture;
 mod projected;
+mod shares;
 mod steepness;
 mod strip;
 mod surface;

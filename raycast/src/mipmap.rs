@@ -34,7 +34,7 @@ struct Known {
 
 /// Where a ray is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Side {
+pub(crate) enum Side {
     /// Over no tile: nothing is known.
     Outside,
     Above,
@@ -158,8 +158,20 @@ impl Frame<'_> {
         current: &mut Entered<'f>,
         counts: &mut Counts,
     ) -> Option<Hit> {
+        let side = if from <= entry { Side::Outside } else { Side::Above };
+        self.next_hit(ray, side, [from, until], current, counts)
+    }
+
+    /// The same from where a ray is known to be.
+    pub(crate) fn next_hit<'f>(
+        &'f self,
+        ray: &Ray,
+        mut side: Side,
+        [from, until]: [f32; 2],
+        current: &mut Entered<'f>,
+        counts: &mut Counts,
+    ) -> Option<Hit> {
         let mut s = from;
-        let mut side = if from <= entry { Side::Outside } else { Side::Above };
         let mut is_here = current.is_under(&current.along(ray), s);
         // A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
         for _ in 0..1 << 16 {
@@ -280,6 +292,6 @@ impl Frame<'_> {
 
 /// A little further: a point on a border belongs to what lies behind it.
 #[inline(always)]
-fn past(s: f32) -> f32 {
+pub(crate) fn past(s: f32) -> f32 {
     s + s.abs() * 2e-6 + 1e-6
 }

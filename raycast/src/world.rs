@@ -125,11 +125,11 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         let layer = self.layer_of(color_node)?;
         let posts = world.elevation_posts();
         if !self.elevations.contains_key(&node) {
-            let mut heights = vec![0.0; (posts * posts) as usize];
-            self.source.read_elevation(node, &mut heights, &mut self.scratch)?;
+            let mut values = vec![0.0; world.elevation_values()];
+            self.source.read_elevation(node, &mut values, &mut self.scratch)?;
             let exaggeration = level.exaggeration() as f32;
-            heights.iter_mut().for_each(|height| *height *= exaggeration);
-            self.elevations.insert(node, heights);
+            values[..(posts * posts) as usize].iter_mut().for_each(|height| *height *= exaggeration);
+            self.elevations.insert(node, values);
         }
         let origin = world.node_origin(node).map(|v| v as u32);
         // Posts past the extent repeat its border.
@@ -139,12 +139,15 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         });
         let eye = level.eye();
         let distance = (bounds.min - eye).max(eye - bounds.max).max(glam::DVec3::ZERO).length();
+        let mut planes = self.elevations[&node].chunks_exact((posts * posts) as usize);
+        let heights = planes.next().unwrap_or_default();
         let spec = TileSpec {
             origin,
             level: node.q(),
             log_spacing: node.q(),
             cells,
-            heights: &self.elevations[&node],
+            heights,
+            shares: planes.next().zip(planes.next()).map(|(ground, measured)| [ground, measured]),
             stride: posts as usize,
             datum_m: 0.0,
             color: ColorPlace::of_tile(&world, layer, color_origin, color_node.q()),

@@ -120,23 +120,100 @@ struct OverlayVaryings {
     @location(3) @interpolate(flat) outline: u32,
 }
 
+fn block_place(tile: Tile, post: vec2<u32>) -> vec2<f32> {
+    let start = vec2(tile.block_start & 0xffffu, tile.block_start >> 16u);
+    let end = vec2(tile.block_end & 0xffffu, tile.block_end >> 16u);
+    return vec2<f32>(post - start) / vec2<f32>(end - start);
+}
+
 @vertex
 fn vertex_overlay(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> OverlayVaryings {
     let tile = tiles[instance];
     let post = snapped(tile, post_of(vertex));
     let made = vertex_of(tile, post);
-    let start = vec2(tile.block_start & 0xffffu, tile.block_start >> 16u);
-    let end = vec2(tile.block_end & 0xffffu, tile.block_end >> 16u);
-    let block_at = vec2<f32>(post - start) / vec2<f32>(end - start);
+    let block_at = block_place(tile, post);
     return OverlayVaryings(made.position, made.color_at, made.layer, block_at, tile.outline);
+}
+
+// Colour with the block's outline.
+fn outlined(color_at: vec2<f32>, layer: u32, block_at: vec2<f32>, outline: u32) -> vec4<f32> {
+    let texel = textureSample(colors, color_sampler, color_at, layer);
+    // Distance to the block's nearest edge in pixels: a line of about three pixels, half on each side of the edge.
+    let slope = max(fwidth(block_at), vec2(1e-9));
+    let from_edge = min(block_at, 1.0 - block_at) / slope;
+    let cover = clamp(2.0 - min(from_edge.x, from_edge.y), 0.0, 1.0);
+    return mix(texel, unpack4x8unorm(outline), 0.85 * cover);
 }
 
 @fragment
 fn fragment_overlay(in: OverlayVaryings) -> @location(0) vec4<f32> {
+    return outlined(in.color_at, in.layer, in.block_at, in.outline);
+}
+
+// A world with validity: behind the heights of an array come the shares of its posts that are ground, and that were measured.
+// Where less than half is ground there is a hole; where less than half was measured, the lowest bit of alpha is cleared.
+const HALF: f32 = 0.5;
+const MADE_UP_ALPHA: f32 = 254.0 / 255.0;
+
+fn shares_of(tile: Tile, at: vec2<u32>) -> vec2<f32> {
+    let plane = frame.posts * frame.posts;
+    let first = tile.array_start + plane + at.y * frame.posts + at.x;
+    return vec2(elevations[first], elevations[first + plane]);
+}
+
+struct ValidVaryings {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) color_at: vec2<f32>,
+    @location(1) @interpolate(flat) layer: u32,
+    // Of ground, and of what was measured.
+    @location(2) shares: vec2<f32>,
+}
+
+@vertex
+fn vertex_valid(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> ValidVaryings {
+    let tile = tiles[instance];
+    let post = snapped(tile, post_of(vertex));
+    let made = vertex_of(tile, post);
+    return ValidVaryings(made.position, made.color_at, made.layer, shares_of(tile, post));
+}
+
+fn marked(color: vec4<f32>, shares: vec2<f32>) -> vec4<f32> {
+    return vec4(color.rgb, select(1.0, MADE_UP_ALPHA, shares.y < HALF));
+}
+
+@fragment
+fn fragment_valid(in: ValidVaryings) -> @location(0) vec4<f32> {
     let texel = textureSample(colors, color_sampler, in.color_at, in.layer);
-    // Distance to the block's nearest edge in pixels: a line of about three pixels, half on each side of the edge.
-    let slope = max(fwidth(in.block_at), vec2(1e-9));
-    let from_edge = min(in.block_at, 1.0 - in.block_at) / slope;
-    let cover = clamp(2.0 - min(from_edge.x, from_edge.y), 0.0, 1.0);
-    return mix(texel, unpack4x8unorm(in.outline), 0.85 * cover);
+    if in.shares.x < HALF { discard; }
+    return marked(texel, in.shares);
+}
+
+@fragment
+fn fragment_depth_valid(in: ValidVaryings) {
+    if in.shares.x < HALF { discard; }
+}
+
+struct ValidOverlayVaryings {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) color_at: vec2<f32>,
+    @location(1) @interpolate(flat) layer: u32,
+    @location(2) block_at: vec2<f32>,
+    @location(3) @interpolate(flat) outline: u32,
+    @location(4) shares: vec2<f32>,
+}
+
+@vertex
+fn vertex_overlay_valid(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> ValidOverlayVaryings {
+    let tile = tiles[instance];
+    let post = snapped(tile, post_of(vertex));
+    let made = vertex_of(tile, post);
+    let block_at = block_place(tile, post);
+    return ValidOverlayVaryings(made.position, made.color_at, made.layer, block_at, tile.outline, shares_of(tile, post));
+}
+
+@fragment
+fn fragment_overlay_valid(in: ValidOverlayVaryings) -> @location(0) vec4<f32> {
+    let color = outlined(in.color_at, in.layer, in.block_at, in.outline);
+    if in.shares.x < HALF { discard; }
+    return marked(color, in.shares);
 }

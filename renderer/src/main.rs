@@ -115,6 +115,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         size: [config.width, config.height],
         samples: render.samples,
         sky_rgb: render.sky_rgb,
+        skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
         has_tree_overlay: render.has_tree_overlay,
         has_validation: render.has_validation,
         has_depth,
@@ -182,13 +183,15 @@ fn lane(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn Fr
     let mut all = AllOf(Vec::new());
     if let Some(share) = &render.share {
         // First: who reads it waits for it, files can wait.
-        all.0.push(Box::new(SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?));
+        let sink = SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?;
+        all.0.push(Box::new(sink.with_made_up(render.made_up)));
     }
     if let Some(target) = &render.depth {
-        all.0.push(Box::new(DepthSink::new(target)?));
+        all.0.push(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)));
     }
     if let Some(target) = &render.ground {
-        all.0.push(Box::new(GroundSink::new(target, origin, config.exaggeration)?));
+        let sink = GroundSink::new(target, origin, config.exaggeration)?;
+        all.0.push(Box::new(sink.with_made_up(render.made_up)));
     }
     // Last: where there is a picture of a frame, there is all of it.
     all.0.push(picture);

@@ -48,6 +48,16 @@ impl Pixels {
         }
     }
 
+    /// The picture and the depth, as [`Pixels::rgba`] and [`Pixels::reversed_depth`] give them, to be drawn over.
+    pub(crate) fn planes_mut(&mut self) -> (&mut [u8], Option<&mut [f32]>) {
+        match self {
+            Self::Device(readback) => readback.planes_mut(),
+            Self::Memory(Raster { rgba, reversed_depth, .. }) => {
+                (bytemuck::cast_slice_mut(rgba), reversed_depth.as_deref_mut())
+            }
+        }
+    }
+
     /// The depth, when the frame has it: `[height, width]`, row 0 at the top; near plane over metres along the view axis, 0
     /// for sky.
     #[must_use]

@@ -6,6 +6,7 @@ use crate::gpu::{GpuError, Missing};
 use crate::pixels::Pixels;
 use crate::sink::SinkError;
 use crate::sink::lanes::{Lanes, Written};
+use crate::skirt::{Border, Skirt};
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -166,6 +167,9 @@ struct FrameLoop<'a> {
     shape: SourceShape,
     source: &'a mut dyn FrameSource,
     reader: FrameReader,
+    skirt: Option<Skirt>,
+    /// Of the frames that are with the engine, in order.
+    borders: VecDeque<Option<Border>>,
     record_started: u64,
     free: Vec<Pixels>,
     /// Read-back buffers in all.
@@ -189,6 +193,7 @@ impl<'a> FrameLoop<'a> {
         let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
         let engine = Engine::new(options.clone(), source)?;
         let shape = source.shape();
+        let skirt = options.skirt_low_m.map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
         let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
@@ -201,6 +206,8 @@ impl<'a> FrameLoop<'a> {
             shape,
             source,
             reader,
+            skirt,
+            borders: VecDeque::new(),
             record_started: monotonic_nanos(),
             buffers: free.len(),
             free,
@@ -220,7 +227,7 @@ impl<'a> FrameLoop<'a> {
                 self.take_back(written)?;
             }
         }
-        let Self { lanes, engine, options, mut reader, source, summary, last_finished, .. } = self;
+        let Self { lanes, engine, options, mut reader, skirt, source, summary, last_finished, .. } = self;
         // The old one goes first: there may be no room for both.
         drop(self.free);
         drop(engine);
@@ -234,6 +241,8 @@ impl<'a> FrameLoop<'a> {
             shape: self.shape,
             source,
             reader,
+            skirt,
+            borders: VecDeque::new(),
             record_started: monotonic_nanos(),
             free,
             buffers: self.buffers,
@@ -263,6 +272,11 @@ impl<'a> FrameLoop<'a> {
         let pixels = self.wait_for_room(observe)?;
         self.wait_for_frame(observe)?;
         let started = self.record_started;
+        let border = match &mut self.skirt {
+            Some(skirt) => skirt.border(self.reader.frame(), self.source)?,
+            None => None,
+        };
+        self.borders.push_back(border);
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
         if matches!(submitted, Err(EngineError::Frame { .. })) {
             self.source.count(Counter::SlotsRejected, 1);
@@ -342,8 +356,11 @@ impl<'a> FrameLoop<'a> {
         Ok(())
     }
 
-    fn finish(&mut self, finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+    fn finish(&mut self, mut finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         self.source.progress();
+        if let Some(border) = self.borders.pop_front().flatten() {
+            border.draw(&mut finished.pixels, self.options.samples);
+        }
         if self.is_held_until_written {
             self.unwritten.push_back((finished.done(), false));
         } else {

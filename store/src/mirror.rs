@@ -80,8 +80,7 @@ pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, St
     // What is no Unicode is no JSON either: the parser says so.
     let manifest = Manifest::parse(&String::from_utf8_lossy(&text))
         .map_err(|source| StoreError::Manifest { source, location: location.to_string() })?;
-    let world =
-        World::new(manifest.world).map_err(|source| StoreError::World { source, location: location.to_string() })?;
+    let world = manifest.geometry().map_err(|source| StoreError::World { source, location: location.to_string() })?;
     Ok(OpenManifest { text, manifest, world })
 }
 

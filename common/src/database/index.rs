@@ -78,7 +78,8 @@ pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseEr
     };
     let manifest =
         Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
-    let world = World::new(manifest.world)
+    let world = manifest
+        .geometry()
         .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
     Ok((manifest, world))
 }

@@ -2,14 +2,20 @@
 
 use crate::files::read_bounded;
 use crate::lonlat::LonLatTable;
-use crate::world::{WorldError, WorldFields};
+use crate::world::{World, WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::io;
 use std::path::Path;
 
-/// Version of the format that this build writes, and the newest that it reads.
+/// Version of the format of a database without special features.
 pub const FORMAT_VERSION: u32 = 1;
+/// Version of a database with features that a reader must know ([`Manifest::features`]); the newest that this build reads.
+pub const FEATURES_VERSION: u32 = 2;
+/// The feature of a database whose elevation tiles say which posts are ground and which were measured ([`crate::validity`]).
+pub const FEATURE_VALIDITY: &str = "validity";
+/// The features that this build knows.
+const FEATURES: &[&str] = &[FEATURE_VALIDITY];
 const FORMAT: &str = "terravision-database";
 /// No manifest is larger: it lists source files.
 pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
@@ -23,13 +29,22 @@ pub enum ManifestError {
     NotAManifest,
     /// It was written by a newer (or much older) TerraVision.
     #[error(
-        "the database has format version {found}, this program reads version {expected}; use the TerraVision that wrote it, or ingest again"
+        "the database has format version {found}, this program reads versions up to {expected}; use the TerraVision that wrote it, or ingest again"
     )]
     Version {
         /// What this build reads.
         expected: u32,
         /// What it has.
         found: u64,
+    },
+    /// It needs something of its reader that this build does not know.
+    #[error(
+        "the database has the feature \"{}\", which this program does not know; use the TerraVision that wrote it, or ingest again",
+        found.escape_default()
+    )]
+    Feature {
+        /// What.
+        found: String,
     },
     /// It is not what was written.
     #[error("its checksum is {found:08x}, expected {expected:08x}: it was changed or damaged after ingest")]
@@ -116,6 +131,41 @@ pub struct NodesRecord {
     pub crc32: u32,
 }
 
+/// What became of ground without data.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VoidsRecord {
+    /// What was asked for.
+    pub mode: Voids,
+    /// Area without data that has no ground, square metres; the rest was filled from around it.
+    pub hole_area_m2: f64,
+}
+
+/// What becomes of ground without data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Voids {
+    /// All of it is filled from around it.
+    Fill,
+    /// It stays without ground.
+    Keep,
+    /// What reaches the border of the world stays without ground, the rest is filled.
+    #[default]
+    Clip,
+}
+
+impl Voids {
+    /// As the command line and the manifest spell it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fill => "fill",
+            Self::Keep => "keep",
+            Self::Clip => "clip",
+        }
+    }
+}
+
 /// The elevation pyramid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -129,8 +179,11 @@ pub struct ElevationLayer {
     /// Lowest and highest sample of the sources over the world, metres; absent when the finest level has the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source_range_m: Option<[f64; 2]>,
-    /// Area without data that was filled from around it, square metres.
+    /// Area without data, square metres. Its heights were made up from around it, also where it has no ground.
     pub void_area_m2: f64,
+    /// What became of it, where there is any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voids: Option<VoidsRecord>,
     /// How tiles are encoded.
     pub encoding: String,
     /// Its file.
@@ -161,8 +214,11 @@ pub struct ColorLayer {
 pub struct Manifest {
     /// Always "terravision-database".
     pub format: String,
-    /// Version of the format.
+    /// Version of the format: [`FEATURES_VERSION`] where there are features, else [`FORMAT_VERSION`].
     pub format_version: u32,
+    /// What a reader has to know to read it rightly, beyond version 1.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub features: Vec<String>,
     /// The program that wrote it.
     pub written_by: String,
     /// The database's name: its folder's, without ".tv".
@@ -195,6 +251,41 @@ struct Head<'a> {
     format: Option<Cow<'a, str>>,
     #[serde(default)]
     format_version: Option<u64>,
+    #[serde(default)]
+    features: FewNames,
+}
+
+/// A list of names that is short: no more are kept than a database ever has features.
+#[derive(Default)]
+struct FewNames(Vec<String>);
+
+impl FewNames {
+    const MOST: usize = 16;
+}
+
+impl<'de> Deserialize<'de> for FewNames {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Names;
+        impl<'de> serde::de::Visitor<'de> for Names {
+            type Value = FewNames;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                write!(f, "at most {} names", FewNames::MOST)
+            }
+
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut names: A) -> Result<FewNames, A::Error> {
+                let mut all = FewNames::default();
+                while let Some(name) = names.next_element()? {
+                    if all.0.len() == FewNames::MOST {
+                        return Err(serde::de::Error::invalid_length(FewNames::MOST + 1, &self));
+                    }
+                    all.0.push(name);
+                }
+                Ok(all)
+            }
+        }
+        deserializer.deserialize_seq(Names)
+    }
 }
 
 /// Where the eight digits of the checksum are in the text.
@@ -234,9 +325,14 @@ impl Manifest {
             return Err(ManifestError::NotAManifest);
         }
         match head.format_version {
-            Some(found) if found == u64::from(FORMAT_VERSION) => {}
-            Some(found) => return Err(ManifestError::Version { expected: FORMAT_VERSION, found }),
+            Some(found) if (FORMAT_VERSION.into()..=FEATURES_VERSION.into()).contains(&found) => {}
+            Some(found) => return Err(ManifestError::Version { expected: FEATURES_VERSION, found }),
             None => return Err(ManifestError::NotAManifest),
+        }
+        // Before all else, which may be new with a feature.
+        let unknown = head.features.0.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
+        if let Some(found) = unknown {
+            return Err(ManifestError::Feature { found: found.clone() });
         }
         let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
         let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;
@@ -248,6 +344,24 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// The geometry of the database, with what its tiles hold.
+    ///
+    /// # Errors
+    /// [`WorldError`] for numbers that make no world.
+    pub fn geometry(&self) -> Result<World, WorldError> {
+        let world = World::new(self.world)?;
+        if !self.has_feature(FEATURE_VALIDITY) {
+            return Ok(world);
+        }
+        Ok(world.with_validity(self.elevation.voids.is_none_or(|voids| voids.hole_area_m2 > 0.0)))
+    }
+
+    /// Whether it has a feature.
+    #[must_use]
+    pub fn has_feature(&self, feature: &str) -> bool {
+        self.features.iter().any(|found| found == feature)
+    }
+
     /// The manifest's text, with format, version and checksum set.
     ///
     /// # Errors
@@ -255,7 +369,7 @@ impl Manifest {
     pub fn to_text(&self) -> Result<String, serde_json::Error> {
         let mut manifest = self.clone();
         FORMAT.clone_into(&mut manifest.format);
-        manifest.format_version = FORMAT_VERSION;
+        manifest.format_version = if manifest.features.is_empty() { FORMAT_VERSION } else { FEATURES_VERSION };
         "00000000".clone_into(&mut manifest.checksum);
         let mut text = serde_json::to_string_pretty(&manifest)?;
         text.push('\n');

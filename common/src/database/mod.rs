@@ -32,13 +32,16 @@ pub use archive_layout::{
     ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, MOST_DIRECTORY_BYTES, MOST_INDEX_BYTES, Place,
 };
 pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
-pub use elevation::{ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_tile, encode_elevation_tile};
-pub use ground::ground_height;
+pub use elevation::{
+    ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_planes, decode_elevation_tile, encode_elevation_tile,
+    encode_elevation_tile_with_validity,
+};
+pub use ground::{GroundPoint, ground_at, ground_height};
 pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
-    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError,
-    NodesRecord, Source,
+    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION,
+    MOST_MANIFEST_BYTES, Manifest, ManifestError, NodesRecord, Source, Voids, VoidsRecord,
 };
 pub use ranges::{MOST_NODES_BYTES, NodeRanges, RangesError};
 pub use tile::Tile;
@@ -249,7 +252,8 @@ impl std::fmt::Debug for TileScratch {
 
 /// Where tiles come from. [`Database`] is the real one, tests have others. Calls block on storage; any thread may call.
 pub trait TileSource: Send + Sync {
-    /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south.
+    /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south; behind them the planes of validity of a
+    /// world that has them ([`World::elevation_values`]).
     ///
     /// # Errors
     /// [`TileError`]; the content of `out` is then undefined.
@@ -350,7 +354,7 @@ pub fn decode_elevation(
     out: &mut [f32],
     scratch: &mut TileScratch,
 ) -> Result<(), TileError> {
-    decode_elevation_tile(payload, world.elevation_posts(), out, scratch).map_err(|e| TileError::Corrupt {
+    decode_elevation_planes(world, payload, out, scratch).map_err(|e| TileError::Corrupt {
         layer: Layer::Elevation,
         node,
         reason: e.into(),

@@ -65,8 +65,8 @@ impl Layout {
     /// # Errors
     /// [`ShmError::MemoryTooSmall`].
     pub fn for_run(world: &World, memory_bytes: u64, texels: TexelFormat) -> Result<Self, ShmError> {
-        let posts = u64::from(world.elevation_posts());
-        let array_bytes = posts * posts * 4;
+        let array_values = world.elevation_values();
+        let array_bytes = array_values as u64 * 4;
         let elevation_slot_bytes = array_bytes.next_multiple_of(64);
         let slot_bytes = |format: TexelFormat| format.tile_bytes(world.color_stored()).next_multiple_of(4096);
         let color_slot_bytes = slot_bytes(texels);
@@ -85,7 +85,7 @@ impl Layout {
             ring_slots: 8192,
             tree_nodes: 65536,
             elevation_arrays,
-            elevation_array_f32: (posts * posts) as u32,
+            elevation_array_f32: array_values as u32,
             color_slots: color_slots as u32,
             color_slot_bytes,
             elevation_slots: (elevation_per_color * color_slots) as u32,

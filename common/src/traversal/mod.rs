@@ -17,7 +17,7 @@ mod view;
 pub use view::{Frustum, HeightRanges, node_box};
 
 use crate::camera::Camera;
-use crate::level::LevelFunction;
+use crate::level::{LevelFunction, WorldBox};
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
 use crate::tree::TreeNode;
@@ -80,6 +80,37 @@ struct View<'a, R> {
     ranges: &'a R,
     /// Added to both wanted levels.
     coarser: f64,
+    /// For an eye beside the world, which sees the walls under the world's border: the lowest ground, metres.
+    skirt_low_m: Option<f64>,
+}
+
+impl<'a, R: HeightRanges> View<'a, R> {
+    fn new(camera: &Camera, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
+        let extent_m = world.extent_m();
+        let is_beside = (0..2).any(|axis| !(0.0..=extent_m[axis]).contains(&camera.eye_in_world[axis]));
+        let lowest = || node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
+        Self {
+            frustum: Frustum::new(camera),
+            level,
+            ranges,
+            coarser: 0.0,
+            skirt_low_m: is_beside.then(lowest).flatten(),
+        }
+    }
+
+    /// Whether the node may be seen, or the wall under it where it lies on the world's border. (How fine it has to be is a matter of
+    /// its ground alone.)
+    fn may_see(&self, world: &World, bounds: &WorldBox) -> bool {
+        let mut seen = *bounds;
+        if let Some(low) = self.skirt_low_m {
+            let extent_m = world.extent_m();
+            let is_on_border = (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= extent_m[axis]);
+            if is_on_border {
+                seen.min.z = seen.min.z.min(low);
+            }
+        }
+        self.frustum.may_see(&seen)
+    }
 }
 
 impl Traversal {
@@ -105,7 +136,7 @@ impl Traversal {
         ranges: &impl HeightRanges,
         out: &mut [TreeNode],
     ) -> TreeStats {
-        let mut view = View { frustum: Frustum::new(camera), level, ranges, coarser: 0.0 };
+        let mut view = View::new(camera, level, ranges, &self.world);
         let mut is_cut_short = false;
         // Wanted levels span some 80 powers of two at most, then every tree is its root.
         while view.coarser < 128.0 {
@@ -143,7 +174,7 @@ impl Traversal {
     /// Adds the node when it may be visible and gives its index.
     fn add<R: HeightRanges>(&mut self, view: &View<'_, R>, id: NodeId, capacity: usize) -> Result<Option<usize>, Full> {
         let Some(bounds) = node_box(&self.world, view.ranges, view.level.exaggeration(), id) else { return Ok(None) };
-        if !view.frustum.may_see(&bounds) {
+        if !view.may_see(&self.world, &bounds) {
             return Ok(None);
         }
         let at = self.found.len();

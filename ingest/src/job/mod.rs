@@ -6,7 +6,7 @@ mod record;
 use crate::archive;
 use crate::error::IngestError;
 use crate::plan::{Plan, PlanOptions};
-use crate::pyramid::{self, voids};
+use crate::pyramid::{self, validity, voids as fill};
 use crate::sample;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
 use crate::source::{Note, Raster, TargetCrs};
@@ -18,7 +18,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use terravision_common::database::{
-    ArchiveRecord, COLOR_FILE, ELEVATION_FILE, HEIGHT_STEPS_PER_M, Manifest, NODES_FILE, NodesRecord,
+    ArchiveRecord, COLOR_FILE, ELEVATION_FILE, HEIGHT_STEPS_PER_M, Manifest, NODES_FILE, NodesRecord, Voids,
+    VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
 
@@ -51,6 +52,8 @@ pub struct Job {
     pub threads: usize,
     /// Tile sizes, spacing.
     pub plan: PlanOptions,
+    /// What becomes of ground without data.
+    pub voids: Voids,
 }
 
 /// Memory that a working thread needs at most (a window of a source in samples and pixels), bytes.
@@ -78,6 +81,7 @@ impl Job {
             color_quality: 90,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             plan: PlanOptions::default(),
+            voids: Voids::default(),
         }
     }
 
@@ -149,20 +153,22 @@ impl Job {
         note: &mut dyn FnMut(Note),
     ) -> Result<Manifest, IngestError> {
         let (world, folder) = (&plan.world, output.folder());
-        let (levels, summary) = elevation_levels(plan, target, elevation, folder, work)?;
+        let Elevation { levels, summary, validity, holes } =
+            elevation_levels(plan, target, elevation, self.voids, folder, work)?;
         let post_area = plan.elevation.step.powi(2);
         let void_area_m2 = summary.voids as f64 * post_area;
         if summary.voids > 0 {
             let all = plan.elevation_size(world.finest_elevation_level()).iter().product::<u64>();
-            note(Note::Info(format!(
-                "elevation has no data for {:.3} km² ({:.1} %): filled from around it",
-                void_area_m2 / 1e6,
-                100.0 * summary.voids as f64 / all as f64
-            )));
+            let areas = [summary.voids, holes].map(|posts| posts as f64 * post_area / 1e6);
+            note(Note::Info(record::about_voids(self.voids, areas, summary.voids as f64 / all as f64)));
         }
         let source_range = told_source_range(&summary, plan, note);
-        let info = record::archive_info(plan, target, &self.name());
-        let elevation_record = archive::write_elevation(&output.part(ELEVATION_FILE), world, &levels, &info.0, work)?;
+        let voids_record =
+            (summary.voids > 0).then_some(VoidsRecord { mode: self.voids, hole_area_m2: holes as f64 * post_area });
+        let info = record::archive_info(plan, target, &self.name(), voids_record.is_some());
+        let path = output.part(ELEVATION_FILE);
+        let elevation_record = archive::write_elevation(&path, world, &levels, &validity, &info.0, work)?;
+        drop(validity);
         let ranges = crate::ranges::compute(world, &levels, folder, work)?;
         let nodes_path = output.part(NODES_FILE);
         let nodes_fail = |source| IngestError::Output { source, path: nodes_path.clone() };
@@ -192,6 +198,7 @@ impl Job {
             range: summary.range,
             source_range,
             void_areas_m2: [void_area_m2, voids as f64 * plan.color.step.powi(2)],
+            voids: voids_record,
             quality: self.color_quality,
             archives: [elevation_record, color_record],
             nodes,
@@ -234,6 +241,18 @@ impl Job {
     }
 }
 
+/// The elevation pyramid.
+struct Elevation {
+    /// All levels, without voids.
+    levels: Vec<Level<f32>>,
+    /// What the finest had.
+    summary: sample::elevation::Summary,
+    /// The shares of all levels' posts; none when the finest had no voids.
+    validity: Vec<Level<validity::Shares>>,
+    /// Posts of the finest level that have no ground.
+    holes: u64,
+}
+
 /// What a summit may lose before it is told, metres.
 const TOLD_LOSS_M: f32 = 3.0;
 
@@ -256,19 +275,28 @@ fn told_source_range(
     is_other.then_some(source)
 }
 
-/// All elevation levels, without voids, and what the finest had.
 fn elevation_levels(
     plan: &Plan,
     target: &TargetCrs,
     sources: &[(Raster, ElevationValues)],
+    voids: Voids,
     folder: &Path,
     work: &Work,
-) -> Result<(Vec<Level<f32>>, sample::elevation::Summary), IngestError> {
+) -> Result<Elevation, IngestError> {
     let world = &plan.world;
     let (finest, summary) = sample::elevation::sample(plan, target, sources, folder, work)?;
     if summary.voids == finest.size().iter().product::<u64>() {
         let file = &sources[0].0.path;
         return Err(IngestError::source(file, "has no elevation data: every sample is \"no data\""));
+    }
+    let (mut shares, mut holes) = (Vec::new(), 0);
+    if summary.voids > 0 {
+        let finest = validity::finest(&finest, voids, folder, work)?;
+        shares.push(finest.0);
+        holes = finest.1;
+        for q in world.finest_elevation_level() + 1..world.levels() {
+            shares.push(validity::coarser(&shares[shares.len() - 1], plan.elevation_size(q), folder, work)?);
+        }
     }
     let mut levels = vec![finest];
     for q in world.finest_elevation_level() + 1..world.levels() {
@@ -280,9 +308,9 @@ fn elevation_levels(
         let mut filled: Vec<Level<f32>> = Vec::with_capacity(levels.len());
         for level in levels.into_iter().rev() {
             let level = match filled.last() {
-                Some(coarser) => voids::fill(level, coarser, folder, work)?,
+                Some(coarser) => fill::fill(level, coarser, folder, work)?,
                 None => {
-                    voids::fill_coarsest(&level, middle)
+                    fill::fill_coarsest(&level, middle)
                         .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
                     level
                 }
@@ -292,7 +320,7 @@ fn elevation_levels(
         filled.reverse();
         levels = filled;
     }
-    Ok((levels, summary))
+    Ok(Elevation { levels, summary, validity: shares, holes })
 }
 
 /// GDAL's block cache within our memory, and its messages in our errors instead of on the terminal.
@@ -336,6 +364,7 @@ pub(crate) fn record_of(
         range,
         source_range: None,
         void_areas_m2: [0.0; 2],
+        voids: None,
         quality: 90,
         archives,
         nodes,

@@ -8,7 +8,8 @@ use crate::source::{Raster, TargetCrs};
 use gdal::spatial_ref::CoordTransform;
 use serde_json::json;
 use terravision_common::database::{
-    ArchiveRecord, ColorLayer, ElevationLayer, FORMAT_VERSION, Manifest, NodesRecord, Source,
+    ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION, Manifest,
+    NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
 
@@ -22,10 +23,29 @@ pub(super) struct Parts<'a> {
     pub(super) range: [f32; 2],
     pub(super) source_range: Option<[f32; 2]>,
     pub(super) void_areas_m2: [f64; 2],
+    /// What became of the elevation's voids; none where it has none.
+    pub(super) voids: Option<VoidsRecord>,
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
     pub(super) lonlat: Option<LonLatTable>,
+}
+
+/// What an ingest says of ground without data: area of it and of holes, km², and its share of the world.
+pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f64) -> String {
+    let became = match mode {
+        Voids::Fill => "filled from around it".to_owned(),
+        Voids::Keep => "left without ground".to_owned(),
+        Voids::Clip if hole_km2 == 0.0 => "filled from around it (--voids keep leaves holes)".to_owned(),
+        Voids::Clip if hole_km2 == void_km2 => {
+            "it reaches the border of the world and has no ground (--voids fill makes some up)".to_owned()
+        }
+        Voids::Clip => format!(
+            "{hole_km2:.3} km² reach the border of the world and have no ground, the rest is filled from around it \
+             (--voids fill fills all of it, keep none)"
+        ),
+    };
+    format!("elevation has no data for {void_km2:.3} km² ({:.1} %): {became}", 100.0 * share)
 }
 
 pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
@@ -42,7 +62,8 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
     Manifest {
         format: String::new(),
-        format_version: FORMAT_VERSION,
+        format_version: if parts.voids.is_some() { FEATURES_VERSION } else { FORMAT_VERSION },
+        features: parts.voids.iter().map(|_| FEATURE_VALIDITY.to_owned()).collect(),
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
@@ -56,7 +77,8 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
             range_m: parts.range.map(f64::from),
             source_range_m: parts.source_range.map(|range| range.map(f64::from)),
             void_area_m2: parts.void_areas_m2[0],
-            encoding: "terravision-elevation-1".to_owned(),
+            voids: parts.voids,
+            encoding: elevation_encoding(parts.voids.is_some()).to_owned(),
             archive: parts.archives[0],
         },
         color: ColorLayer {
@@ -70,6 +92,10 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         nodes: parts.nodes,
         checksum: String::new(),
     }
+}
+
+fn elevation_encoding(has_validity: bool) -> &'static str {
+    if has_validity { "terravision-elevation-2" } else { "terravision-elevation-1" }
 }
 
 /// West, south, east, north in degrees; zeros when PROJ cannot tell.
@@ -93,7 +119,12 @@ fn bounds_deg(plan: &Plan, target: &TargetCrs) -> Option<[f64; 4]> {
 }
 
 /// What the elevation and the colour archive say to other programs.
-pub(super) fn archive_info(plan: &Plan, target: &TargetCrs, name: &str) -> (ArchiveInfo, ArchiveInfo) {
+pub(super) fn archive_info(
+    plan: &Plan,
+    target: &TargetCrs,
+    name: &str,
+    has_validity: bool,
+) -> (ArchiveInfo, ArchiveInfo) {
     let bounds_deg = bounds_deg(plan, target).unwrap_or([0.0; 4]);
     let info = |layer: &str, format: &str, payload: &str| ArchiveInfo {
         bounds_deg,
@@ -111,6 +142,9 @@ pub(super) fn archive_info(plan: &Plan, target: &TargetCrs, name: &str) -> (Arch
     };
     let elevation = "\"TVe1\", crc32, u16 posts a side, u8 byte planes, u8 0, zstd frame of planes of zigzagged errors of \
                      planar prediction of heights in 1/128 m; little endian, row 0 in the south, borders shared";
+    let validity = "; or \"TVe2\": the same with u32 bytes of the frame before it, and behind it a zstd frame of u8 shares of \
+                    ground and u8 shares that were measured, 255ths";
+    let elevation = format!("{elevation}{}", if has_validity { validity } else { "" });
     let color = "JPEG with a border of 4 texels on each side, then \"TVc1\" and the crc32 of all before it";
-    (info("elevation", "terravision-elevation-1", elevation), info("colour", "jpg", color))
+    (info("elevation", elevation_encoding(has_validity), &elevation), info("colour", "jpg", color))
 }

@@ -2,6 +2,7 @@
 
 pub mod color;
 pub mod elevation;
+pub mod validity;
 pub mod voids;
 
 /// The side of blocks of coarser levels.

@@ -134,11 +134,11 @@ pub(crate) fn heights(database: &Database, q: u8) -> (Vec<f32>, usize) {
     let (side, posts) = (world.elevation_tile() as usize, world.elevation_posts() as usize);
     let width = columns * side + 1;
     let mut all = vec![f32::NAN; width * (rows * side + 1)];
-    let (mut tile, mut scratch) = (vec![0.0; posts * posts], TileScratch::default());
+    let (mut tile, mut scratch) = (vec![0.0; world.elevation_values()], TileScratch::default());
     for (m, n) in (0..rows).flat_map(|n| (0..columns).map(move |m| (m, n))) {
         let node = NodeId::new(m as u32, n as u32, q).unwrap();
         database.read_elevation(node, &mut tile, &mut scratch).unwrap();
-        for (k, height) in tile.iter().enumerate() {
+        for (k, height) in tile[..posts * posts].iter().enumerate() {
             let at = (n * side + k / posts) * width + m * side + k % posts;
             assert!(all[at].is_nan() || all[at].to_bits() == height.to_bits(), "borders of {node} differ at {k}");
             all[at] = *height;

@@ -17,7 +17,7 @@ use planes::PlaneArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
-use technique::{CompressionArg, MeasureChoice, RaysArg, TechniqueArg};
+use technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
 use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
 
@@ -180,9 +180,18 @@ pub struct PictureArgs {
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
     #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
+    /// What is drawn where the world ends, for an eye beside it
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Edge::Skirt)]
+    pub edge: Edge,
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
+    /// What depth and ground say where the world's sources had no data and the ground was made up from around it
+    ///
+    /// 'nan': not a number, as for sky. 'mark': the values that are drawn, and a band more in files: 1 where the ground was measured,
+    /// 0 where it was made up. Shared frames tell it in any case (docs/frame-ring.md).
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = MadeUpArg::Nan)]
+    pub made_up: MadeUpArg,
 }
 
 /// What a run may use; shared by `fly` and `still`.
@@ -494,6 +503,15 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+}
+
+/// What is drawn where the world ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Edge {
+    /// Plain walls down to the world's lowest height, and a floor there
+    Skirt,
+    /// Nothing: the ground is a sheet
+    None,
 }
 
 /// What is drawn over the picture.

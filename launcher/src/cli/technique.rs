@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use terravision_common::level::Measure;
-use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::run::{MadeUp, RaysChoice, TechniqueChoice};
 
 /// [`TechniqueChoice`] as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -55,6 +55,24 @@ pub enum CompressionArg {
     On,
     /// Never
     Off,
+}
+
+/// [`MadeUp`] as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MadeUpArg {
+    /// Not a number, as for sky
+    Nan,
+    /// The values, and what was measured in a band of its own
+    Mark,
+}
+
+impl From<MadeUpArg> for MadeUp {
+    fn from(choice: MadeUpArg) -> Self {
+        match choice {
+            MadeUpArg::Nan => Self::Nan,
+            MadeUpArg::Mark => Self::Mark,
+        }
+    }
 }
 
 /// [`Measure`] as typed.

@@ -48,7 +48,7 @@ pub struct Head {
     /// Frames per second.
     fps: f64,
     /// Factor on the terrain's heights.
-    pub(super) exaggeration: f64,
+    exaggeration: f64,
     convention: &'static str,
 }
 
@@ -95,12 +95,7 @@ pub struct Entry {
 
 impl Entry {
     /// Of a frame; `file` names its files by key.
-    pub fn new(
-        flown: &FlownFrame,
-        origin: [f64; 2],
-        _exaggeration: f64,
-        file: impl Fn(&str) -> Option<String>,
-    ) -> Self {
+    pub fn new(flown: &FlownFrame, origin: [f64; 2], file: impl Fn(&str) -> Option<String>) -> Self {
         let camera = &flown.camera;
         let eye = eye_in_crs(camera, origin);
         Self {

@@ -97,7 +97,7 @@ impl DataSet {
         let head = self.head.clone().with_vfov(flown.first().map(|flown| &flown.camera));
         let (mut listing, dropped) = Listing::read(&folder.join(FRAMES_FILE), head, folder).map_err(fail)?;
         for flown in flown {
-            let entry = Entry::new(flown, self.origin, self.head.exaggeration, |key| self.file(key, flown.frame));
+            let entry = Entry::new(flown, self.origin, |key| self.file(key, flown.frame));
             listing.put(flown.frame, entry).map_err(fail)?;
         }
         let has_transforms = self.pictures.is_some();

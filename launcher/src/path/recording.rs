@@ -192,8 +192,8 @@ fn between(points: &[Recorded], given: &[(usize, f64)], kept: &[(usize, f64)], t
             Some(_) => {}
             None if given.last() == Some(&(i, t)) => {
                 let mut before = timed(i, t);
-                for j in i + 1..points.len() {
-                    before = timed(j, before.t + points[j].place.distance(before.place) / speed);
+                for (j, point) in points.iter().enumerate().skip(i + 1) {
+                    before = timed(j, before.t + point.place.distance(before.place) / speed);
                     out.push(before);
                 }
             }

@@ -15,7 +15,7 @@ use crate::cli::database::DatabaseArgs;
 use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
-    FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
+    Edge, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
     StillArgs,
 };
 use crate::data_set::DataSet;
@@ -454,6 +454,9 @@ impl<'a> Draft<'a> {
                     .map(|Rgb(rgb)| rgb)
                     .or(settings.sky_rgb)
                     .unwrap_or_else(|| sky_of(&database.manifest().body.name)),
+                skirt_low_m: (picture.edge == Edge::Skirt)
+                    .then(|| database.ranges().range(world.root()).map(|[low, _]| exaggeration * f64::from(low)))
+                    .flatten(),
                 samples: picture.samples.unwrap_or(samples),
                 has_tree_overlay: picture.overlay == Some(Overlay::Tree),
                 has_validation: resources.validation,
@@ -462,6 +465,7 @@ impl<'a> Draft<'a> {
                 depth: self.depth,
                 ground: self.ground,
                 share: self.share,
+                made_up: picture.made_up.into(),
             },
             realtime,
         };

@@ -29,6 +29,7 @@ pub(crate) fn config() -> RunConfig {
             rays: RaysChoice::Mipmap,
             sky_rgb: [1, 2, 3],
             samples: 1,
+            skirt_low_m: None,
             has_tree_overlay: false,
             has_validation: false,
             frames_in_flight: 2,
@@ -36,6 +37,7 @@ pub(crate) fn config() -> RunConfig {
             depth: None,
             ground: None,
             share: None,
+            made_up: Default::default(),
         },
         realtime: None,
     }

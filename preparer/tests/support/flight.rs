@@ -231,6 +231,7 @@ impl Flight {
                 rays: RaysChoice::Mipmap,
                 sky_rgb: [0; 3],
                 samples: 1,
+                skirt_low_m: None,
                 has_tree_overlay: false,
                 has_validation: false,
                 frames_in_flight: 2,
@@ -238,6 +239,7 @@ impl Flight {
                 depth: None,
                 ground: None,
                 share: None,
+                made_up: Default::default(),
             },
             realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
         }

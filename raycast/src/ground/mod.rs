@@ -47,6 +47,9 @@ pub struct TileSpec<'a> {
     pub cells: [u32; 2],
     /// Heights of its posts, metres above `datum_m`, rows from south to north.
     pub heights: &'a [f32],
+    /// Of its posts, in the same order, the share that is ground and the share that was measured
+    /// (`terravision_common::validity`), where that is known of any.
+    pub shares: Option<[&'a [f32]; 2]>,
     /// Heights from row to row, at least `cells[0] + 1`.
     pub stride: usize,
     /// What heights are above, metres in world coordinates (the eye's height for elevation arrays of the ring).
@@ -137,6 +140,8 @@ pub(crate) struct Tile {
     pub(crate) top_m: f32,
     pub(crate) is_accurate: bool,
     pub(crate) color: ColorPlace,
+    /// Where the shares of its posts begin, if some of it is not measured ground.
+    pub(crate) shares_at: Option<usize>,
 }
 
 impl Tile {
@@ -154,6 +159,8 @@ pub struct Ground {
     tiles: Vec<Tile>,
     tree: Tree,
     heights: Vec<f32>,
+    /// Shares of ground, and that were measured, of the tiles that need them.
+    shares: Vec<[f32; 2]>,
     spans: Vec<Span>,
     densities: Vec<u8>,
     maxima: Vec<f32>,
@@ -180,6 +187,7 @@ impl Ground {
             tiles: Vec::new(),
             tree: Tree::default(),
             heights: Vec::new(),
+            shares: Vec::new(),
             spans: Vec::new(),
             densities: Vec::new(),
             maxima: Vec::new(),
@@ -211,6 +219,7 @@ impl Ground {
         self.tiles.clear();
         self.tree.clear(self.shape.side.ilog2(), u32::from(self.shape.levels.max(1)) - 1);
         self.heights.clear();
+        self.shares.clear();
         self.spans.clear();
         self.densities.clear();
         self.maxima.clear();
@@ -241,7 +250,9 @@ impl Ground {
         }
         let is_filled = |n: u32| n > 0 && u64::from(n) << spec.log_spacing <= 1 << log_node;
         let needed = cells[1] as usize * stride + cells[0] as usize + 1;
-        if !cells.iter().all(|n| is_filled(*n)) || stride <= cells[0] as usize || spec.heights.len() < needed {
+        let is_short = |plane: &[f32]| plane.len() < needed;
+        let are_short = is_short(spec.heights) || spec.shares.is_some_and(|planes| planes.into_iter().any(is_short));
+        if !cells.iter().all(|n| is_filled(*n)) || stride <= cells[0] as usize || are_short {
             return Err(GroundError::Cells { cells, heights: spec.heights.len() });
         }
         let heights_at = self.heights.len();
@@ -266,6 +277,7 @@ impl Ground {
             self.heights.truncate(heights_at);
             return Err(GroundError::Occupied { origin });
         }
+        let shares_at = self.add_shares(spec);
         self.lowest_m = self.lowest_m.min(lowest_m);
         self.highest_m = self.highest_m.max(highest_m);
         for (axis, end) in self.end.iter_mut().enumerate() {
@@ -289,8 +301,39 @@ impl Ground {
             top_m,
             is_accurate: spec.is_accurate,
             color: spec.color,
+            shares_at,
         });
         Ok(())
+    }
+
+    /// Keeps the shares of a tile, if some of it is not measured ground; where they begin.
+    fn add_shares(&mut self, spec: &TileSpec<'_>) -> Option<usize> {
+        let planes = spec.shares?;
+        let (columns, rows) = (spec.cells[0] as usize + 1, spec.cells[1] as usize + 1);
+        let posts = (0..rows).flat_map(|row| row * spec.stride..row * spec.stride + columns);
+        let start = self.shares.len();
+        self.shares.extend(posts.map(|at| planes.map(|plane| plane[at])));
+        let is_needed = self.shares[start..].iter().flatten().any(|share| *share < 1.0);
+        if !is_needed {
+            self.shares.truncate(start);
+        }
+        is_needed.then_some(start)
+    }
+
+    /// Whether some of what was added is not measured ground.
+    pub(crate) fn is_partly_unmeasured(&self) -> bool {
+        !self.shares.is_empty()
+    }
+
+    /// Shares of the posts of a cell: south west, south east, north west, north east. All is measured where nothing else is known.
+    pub(crate) fn shares_of_cell(&self, tile: &Tile, [i, j]: [u32; 2]) -> [[f32; 2]; 4] {
+        let columns = tile.cells[0] as usize + 1;
+        let south = tile.shares_at.map(|start| start + j as usize * columns + i as usize);
+        let pair = |at: usize| self.shares.get(at..at + 2);
+        match south.and_then(|south| pair(south).zip(pair(south + columns))) {
+            Some((&[sw, se], &[nw, ne])) => [sw, se, nw, ne],
+            _ => [[1.0; 2]; 4],
+        }
     }
 
     /// Makes the models of all tiles that were added: densities, boundary arrays, maxima.

@@ -18,6 +18,7 @@ fn spec(origin: [u32; 2], heights: &[f32]) -> TileSpec<'_> {
         log_spacing: 0,
         cells: [16, 16],
         heights,
+        shares: None,
         stride: 17,
         datum_m: 0.0,
         color,

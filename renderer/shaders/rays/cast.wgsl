@@ -245,6 +245,22 @@ const OUTSIDE: u32 = 0u;
 const ABOVE: u32 = 1u;
 const BELOW: u32 = 2u;
 
+// A share less than this is none.
+const HALF: f32 = 0.5;
+
+// A plane of a tile's array at a point: 1 the share that is ground, 2 the share that was measured. Linear on facets, as heights.
+fn share_at(index: u32, direction: vec3<f32>, s: f32, plane: u32) -> f32 {
+    var tile = tiles[index];
+    tile.array_start += plane * frame.plane;
+    let place = clamp((direction.xy * s - tile.corner) * tile.cells_per_m, vec2(0.0), vec2<f32>(tile.cells));
+    let at = min(vec2<u32>(place), tile.cells - 1u);
+    let by = place - vec2<f32>(at);
+    let corners = corners_of(tile, at);
+    var slope = vec2(corners.w - corners.z, corners.z - corners.x);
+    if by.x >= by.y { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
+    return corners.x + dot(slope, by);
+}
+
 fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
     // No direction is level along an axis: reciprocals are finite.
     let direction = select(direction_of_pixel, vec3(1e-20), abs(direction_of_pixel) < vec3(1e-20));
@@ -275,17 +291,22 @@ fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {
         let index = link & ~IS_TILE;
         // The ground has no sides where tiles end: a ray that comes over it lower than its edge is under it.
         if side == OUTSIDE { side = select(ABOVE, BELOW, is_below(index, direction, s)); }
+        var hit = SKY;
         if side == BELOW {
-            let hit = leave_ground(index, direction, reciprocal, s, min(out, far));
-            if hit.depth > 0.0 {
-                if frame.has_undersides == 1u { return hit; }
-                side = ABOVE;
-                s = past(hit.depth);
-                continue;
-            }
+            hit = leave_ground(index, direction, reciprocal, s, min(out, far));
         } else {
-            let hit = cross_tile(index, direction, reciprocal, s, min(out, far));
-            if hit.depth > 0.0 { return hit; }
+            hit = cross_tile(index, direction, reciprocal, s, min(out, far));
+        }
+        if hit.depth > 0.0 {
+            let is_hole = frame.plane != 0u && share_at(index, direction, hit.depth, 1u) < HALF;
+            if !is_hole && (side == ABOVE || frame.has_undersides == 1u) {
+                if frame.plane != 0u && share_at(index, direction, hit.depth, 2u) < HALF { hit.tile |= MADE_UP; }
+                return hit;
+            }
+            // Through a hole, or out of the ground unseen.
+            side = select(ABOVE, BELOW, side == ABOVE);
+            s = past(hit.depth);
+            continue;
         }
         s = past(out);
     }

@@ -13,6 +13,12 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
     return vec4(f32(index & 1u) * 4.0 - 1.0, f32(index >> 1u) * 4.0 - 1.0, 0.0, 1.0);
 }
 
+// The lowest bit of alpha is cleared where the ground was made up.
+fn marked(color: vec4<f32>, hit: Hit) -> vec4<f32> {
+    if (hit.tile & MADE_UP) == 0u { return color; }
+    return vec4(color.rgb, 254.0 / 255.0);
+}
+
 struct Pixel {
     @location(0) color: vec4<f32>,
     @builtin(frag_depth) depth: f32,
@@ -32,7 +38,7 @@ fn seen(position: vec4<f32>) -> Seen {
     var out: Seen;
     out.hit = hits[pixel.y * picture_size().x + pixel.x];
     if out.hit.depth == 0.0 { return out; }
-    out.tile = tiles[out.hit.tile];
+    out.tile = tiles[out.hit.tile & ~MADE_UP];
     let direction = direction_of(pixel);
     out.point = direction.xy * out.hit.depth;
     let normal = vec3(-out.hit.slope, 1.0);
@@ -58,7 +64,7 @@ fn texel(seen: Seen) -> vec4<f32> {
 fn fragment(@builtin(position) position: vec4<f32>) -> Pixel {
     let seen = seen(position);
     if seen.hit.depth == 0.0 { discard; }
-    return Pixel(texel(seen), frame.near_m / seen.hit.depth);
+    return Pixel(marked(texel(seen), seen.hit), frame.near_m / seen.hit.depth);
 }
 
 // The same with the outlines of the colour leaves, as the mesh draws them.
@@ -71,5 +77,6 @@ fn fragment_overlay(@builtin(position) position: vec4<f32>) -> Pixel {
     let slope = (abs(seen.per_column) + abs(seen.per_row)) * seen.tile.cells_per_m;
     let from_edge = min(at, cells - at) / max(slope, vec2(1e-9));
     let cover = clamp(2.0 - min(from_edge.x, from_edge.y), 0.0, 1.0);
-    return Pixel(mix(texel(seen), unpack4x8unorm(seen.tile.outline), 0.85 * cover), frame.near_m / seen.hit.depth);
+    let color = mix(texel(seen), unpack4x8unorm(seen.tile.outline), 0.85 * cover);
+    return Pixel(marked(color, seen.hit), frame.near_m / seen.hit.depth);
 }

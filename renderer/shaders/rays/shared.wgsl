@@ -20,6 +20,8 @@ struct Frame {
     turn: u32,
     // Whether facets are seen from below, 0 or 1.
     has_undersides: u32,
+    // Values of an elevation array's plane; 0 where there is no plane but the heights.
+    plane: u32,
 }
 
 struct Tile {
@@ -46,10 +48,13 @@ struct Tile {
 struct Hit {
     // Metres along the view axis; 0 where only sky is.
     depth: f32,
+    // With MADE_UP where the ground was not measured.
     tile: u32,
     // Of the facet, metres up per metre east and north.
     slope: vec2<f32>,
 }
+
+const MADE_UP: u32 = 0x80000000u;
 
 var<immediate> frame: Frame;
 @group(0) @binding(1) var<storage, read> tiles: array<Tile>;

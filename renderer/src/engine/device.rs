@@ -34,7 +34,7 @@ pub struct DeviceEngine {
     colors: ColorPool,
     target: Target,
     starts: Vec<u32>,
-    posts_squared: usize,
+    array_values: usize,
     options: EngineOptions,
     device: Arc<Device>,
 }
@@ -95,7 +95,7 @@ impl DeviceEngine {
             colors,
             target,
             starts: Vec::with_capacity(starts_capacity(&shape)),
-            posts_squared: (world.elevation_posts() as usize).pow(2),
+            array_values: world.elevation_values(),
             options,
             device,
         })
@@ -171,18 +171,18 @@ impl DeviceEngine {
             let room = elevation.imported_values();
             for position in frame.elevation_start..frame.end.elevation_end {
                 let start = source.elevation_offset(position)?.map(|offset| offset / 4);
-                match start.filter(|start| start + self.posts_squared as u64 <= room) {
+                match start.filter(|start| start + self.array_values as u64 <= room) {
                     Some(start) => starts.push(start as u32),
                     None => return Err(missing_array(frame, position)),
                 }
             }
         } else {
-            let staged = elevation.stage(&recording, (arrays * self.posts_squared as u64).max(1))?;
-            for (position, out) in (frame.elevation_start..).zip(staged.chunks_exact_mut(self.posts_squared)) {
+            let staged = elevation.stage(&recording, (arrays * self.array_values as u64).max(1))?;
+            for (position, out) in (frame.elevation_start..).zip(staged.chunks_exact_mut(self.array_values)) {
                 if !source.read_elevation(position, out)? {
                     return Err(missing_array(frame, position));
                 }
-                starts.push(((position - frame.elevation_start) * self.posts_squared as u64) as u32);
+                starts.push(((position - frame.elevation_start) * self.array_values as u64) as u32);
             }
         }
         // Colours.

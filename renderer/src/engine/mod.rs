@@ -36,6 +36,8 @@ pub struct EngineOptions {
     pub samples: u32,
     /// Colour of the sky.
     pub sky_rgb: [u8; 3],
+    /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None` for no skirt.
+    pub skirt_low_m: Option<f64>,
     /// Outlines of the colour leaves.
     pub has_tree_overlay: bool,
     /// The validation layer is asked for; its messages are errors.
@@ -81,6 +83,7 @@ impl Default for EngineOptions {
             size: [1280, 720],
             samples: 1,
             sky_rgb: [150, 190, 235],
+            skirt_low_m: None,
             has_tree_overlay: false,
             has_validation: false,
             has_depth: false,

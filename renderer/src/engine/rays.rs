@@ -42,6 +42,8 @@ pub struct RaysEngine {
     outlines: Vec<u32>,
     finished: Option<Finished>,
     choice: Choice,
+    /// Whether the world has holes.
+    has_holes: bool,
     options: EngineOptions,
 }
 
@@ -135,6 +137,7 @@ impl RaysEngine {
             outlines: Vec::with_capacity(4096),
             finished: None,
             choice: Choice::of(options.rays),
+            has_holes: world.has_holes(),
             options,
         })
     }
@@ -231,7 +234,13 @@ impl RaysEngine {
             // Nobody sees more.
             voxel_px: 1.0,
         };
-        let options = CastOptions { method, sampling, sky_rgb: self.options.sky_rgb, ..CastOptions::default() };
+        let options = CastOptions {
+            method,
+            sampling,
+            sky_rgb: self.options.sky_rgb,
+            has_undersides: self.has_holes,
+            ..CastOptions::default()
+        };
         self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();

@@ -45,6 +45,12 @@ impl Readback {
         self.depth.as_ref().map(|buffer| bytemuck::cast_slice(buffer.bytes()))
     }
 
+    /// Both, to be drawn over by the processor.
+    pub(crate) fn planes_mut(&mut self) -> (&mut [u8], Option<&mut [f32]>) {
+        let depth = self.depth.as_mut().map(|buffer| bytemuck::cast_slice_mut(buffer.bytes_mut()));
+        (self.color.bytes_mut(), depth)
+    }
+
     pub(super) fn color_buffer(&self) -> &Buffer {
         &self.color
     }

@@ -28,7 +28,8 @@ pub struct Picture<'a> {
     pub frame: u64,
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255.
+    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was made up
+    /// (`terravision_common::validity`).
     pub rgba: &'a [u8],
     /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was asked for.
     pub reversed_depth: Option<&'a [f32]>,
@@ -36,6 +37,13 @@ pub struct Picture<'a> {
     pub camera: Camera,
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
+}
+
+impl<'a> Picture<'a> {
+    /// Of each pixel, whether it shows ground that was made up.
+    pub fn is_made_up(&self) -> impl Iterator<Item = bool> + use<'a> {
+        self.rgba.chunks_exact(4).map(|texel| texel[3] & 1 == 0)
+    }
 }
 
 /// Width and height of a picture, and its pixels, RGBA.

@@ -3,7 +3,7 @@
 use super::tiff::{GroundView, depth_m};
 use super::{FrameSink, Picture, SinkError};
 use terravision_common::event::monotonic_nanos;
-use terravision_common::run::ShareConfig;
+use terravision_common::run::{MadeUp, ShareConfig};
 use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
 
 /// Writes the frame ring.
@@ -14,6 +14,7 @@ pub struct SharedSink {
     name: String,
     origin: [f64; 2],
     exaggeration: f64,
+    made_up: MadeUp,
 }
 
 impl SharedSink {
@@ -24,7 +25,13 @@ impl SharedSink {
     pub fn open(share: &ShareConfig, size: [u32; 2], origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
         let shape = FrameShape { size, has_depth: share.has_depth, has_ground: share.has_ground };
         let ring = FrameRingWriter::open(&SharedName::parse(&share.name)?, shape)?;
-        Ok(Self { ring, shape, name: share.name.clone(), origin, exaggeration })
+        Ok(Self { ring, shape, name: share.name.clone(), origin, exaggeration, made_up: MadeUp::default() })
+    }
+
+    /// What depth and ground say where the ground was made up; colours tell it in any case.
+    #[must_use]
+    pub fn with_made_up(self, made_up: MadeUp) -> Self {
+        Self { made_up, ..self }
     }
 }
 
@@ -38,9 +45,12 @@ impl FrameSink for SharedSink {
             None => &[],
         };
         let width = picture.size[0] as usize;
-        let depth = reversed.iter().map(|&depth| depth_m(depth) as f32);
+        let is_told = || picture.is_made_up().map(|is_made_up| is_made_up && self.made_up == MadeUp::Nan);
+        let depth = reversed.iter().map(|&depth| depth_m(depth) as f32).zip(is_told());
+        let depth = depth.map(|(depth, is_nan)| if is_nan { f32::NAN } else { depth });
         let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
-        let ground = view.positions(reversed, width);
+        let ground = view.positions(reversed, width).zip(is_told());
+        let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
         let Picture { frame, camera, is_settled, .. } = picture;
         let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
         self.ring.write(&info, picture.rgba, depth, ground)?;

@@ -7,15 +7,18 @@ use glam::DVec3;
 use std::fs;
 use std::path::Path;
 use terravision_common::camera::Camera;
-use terravision_common::run::PlaneTarget;
+use terravision_common::run::{MadeUp, PlaneTarget};
 use tiff::encoder::colortype::{ColorType, Gray32Float, RGB64Float};
 use tiff::encoder::{TiffEncoder, TiffValue};
+use tiff::tags::{PhotometricInterpretation, SampleFormat, Tag};
 use tiff::{TiffError, TiffResult};
 
-/// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]` float32.
+/// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]` float32. With [`MadeUp::Mark`]
+/// `[height, width, 2]`: the second band says what was measured.
 #[derive(Debug)]
 pub struct DepthSink {
     target: PlaneTarget,
+    made_up: MadeUp,
 }
 
 impl DepthSink {
@@ -24,7 +27,13 @@ impl DepthSink {
     /// # Errors
     /// The folder cannot be made.
     pub fn new(target: &PlaneTarget) -> Result<Self, SinkError> {
-        Ok(Self { target: opened(target)? })
+        Ok(Self { target: opened(target)?, made_up: MadeUp::default() })
+    }
+
+    /// What it says where the ground was made up.
+    #[must_use]
+    pub fn with_made_up(self, made_up: MadeUp) -> Self {
+        Self { made_up, ..self }
     }
 }
 
@@ -32,7 +41,19 @@ impl FrameSink for DepthSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         let path = self.target.path(picture.frame);
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
-        write_tiff::<Gray32Float>(&path, picture.size, depths.iter().map(|&depth| depth_m(depth) as f32))
+        let pixels = depths.iter().map(|&depth| depth_m(depth) as f32).zip(picture.is_made_up());
+        match self.made_up {
+            MadeUp::Nan => write_tiff::<Gray32Float>(
+                &path,
+                picture.size,
+                pixels.map(|(depth, is_made_up)| if is_made_up { f32::NAN } else { depth }),
+            ),
+            MadeUp::Mark => write_tiff::<DepthAndMark>(
+                &path,
+                picture.size,
+                pixels.flat_map(|(depth, is_made_up)| [depth, mark(f64::from(depth), is_made_up) as f32]),
+            ),
+        }
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
@@ -41,10 +62,12 @@ impl FrameSink for DepthSink {
 }
 
 /// Easting, northing and height of the ground at each pixel's centre; NaN for sky. `[height, width, 3]` float64, in the
-/// database's CRS and metres, heights without exaggeration.
+/// database's CRS and metres, heights without exaggeration. With [`MadeUp::Mark`] `[height, width, 4]`: the last band says what
+/// was measured.
 #[derive(Debug)]
 pub struct GroundSink {
     target: PlaneTarget,
+    made_up: MadeUp,
     origin: [f64; 2],
     exaggeration: f64,
 }
@@ -56,7 +79,13 @@ impl GroundSink {
     /// # Errors
     /// The folder cannot be made.
     pub fn new(target: &PlaneTarget, origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
-        Ok(Self { target: opened(target)?, origin, exaggeration })
+        Ok(Self { target: opened(target)?, made_up: MadeUp::default(), origin, exaggeration })
+    }
+
+    /// What it says where the ground was made up.
+    #[must_use]
+    pub fn with_made_up(self, made_up: MadeUp) -> Self {
+        Self { made_up, ..self }
     }
 }
 
@@ -66,13 +95,54 @@ impl FrameSink for GroundSink {
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
         let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
-        write_tiff::<RGB64Float>(&path, picture.size, view.positions(depths, width).flatten())
+        let pixels = view.positions(depths, width).zip(picture.is_made_up());
+        match self.made_up {
+            MadeUp::Nan => {
+                let samples = pixels.flat_map(|(at, is_made_up)| if is_made_up { [f64::NAN; 3] } else { at });
+                write_tiff::<RGB64Float>(&path, picture.size, samples)
+            }
+            MadeUp::Mark => {
+                let samples = pixels.flat_map(|([x, y, z], is_made_up)| [x, y, z, mark(z, is_made_up)]);
+                write_tiff::<GroundAndMark>(&path, picture.size, samples)
+            }
+        }
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
         Ok(())
     }
 }
+
+/// What the band of marks says of a pixel: 1 measured, 0 made up, NaN where its value is NaN, as sky is.
+fn mark(value: f64, is_made_up: bool) -> f64 {
+    match (value.is_nan(), is_made_up) {
+        (true, _) => f64::NAN,
+        (false, true) => 0.0,
+        (false, false) => 1.0,
+    }
+}
+
+macro_rules! marked {
+    ($name:ident, $of:ty, $bits:expr) => {
+        /// A colour type with a band of marks.
+        struct $name;
+
+        impl ColorType for $name {
+            type Inner = $of;
+            const TIFF_VALUE: PhotometricInterpretation = PhotometricInterpretation::BlackIsZero;
+            const BITS_PER_SAMPLE: &'static [u16] = &$bits;
+            const SAMPLE_FORMAT: &'static [SampleFormat] = &[SampleFormat::IEEEFP; $bits.len()];
+
+            // Without a predictor it is not asked for.
+            fn horizontal_predict(row: &[Self::Inner], result: &mut Vec<Self::Inner>) {
+                result.extend_from_slice(row);
+            }
+        }
+    };
+}
+
+marked!(DepthAndMark, f32, [32, 32]);
+marked!(GroundAndMark, f64, [64, 64, 64, 64]);
 
 /// The target, its folder made.
 fn opened(target: &PlaneTarget) -> Result<PlaneTarget, SinkError> {
@@ -138,6 +208,11 @@ where
         let write = || -> TiffResult<()> {
             let mut encoder = TiffEncoder::new(out)?;
             let mut image = encoder.new_image::<C>(width, height)?;
+            if matches!(C::BITS_PER_SAMPLE.len(), 2 | 4) {
+                // With a band of marks. All but the first are more than the picture's kind has, of no meaning that TIFF knows: as
+                // a fourth one behind red, green and blue readers would leave it out.
+                image.encoder().write_tag(Tag::ExtraSamples, &[0u16; 4][1..C::BITS_PER_SAMPLE.len()])?;
+            }
             let (mut samples, mut strip) = (samples, Vec::new());
             while image.next_strip_sample_count() > 0 {
                 strip.clear();
@@ -205,5 +280,52 @@ mod tests {
         assert_eq!(at, [5e5 + ray.x, 4e6 + ray.y, ray.z / 2.0], "the camera's own ray");
         assert!((at[0] - 500_300.0).abs() < 1e-3 && (at[1] - 4_000_800.0).abs() < 1e-3, "{at:?}");
         assert!((at[2] - 100.0).abs() < 1e-3, "{at:?}");
+    }
+
+    #[test]
+    fn made_up_ground_is_not_a_number_or_has_a_band_of_marks() {
+        use tiff::decoder::{Decoder, DecodingResult};
+        let camera = Camera {
+            eye_in_world: [0.0, 0.0, 900.0],
+            pitch_rad: -std::f64::consts::FRAC_PI_2,
+            vfov_rad: 1.0,
+            width: 3,
+            height: 1,
+            ..Camera::zeroed()
+        };
+        // Measured, made up, sky.
+        let (rgba, depths) =
+            ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);
+        let picture =
+            Picture { frame: 0, size: [3, 1], rgba: &rgba, reversed_depth: Some(&depths), camera, is_settled: true };
+        let folder = std::env::temp_dir().join(format!("terravision-tiff-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let target = PlaneTarget::File(folder.join("a.tif"));
+        let read = |mut sink: Box<dyn FrameSink>| -> Vec<f64> {
+            sink.write(&picture).unwrap();
+            sink.finish().unwrap();
+            let file = std::fs::File::open(folder.join("a.tif")).unwrap();
+            match Decoder::new(std::io::BufReader::new(file)).unwrap().read_image().unwrap() {
+                DecodingResult::F32(values) => values.into_iter().map(f64::from).collect(),
+                DecodingResult::F64(values) => values,
+                other => panic!("{other:?}"),
+            }
+        };
+        let depth = |made_up| read(Box::new(DepthSink::new(&target).unwrap().with_made_up(made_up)));
+        let ground = |made_up| read(Box::new(GroundSink::new(&target, [5e5, 4e6], 1.0).unwrap().with_made_up(made_up)));
+        let numbers = |values: &[f64]| values.iter().map(|v| !v.is_nan()).collect::<Vec<_>>();
+        let plain = depth(MadeUp::Nan);
+        assert_eq!((numbers(&plain), plain[0].round()), (vec![true, false, false], 800.0));
+        let marked = depth(MadeUp::Mark);
+        assert_eq!(numbers(&marked), [true, true, true, true, false, false]);
+        assert_eq!((marked[0].round(), marked[1], marked[2].round(), marked[3]), (800.0, 1.0, 800.0, 0.0));
+        assert_eq!(numbers(&ground(MadeUp::Nan)), [true, true, true, false, false, false, false, false, false]);
+        let marked = ground(MadeUp::Mark);
+        assert_eq!(
+            (marked.len(), marked[2].round(), marked[3], marked[6].round(), marked[7]),
+            (12, 100.0, 1.0, 100.0, 0.0)
+        );
+        assert!(marked[8..].iter().all(|v| v.is_nan()));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -55,9 +55,9 @@ impl LiveSource {
         world: World,
         frames: [u64; 2],
     ) -> Result<Self, SourceError> {
-        let posts = u64::from(world.elevation_posts()).pow(2);
-        if u64::from(elevation.array_f32()) < posts {
-            return Err(SourceError::ElevationArraySize { found: elevation.array_f32().into(), expected: posts });
+        let expected = world.elevation_values() as u64;
+        if u64::from(elevation.array_f32()) < expected {
+            return Err(SourceError::ElevationArraySize { found: elevation.array_f32().into(), expected });
         }
         let tile_bytes = texels.tile_bytes(world.color_stored());
         if colors.slot_bytes() < tile_bytes {

@@ -89,23 +89,19 @@ impl RecordingBuilder {
         Self { texels, ..self }
     }
 
-    /// Adds an elevation array (its posts, row 0 south) and returns its position.
+    /// Adds an elevation array (its posts, row 0 south, and the planes of validity of a world that has them) and returns its position.
     pub fn add_elevations(&mut self, values: &[f32]) -> u64 {
-        let posts = self.posts();
+        let count = self.world.elevation_values();
         let start = self.elevations.len();
-        self.elevations.extend_from_slice(&values[..values.len().min(posts)]);
-        self.elevations.resize(start + posts, 0.0);
+        self.elevations.extend_from_slice(&values[..values.len().min(count)]);
+        self.elevations.resize(start + count, 0.0);
         self.arrays() - 1
     }
 
     /// Number of arrays so far.
     #[must_use]
     pub fn arrays(&self) -> u64 {
-        (self.elevations.len() / self.posts()) as u64
-    }
-
-    fn posts(&self) -> usize {
-        (self.world.elevation_posts() as usize).pow(2)
+        (self.elevations.len() / self.world.elevation_values()) as u64
     }
 
     /// Whether the tile is there already.
@@ -175,9 +171,9 @@ impl RecordedSource {
     }
 
     fn values(&self, position: u64) -> Option<u64> {
-        let posts = u64::from(self.recording.world.elevation_posts()).pow(2);
+        let values = self.recording.world.elevation_values() as u64;
         (position >= self.done.elevation_end && self.recording.arrays > 0)
-            .then(|| position % self.recording.arrays * posts)
+            .then(|| position % self.recording.arrays * values)
     }
 }
 

@@ -30,7 +30,7 @@ impl<S: FrameSource> Recorder<S> {
             marker: None,
             tiles: Vec::new(),
             frame_start: None,
-            array: vec![0.0; (world.elevation_posts() as usize).pow(2)],
+            array: vec![0.0; world.elevation_values()],
             texels: vec![0; texels.tile_bytes(world.color_stored()) as usize],
         }
     }

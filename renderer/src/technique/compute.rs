@@ -86,7 +86,8 @@ impl Technique for ComputeRays {
         let eye = camera.eye().truncate();
         place_nodes(&self.tree, world, eye, &mut self.nodes);
         self.view = ray_view(camera, [ground[0] - eye, ground[1] - eye]);
-        self.view.has_undersides = u32::from(!is_over_world(camera, world));
+        self.view.has_undersides = u32::from(!is_over_world(camera, world) || world.has_holes());
+        self.view.plane = if world.has_validity() { world.elevation_posts().pow(2) } else { 0 };
         self.view.root = code(self.tree.root());
         self.view.root_low = (-eye).as_vec2().to_array();
         self.view.root_side = world.node_side_m(world.root().q()) as f32;
@@ -147,7 +148,8 @@ fn ray_view(camera: &Camera, ground: [DVec2; 2]) -> RayView {
         root_side: 0.0,
         turn: 0,
         has_undersides: 0,
-        reserved: [0; 3],
+        plane: 0,
+        reserved: [0; 2],
     }
 }
 

@@ -46,7 +46,7 @@ impl MeshTechnique {
         slots: usize,
     ) -> Result<Self, GpuError> {
         Ok(Self {
-            pass: TerrainPass::new(colors, target, world.elevation_posts(), has_overlay, slots)?,
+            pass: TerrainPass::new(colors, target, world, has_overlay, slots)?,
             world: *world,
             view: bytemuck::Zeroable::zeroed(),
             sides: Sides::Both,
@@ -101,9 +101,9 @@ impl Technique for MeshTechnique {
 
 /// Which sides of the ground the eye can see. Ground is a height field: an eye over it sees the upper side first along
 /// any ray, so the lower one (the far slopes of ridges, from behind) need not be drawn: a fifth of the time in mountains.
-/// An eye beside the world may look under its edge.
+/// An eye beside the world may look under its edge, and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
-    if is_over_world(camera, world) { Sides::Upper } else { Sides::Both }
+    if is_over_world(camera, world) && !world.has_holes() { Sides::Upper } else { Sides::Both }
 }
 
 fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: u32) -> TileParameters {

@@ -5,6 +5,7 @@ use crate::frame::TileFault;
 use crate::source::{FrameSource, SourceError};
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
+use terravision_common::validity::PLANES;
 use terravision_common::world::World;
 use terravision_raycast::color::ColorPlace;
 use terravision_raycast::ground::TileSpec;
@@ -16,8 +17,8 @@ pub struct BlockReader {
     /// The elevation array that was read last, and its position.
     array: Vec<f32>,
     position: Option<u64>,
-    /// Heights of the block.
-    heights: Vec<f32>,
+    /// Planes of the block: heights, shares of ground, shares that were measured.
+    planes: [Vec<f32>; PLANES],
 }
 
 impl BlockReader {
@@ -25,7 +26,9 @@ impl BlockReader {
     #[must_use]
     pub fn new(world: &World) -> Self {
         let posts = (world.elevation_posts() as usize).pow(2);
-        Self { world: *world, array: vec![0.0; posts], position: None, heights: Vec::with_capacity(posts) }
+        let planes =
+            std::array::from_fn(|plane| Vec::with_capacity(if plane < world.elevation_planes() { posts } else { 0 }));
+        Self { world: *world, array: vec![0.0; world.elevation_values()], position: None, planes }
     }
 
     /// The tile of a checked slot: all of its colour leaf, also what was trimmed, with the colours of this layer. Heights are
@@ -53,26 +56,33 @@ impl BlockReader {
         let (posts, step) = (self.world.elevation_posts() as usize, 1usize << tile.grid_snap);
         let [columns, rows] = cells.map(|n| n as usize + 1);
         let origin = self.world.node_origin(node);
-        let block = &self.array[start[1] as usize * posts + start[0] as usize..];
-        let (heights, stride) = if step == 1 && stretch == [1.0; 2] {
-            // As it is.
-            (block, posts)
-        } else {
-            self.heights.clear();
-            for row in block.chunks(posts * step).take(rows) {
-                self.heights.extend(row.iter().step_by(step).take(columns));
+        let first = start[1] as usize * posts + start[0] as usize;
+        let is_as_it_is = step == 1 && stretch == [1.0; 2];
+        let stored = self.array.chunks_exact(posts * posts).map(|plane| &plane[first..]);
+        if !is_as_it_is {
+            for (plane, out) in stored.clone().zip(&mut self.planes) {
+                out.clear();
+                for row in plane.chunks(posts * step).take(rows) {
+                    out.extend(row.iter().step_by(step).take(columns));
+                }
+                for (axis, factor) in stretch.into_iter().enumerate() {
+                    reach_over_border(out, axis, [columns, rows], factor);
+                }
             }
-            for (axis, factor) in stretch.into_iter().enumerate() {
-                reach_over_border(&mut self.heights, axis, [columns, rows], factor);
-            }
-            (&self.heights[..], columns)
-        };
+        }
+        let stride = if is_as_it_is { posts } else { columns };
+        let mut planes = [&[][..]; PLANES];
+        for ((out, stored), made) in planes.iter_mut().zip(stored).zip(&self.planes) {
+            *out = if is_as_it_is { stored } else { made };
+        }
+        let [heights, ground, measured] = planes;
         Ok(Ok(TileSpec {
             origin: origin.map(|v| v as u32),
             level: node.q(),
             log_spacing: tile.elevation_level + tile.grid_snap,
             cells,
             heights,
+            shares: self.world.has_validity().then_some([ground, measured]),
             stride,
             datum_m: eye_z_m,
             color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),

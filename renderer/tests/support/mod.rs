@@ -54,6 +54,8 @@ pub struct Scene<'a> {
     pub height: &'a dyn Fn(f64, f64) -> f64,
     /// Colour of the texel centre at a point of the world.
     pub color: &'a dyn Fn(f64, f64) -> [u8; 3],
+    /// Of a world with validity, the shares of ground and of measured ground at a post.
+    pub shares: &'a dyn Fn(f64, f64) -> [f32; 2],
     texels: TexelFormat,
     frame: u64,
     next_slot: u32,
@@ -62,7 +64,13 @@ pub struct Scene<'a> {
 impl<'a> Scene<'a> {
     pub fn new(world: World, height: &'a dyn Fn(f64, f64) -> f64, color: &'a dyn Fn(f64, f64) -> [u8; 3]) -> Self {
         let texels = TexelFormat::Rgba8;
-        Self { world, builder: RecordingBuilder::new(world), height, color, texels, frame: 0, next_slot: 0 }
+        let builder = RecordingBuilder::new(world);
+        Self { world, builder, height, color, shares: &|_, _| [1.0; 2], texels, frame: 0, next_slot: 0 }
+    }
+
+    /// Not all of its ground was measured.
+    pub fn with_shares(self, shares: &'a dyn Fn(f64, f64) -> [f32; 2]) -> Self {
+        Self { shares, ..self }
     }
 
     /// Colour tiles are kept in this format.
@@ -96,14 +104,16 @@ impl<'a> Scene<'a> {
         let origin = self.world.node_origin(node);
         let extent = self.world.extent();
         let unit = self.world.lattice_unit_m();
-        let mut values = Vec::new();
+        let mut planes = [const { Vec::new() }; 3];
         for j in 0..u64::from(self.world.elevation_posts()) {
             for i in 0..u64::from(self.world.elevation_posts()) {
                 let at = |axis: usize, k: u64| (origin[axis] + (k << node.q())).min(extent[axis].into()) as f64 * unit;
-                values.push(((self.height)(at(0, i), at(1, j)) - camera.eye_in_world[2]) as f32);
+                let [ground, measured] = (self.shares)(at(0, i), at(1, j));
+                let height = ((self.height)(at(0, i), at(1, j)) - camera.eye_in_world[2]) as f32;
+                planes.iter_mut().zip([height, ground, measured]).for_each(|(plane, value)| plane.push(value));
             }
         }
-        self.builder.add_elevations(&values)
+        self.builder.add_elevations(&planes[..self.world.elevation_planes()].concat())
     }
 
     pub fn add_color(&mut self, node: NodeId) -> u32 {

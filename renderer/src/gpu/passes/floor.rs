@@ -41,8 +41,13 @@ impl FloorPass {
         let layout =
             pipeline::layout(device, &[colors.set_layout(), colors.set_layout()], vk::ShaderStageFlags::VERTEX)?;
         let module = pipeline::module(device, &SPIRV.0, "floor")?;
-        let shape =
-            PipelineShape { vertex: c"vertex", fragment: Some(c"fragment"), samples: target.samples(), name: "floor" };
+        let shape = PipelineShape {
+            vertex: c"vertex",
+            fragment: Some(c"fragment"),
+            has_color: true,
+            samples: target.samples(),
+            name: "floor",
+        };
         let pipeline = pipeline::pipeline(device, &module, &layout, &shape)?;
         let indices: Vec<u32> = grid_indices(columns, rows, [1, columns + 1]).collect();
         let indices = Buffer::with_indices(device, &indices, "floor indices")?;

@@ -100,8 +100,10 @@ pub(super) fn compute(
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PipelineShape {
     pub(super) vertex: &'static CStr,
-    /// `None`: depth only, no colour attachment.
+    /// `None`: every fragment counts.
     pub(super) fragment: Option<&'static CStr>,
+    /// Without: depth only, no colour attachment.
+    pub(super) has_color: bool,
     pub(super) samples: u32,
     pub(super) name: &'static str,
 }
@@ -121,6 +123,8 @@ pub(super) fn pipeline(
     if let Some(entry) = shape.fragment {
         stages[1] = stage(vk::ShaderStageFlags::FRAGMENT, entry);
         stage_count = 2;
+    }
+    if shape.has_color {
         color_formats = &[COLOR_FORMAT];
     }
     let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();

@@ -45,8 +45,10 @@ pub struct RayView {
     pub turn: u32,
     /// Whether facets are seen from below, 0 or 1.
     pub has_undersides: u32,
+    /// Values of an elevation array's plane; 0 in a world without validity.
+    pub plane: u32,
     /// Zero.
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 
 /// `Tile` of `rays/shared.wgsl`: one block.
@@ -159,7 +161,13 @@ impl RaysPass {
         let cast = pipeline::compute(device, &module, &layout, c"cast_ray", "rays")?;
         let module = pipeline::module(device, &COLOR.0, "colours of rays")?;
         let fragment = if has_overlay { c"fragment_overlay" } else { c"fragment" };
-        let shape = PipelineShape { vertex: c"vertex", fragment: Some(fragment), samples: 1, name: "colours of rays" };
+        let shape = PipelineShape {
+            vertex: c"vertex",
+            fragment: Some(fragment),
+            has_color: true,
+            samples: 1,
+            name: "colours of rays",
+        };
         let color = pipeline::pipeline(device, &module, &layout, &shape)?;
         let slots = sets
             .into_iter()

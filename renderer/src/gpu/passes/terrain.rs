@@ -11,7 +11,9 @@ use crate::gpu::owned::Owned;
 use crate::gpu::target::Target;
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
+use std::ffi::CStr;
 use std::sync::Arc;
+use terravision_common::world::World;
 
 static SPIRV: &Words<[u8]> = &Words(*include_bytes!(concat!(env!("OUT_DIR"), "/mesh.spv")));
 
@@ -129,35 +131,39 @@ pub struct TerrainPass {
 }
 
 impl TerrainPass {
-    /// For pictures like those of `target`, elevation arrays of `posts` posts a side, and this many frame slots.
+    /// For pictures like those of `target`, elevation arrays of a world, and this many frame slots.
     ///
     /// # Errors
     /// Out of memory.
     pub fn new(
         colors: &ColorPool,
         target: &Target,
-        posts: u32,
+        world: &World,
         has_overlay: bool,
         slots: usize,
     ) -> Result<Self, GpuError> {
         let device = colors.device();
+        let (posts, has_validity) = (world.elevation_posts(), world.has_validity());
         let stages = vk::ShaderStageFlags::VERTEX;
         let set_layout = pipeline::storage_layout(device, 2, stages)?;
         let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, 2, slots)?;
         let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], stages)?;
         let module = pipeline::module(device, &SPIRV.0, "mesh")?;
-        let mut shape = PipelineShape {
-            vertex: c"vertex",
-            fragment: Some(c"fragment"),
+        let (vertex, fragment) = entries(has_overlay, has_validity);
+        let shape = PipelineShape {
+            vertex,
+            fragment: Some(fragment),
+            has_color: true,
             samples: target.samples(),
             name: "terrain picture",
         };
-        if has_overlay {
-            (shape.vertex, shape.fragment) = (c"vertex_overlay", Some(c"fragment_overlay"));
-        }
         let picture = pipeline::pipeline(device, &module, &layout, &shape)?;
         let depth_only = if target.has_depth_pass() {
-            let shape = PipelineShape { vertex: c"vertex", fragment: None, samples: 1, name: "terrain depth" };
+            let (vertex, fragment) = match has_validity {
+                true => (c"vertex_valid", Some(c"fragment_depth_valid")),
+                false => (c"vertex", None),
+            };
+            let shape = PipelineShape { vertex, fragment, has_color: false, samples: 1, name: "terrain depth" };
             Some(pipeline::pipeline(device, &module, &layout, &shape)?)
         } else {
             None
@@ -261,6 +267,17 @@ impl TerrainPass {
                 (0..rows).for_each(|row| draw(columns * 6, widest, row));
             }
         }
+    }
+}
+
+/// The shader's entries for pictures: with outlines or not, of a world with validity or not. Pixels of several samples are in a hole
+/// or not as a whole, by their centre, as their depth is: naga writes no sample mask that Vulkan takes.
+fn entries(has_overlay: bool, has_validity: bool) -> (&'static CStr, &'static CStr) {
+    match (has_overlay, has_validity) {
+        (false, false) => (c"vertex", c"fragment"),
+        (true, false) => (c"vertex_overlay", c"fragment_overlay"),
+        (false, true) => (c"vertex_valid", c"fragment_valid"),
+        (true, true) => (c"vertex_overlay_valid", c"fragment_overlay_valid"),
     }
 }
 

@@ -1,0 +1,276 @@
+//! Which posts were measured, which were made up, and where there is no ground: for all levels, from the finest's voids.
+//!
+//! Of each post `[ground, measured]`, 255ths (`terravision_common::validity`). On the finest level it is all or nothing. A
+//! coarser level is `[1, 2, 1]` filtered both ways: the narrowest filter that keeps a straight rim where it is, so that no rim
+//! moves by more than a fraction of the finer posts' distance from level to level.
+
+use super::BLOCK;
+use crate::IngestError;
+use crate::store::{Blocks, Level, Rect};
+use crate::work::Work;
+use std::collections::{BTreeSet, VecDeque};
+use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use terravision_common::database::Voids;
+
+/// Shares of a post: ground, and measured.
+pub type Shares = [u8; 2];
+
+const MEASURED: Shares = [255, 255];
+const MADE_UP: Shares = [255, 0];
+const HOLE: Shares = [0, 0];
+
+/// The finest level's shares, from its heights, which are NaN in voids; and how many posts are holes.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn finest(
+    heights: &Level<f32>,
+    voids: Voids,
+    folder: &Path,
+    work: &Work,
+) -> Result<(Level<Shares>, u64), IngestError> {
+    let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+    let level = Level::create(folder, heights.size()).map_err(fail)?;
+    let blocks = level.blocks(BLOCK);
+    let of_void = if voids == Voids::Keep { HOLE } else { MADE_UP };
+    let count = AtomicU64::new(0);
+    work.each(
+        "voids",
+        blocks.count(),
+        || Ok(()),
+        |(), index| {
+            let block = blocks.rect(index);
+            let heights = heights.read(block).map_err(fail)?;
+            let shares: Vec<Shares> = heights.iter().map(|h| if h.is_nan() { of_void } else { MEASURED }).collect();
+            // Relaxed: only the sum is taken, when the threads have been joined.
+            count.fetch_add(shares.iter().filter(|share| **share == HOLE).count() as u64, Ordering::Relaxed);
+            level.write(block, &shares).map_err(fail)
+        },
+    )?;
+    let mut holes = count.into_inner();
+    if voids == Voids::Clip {
+        holes += clip(&level, blocks, folder, work)?;
+    }
+    Ok((level, holes))
+}
+
+/// Makes holes of all that was made up and is joined to the level's border, side by side; how many posts that are.
+///
+/// Block by block: what changes at a block's side makes its neighbour be looked at again, until nothing changes. What comes out
+/// does not depend on the order.
+fn clip(level: &Level<Shares>, blocks: Blocks, folder: &Path, work: &Work) -> Result<u64, IngestError> {
+    let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+    let columns = level.size()[0].div_ceil(BLOCK as u64) as usize;
+    let rows = blocks.count() / columns;
+    let is_outer = |index: &usize| {
+        let at = [index % columns, index / columns];
+        at[0] == 0 || at[1] == 0 || at[0] == columns - 1 || at[1] == rows - 1
+    };
+    let mut open: BTreeSet<usize> = (0..blocks.count()).filter(is_outer).collect();
+    let mut holes = 0;
+    while let Some(index) = open.pop_first() {
+        work.check()?;
+        let Spread { count, sides } = spread(level, blocks.rect(index)).map_err(fail)?;
+        holes += count;
+        let [west, east, south, north] = sides;
+        let at = [index % columns, index / columns];
+        open.extend((west && at[0] > 0).then(|| index - 1));
+        open.extend((east && at[0] + 1 < columns).then_some(index + 1));
+        open.extend((south && at[1] > 0).then(|| index - columns));
+        open.extend((north && at[1] + 1 < rows).then_some(index + columns));
+    }
+    Ok(holes)
+}
+
+/// What became of a block.
+struct Spread {
+    /// Posts that became holes.
+    count: u64,
+    /// Whether some of them are at the west, east, south and north side.
+    sides: [bool; 4],
+}
+
+/// Spreads holes within a block, from the level's border and from the holes around the block.
+fn spread(level: &Level<Shares>, block: Rect) -> io::Result<Spread> {
+    let [columns, rows] = block.size;
+    let around = block.grown(1);
+    let width = around.size[0];
+    let mut shares = level.read(around)?;
+    let size = level.size().map(|n| n as i64);
+    let mut open: VecDeque<[usize; 2]> = VecDeque::new();
+    for j in 1..=rows {
+        for i in 1..=columns {
+            let at = j * width + i;
+            let x = block.origin[0] + i as i64 - 1;
+            let y = block.origin[1] + j as i64 - 1;
+            let is_border = x == 0 || y == 0 || x == size[0] - 1 || y == size[1] - 1;
+            let is_beside_hole = [at - 1, at + 1, at - width, at + width].into_iter().any(|at| shares[at] == HOLE);
+            if shares[at] == MADE_UP && (is_border || is_beside_hole) {
+                open.push_back([i, j]);
+            }
+        }
+    }
+    let mut spread = Spread { count: 0, sides: [false; 4] };
+    while let Some([i, j]) = open.pop_front() {
+        let is_inside = (1..=columns).contains(&i) && (1..=rows).contains(&j);
+        if !is_inside || shares[j * width + i] != MADE_UP {
+            continue;
+        }
+        shares[j * width + i] = HOLE;
+        spread.count += 1;
+        let at_sides = [i == 1, i == columns, j == 1, j == rows];
+        spread.sides.iter_mut().zip(at_sides).for_each(|(side, at_side)| *side |= at_side);
+        open.extend([[i - 1, j], [i + 1, j], [i, j - 1], [i, j + 1]]);
+    }
+    if spread.count > 0 {
+        let inner: Vec<Shares> = (1..=rows).flat_map(|j| &shares[j * width + 1..][..columns]).copied().collect();
+        level.write(block, &inner)?;
+    }
+    Ok(spread)
+}
+
+/// Makes the next coarser level of `size` posts.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn coarser(
+    finer: &Level<Shares>,
+    size: [u64; 2],
+    folder: &Path,
+    work: &Work,
+) -> Result<Level<Shares>, IngestError> {
+    let fail = |source| IngestError::Output { source, path: folder.to_owned() };
+    let level = Level::create(folder, size).map_err(fail)?;
+    let blocks = level.blocks(BLOCK);
+    work.each(
+        "voids",
+        blocks.count(),
+        || Ok(()),
+        |(), index| {
+            let block = blocks.rect(index);
+            let below = Rect::new(block.origin.map(|v| 2 * v), block.size.map(|n| 2 * n - 1)).grown(1);
+            let fine = finer.read(below).map_err(fail)?;
+            level.write(block, &filter(&fine, below.size[0], block.size)).map_err(fail)
+        },
+    )?;
+    Ok(level)
+}
+
+fn filter(fine: &[Shares], width: usize, [columns, rows]: [usize; 2]) -> Vec<Shares> {
+    const WEIGHTS: [u32; 3] = [1, 2, 1];
+    let mut out = Vec::with_capacity(columns * rows);
+    for j in 0..rows {
+        for i in 0..columns {
+            let mut sums = [8u32; 2];
+            for (down, v) in WEIGHTS.into_iter().enumerate() {
+                for (across, u) in WEIGHTS.into_iter().enumerate() {
+                    let share = fine[(2 * j + down) * width + 2 * i + across];
+                    sums[0] += u * v * u32::from(share[0]);
+                    sums[1] += u * v * u32::from(share[1]);
+                }
+            }
+            out.push(sums.map(|sum| (sum / 16) as u8));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heights(size: [u64; 2], is_void: impl Fn(usize, usize) -> bool) -> Level<f32> {
+        let level = Level::create(&std::env::temp_dir(), size).unwrap();
+        let [w, h] = size.map(|v| v as usize);
+        let all: Vec<f32> = (0..w * h).map(|k| if is_void(k % w, k / w) { f32::NAN } else { 5.0 }).collect();
+        level.write(Rect::new([0, 0], [w, h]), &all).unwrap();
+        level
+    }
+
+    fn shares(level: &Level<Shares>) -> Vec<Shares> {
+        level.read(Rect::new([0, 0], level.size().map(|v| v as usize))).unwrap()
+    }
+
+    /// A spiral of one post's width from the border into the middle of many blocks, and a lake that it does not touch.
+    fn is_spiral(i: usize, j: usize) -> bool {
+        let (x, y) = (i as i64 - 400, j as i64 - 400);
+        let ring = x.abs().max(y.abs());
+        ring % 40 == 39 && !(x == -ring && y.abs() < 5) || x == -(ring) && y == 6 && ring > 30
+    }
+
+    #[test]
+    fn what_reaches_the_border_is_clipped_and_lakes_are_filled_in_any_number_of_threads() {
+        let size = [801u64, 801];
+        // A comb: a row along the border, teeth across all blocks, joined far from it; and a lake between two teeth.
+        let is_lake = |i: usize, j: usize| (300..310).contains(&i) && (405..415).contains(&j);
+        let is_comb = |i: usize, j: usize| {
+            let tooth = i % 100 == 50 && i < 780;
+            tooth && (1..790).contains(&j) || j == 790 && (50..760).contains(&i) || i == 750 && j == 0
+        };
+        let level = heights(size, |i, j| is_lake(i, j) || is_comb(i, j));
+        let folder = std::env::temp_dir();
+        let (clipped, holes) = finest(&level, Voids::Clip, &folder, &Work::quiet(3)).unwrap();
+        let mut wanted = 0;
+        for (k, share) in shares(&clipped).into_iter().enumerate() {
+            let (i, j) = (k % 801, k / 801);
+            let expected = if is_comb(i, j) {
+                HOLE
+            } else if is_lake(i, j) {
+                MADE_UP
+            } else {
+                MEASURED
+            };
+            wanted += u64::from(is_comb(i, j));
+            assert_eq!(share, expected, "at {i}, {j}");
+        }
+        assert_eq!(holes, wanted);
+        let (kept, holes) = finest(&level, Voids::Keep, &folder, &Work::quiet(1)).unwrap();
+        assert_eq!(holes, wanted + 100);
+        assert!(shares(&kept).iter().all(|share| *share == MEASURED || *share == HOLE));
+        let (filled, holes) = finest(&level, Voids::Fill, &folder, &Work::quiet(1)).unwrap();
+        assert_eq!(holes, 0);
+        assert!(shares(&filled).iter().all(|share| *share == MEASURED || *share == MADE_UP));
+    }
+
+    #[test]
+    fn spirals_are_followed_to_their_end() {
+        let level = heights([801, 801], is_spiral);
+        let (clipped, holes) = finest(&level, Voids::Clip, &std::env::temp_dir(), &Work::quiet(2)).unwrap();
+        // The same by one flood over the whole level.
+        let mut whole: Vec<bool> = (0..801 * 801).map(|k| is_spiral(k % 801, k / 801)).collect();
+        let mut open: Vec<usize> =
+            (0..801 * 801).filter(|k| [k % 801, k / 801].into_iter().any(|v| v == 0 || v == 800)).collect();
+        let mut expected = vec![false; 801 * 801];
+        while let Some(k) = open.pop() {
+            if std::mem::take(&mut whole[k]) {
+                expected[k] = true;
+                let (i, j) = (k % 801, k / 801);
+                open.extend((i > 0).then(|| k - 1).into_iter().chain((i < 800).then_some(k + 1)));
+                open.extend((j > 0).then(|| k - 801).into_iter().chain((j < 800).then_some(k + 801)));
+            }
+        }
+        assert_eq!(holes, expected.iter().filter(|is_hole| **is_hole).count() as u64);
+        assert!(shares(&clipped).iter().zip(expected).all(|(share, is_hole)| (*share == HOLE) == is_hole));
+    }
+
+    #[test]
+    fn a_rim_keeps_its_place_from_level_to_level() {
+        let folder = std::env::temp_dir();
+        for rim in 200..208usize {
+            let level = heights([513, 9], |i, _| i < rim);
+            let (mut shares_of, _) = finest(&level, Voids::Keep, &folder, &Work::quiet(1)).unwrap();
+            for (q, size) in [257u64, 129, 65].into_iter().enumerate() {
+                shares_of = coarser(&shares_of, [size, 5], &folder, &Work::quiet(1)).unwrap();
+                let row = &shares(&shares_of)[..size as usize];
+                let after = row.iter().position(|share| share[0] >= 128).unwrap();
+                let [low, high] = [row[after - 1][0], row[after][0]].map(f64::from);
+                let spacing = f64::from(2 << q);
+                let found = spacing * ((after - 1) as f64 + (127.5 - low) / (high - low));
+                let wanted = rim as f64 - 0.5;
+                assert!((found - wanted).abs() < 0.25 * spacing, "level {q}: rim at {found}, not {wanted}");
+            }
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Worlds seen from beside them: walls under the edge of the ground, by whatever draws the ground.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+mod support;
+
+use std::sync::Arc;
+use std::time::Duration;
+use support::{SKY, Scene, camera, keep, node, options, world};
+use terravision_common::camera::Camera;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_renderer::engine::{Engine, EngineOptions, Finished};
+use terravision_renderer::frame::FrameReader;
+use terravision_renderer::skirt::Skirt;
+use terravision_renderer::source::{FrameSource, RecordedSource, Recording};
+
+const SIZE: [u32; 2] = [200, 150];
+const LOW_M: f64 = -120.0;
+
+fn rough(x: f64, y: f64) -> f64 {
+    60.0 * ((x * 0.031).sin() * (y * 0.023).cos() + 0.5 * (x * 0.11 + 1.0).sin() * (y * 0.13).sin())
+}
+
+fn green(_x: f64, _y: f64) -> [u8; 3] {
+    [40, 160, 60]
+}
+
+/// Two levels beside each other; an extent that is no multiple of the tiles.
+fn recording(camera: &Camera) -> Arc<Recording> {
+    let mut scene = Scene::new(world([60, 45]), &rough, &green);
+    let fine = [0, 1].map(|m| [0, 1].map(|n| node(m, n, 0))).concat();
+    let coarse = (0..4).flat_map(|m| (0..3).map(move |n| node(m, n, 1))).filter(|id| (id.m(), id.n()) != (0, 0));
+    let tiles = fine.into_iter().chain(coarse);
+    // Where the fine ones meet the coarse ones they have no other vertices than these.
+    let snaps = |id: terravision_common::node::NodeId| match (id.q(), id.m(), id.n()) {
+        (0, 0, 0) => [0; 4],
+        (0, 1, 0) => [0, 1, 0, 0],
+        (0, 0, 1) => [0, 0, 0, 1],
+        (0, 1, 1) => [0, 1, 0, 1],
+        _ => [0; 4],
+    };
+    let tiles = tiles.map(|id| scene.leaf(id, camera, snaps(id))).collect();
+    scene.frame(camera, tiles);
+    scene.finish()
+}
+
+fn draw(options: &EngineOptions, camera: &Camera) -> Option<Finished> {
+    let recording = recording(camera);
+    let mut source = RecordedSource::new(Arc::clone(&recording), 1);
+    let mut reader = FrameReader::new(source.shape(), options.size).unwrap();
+    let mut engine = Engine::new(options.clone(), &source).unwrap();
+    reader.read(&mut source, true).unwrap();
+    let border = Skirt::new(&source.shape().world, LOW_M).border(reader.frame(), &mut source).unwrap();
+    let pixels = engine.new_pixels().unwrap();
+    engine.submit(reader.frame(), &mut source, pixels).unwrap();
+    let mut finished = loop {
+        if let Some(finished) = engine.poll(Duration::from_secs(20)).unwrap() {
+            break finished;
+        }
+    };
+    engine.check_validation().unwrap();
+    border?.draw(&mut finished.pixels, options.samples);
+    Some(finished)
+}
+
+/// What each pixel shows: sky, ground, wall.
+fn kinds(finished: &Finished) -> Vec<char> {
+    let kind = |texel: &[u8]| match texel {
+        [r, g, b, _] if [*r, *g, *b] == SKY => 's',
+        [r, g, _, _] if g > r => 'g',
+        _ => 'w',
+    };
+    finished.pixels.rgba().chunks_exact(4).map(kind).collect()
+}
+
+fn ways() -> [EngineOptions; 3] {
+    let rays = |rays| EngineOptions { technique: TechniqueChoice::Rays, rays, has_depth: true, ..options(SIZE) };
+    [
+        EngineOptions { has_depth: true, ..options(SIZE) },
+        EngineOptions { has_validation: false, ..rays(RaysChoice::Mipmap) },
+        rays(RaysChoice::Compute),
+    ]
+}
+
+#[test]
+fn under_the_edge_of_the_ground_is_a_wall_and_nothing_between() {
+    // From the south west, over a corner; from the north; from below the edge, looking up.
+    let views = [
+        camera([-300.0, -250.0, 260.0], 50.0, -18.0, SIZE),
+        camera([250.0, 900.0, 120.0], 175.0, -12.0, SIZE),
+        camera([900.0, 200.0, -60.0], 275.0, 2.0, SIZE),
+    ];
+    for (index, view) in views.iter().enumerate() {
+        let pictures = ways().map(|options| draw(&options, view).unwrap());
+        let all = pictures.each_ref().map(kinds);
+        keep(&pictures[0], &format!("skirt-{index}"));
+        for (way, kinds) in all.iter().enumerate() {
+            let count = |kind| kinds.iter().filter(|k| **k == kind).count();
+            assert!(count('w') > 2000 && count('g') > 300, "view {index}, way {way}: {} {}", count('w'), count('g'));
+            // Down a column there is sky, ground, wall, sky: no sky, and no ground's underside, within.
+            for x in 0..SIZE[0] as usize {
+                let column: String = (0..SIZE[1] as usize).map(|y| kinds[y * SIZE[0] as usize + x]).collect();
+                let inner = column.trim_matches('s');
+                assert!(!inner.contains('s') && !inner.contains("wg"), "view {index}, way {way}, column {x}: {column}");
+            }
+        }
+        // The wall does not depend on who draws the ground.
+        let walls = |kinds: &[char]| kinds.iter().map(|kind| *kind == 'w').collect::<Vec<_>>();
+        assert!(all.iter().all(|kinds| walls(kinds) == walls(&all[0])), "view {index}");
+        let depths = pictures.each_ref().map(|picture| picture.pixels.reversed_depth().unwrap().to_vec());
+        let far = |at: usize| depths.iter().any(|depth| depth[at] != depths[0][at]);
+        assert!(!(0..depths[0].len()).any(|at| all[0][at] == 'w' && far(at)), "view {index}");
+    }
+}
+
+#[test]
+fn an_eye_over_the_world_sees_no_wall() {
+    assert!(draw(&ways()[1], &camera([300.0, 200.0, 300.0], 40.0, -30.0, SIZE)).is_none());
+}

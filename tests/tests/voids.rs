@@ -1,0 +1,187 @@
+//! Rasters with gaps, from the file to depth and ground positions: what is drawn, and what is told of it.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+use terravision_common::facet::facet_linear;
+use terravision_common::shm::SharedFrame;
+use terravision_tests::flight::{Pose, read_png, write_path};
+use terravision_tests::folder::TestFolder;
+use terravision_tests::geotiff::{read_floats, write_heights};
+use terravision_tests::live::{reader, shared_name};
+use terravision_tests::process::Terravision;
+
+const POSTS: usize = 129;
+const SPACING_M: f64 = 10.0;
+const ORIGIN: [f64; 2] = [500_000.0, 5_000_000.0];
+const HEIGHT_M: f32 = 300.0;
+const SIDE: usize = 160;
+const SKY: [u8; 3] = [255, 0, 255];
+
+/// The corner that a rotated raster leaves open.
+fn is_rim(i: usize, j: usize) -> bool {
+    3 * i + j < 150
+}
+
+/// A gap inside.
+fn is_gap(i: usize, j: usize) -> bool {
+    (70..=95).contains(&i) && (60..=80).contains(&j)
+}
+
+/// A plain with both.
+fn ingest(folder: &TestFolder, voids: &str) -> (std::path::PathBuf, String) {
+    let posts: Vec<f32> = (0..POSTS * POSTS)
+        .map(|k| if is_rim(k % POSTS, k / POSTS) || is_gap(k % POSTS, k / POSTS) { f32::NAN } else { HEIGHT_M })
+        .collect();
+    write_heights(&folder.join("dem.tif"), POSTS, POSTS, ORIGIN, SPACING_M, &posts);
+    let world = folder.join(format!("{voids}.tv"));
+    let said = Terravision::verb("ingest")
+        .arg("--elevation")
+        .arg(folder.join("dem.tif"))
+        .arg("-o")
+        .arg(&world)
+        .args(["--voids", voids])
+        .succeed();
+    (world, said.stderr)
+}
+
+/// Straight down on the middle.
+fn pose() -> Pose {
+    let middle = 0.5 * SPACING_M * (POSTS - 1) as f64;
+    Pose::new([ORIGIN[0] + middle, ORIGIN[1] + middle, f64::from(HEIGHT_M) + 1000.0], 0.0, -90.0)
+}
+
+/// Of each pixel, whether it looks at what `is` says of posts; at its edge, within a pixel, nothing is said.
+fn looked_at(is: fn(usize, usize) -> bool) -> Vec<Option<bool>> {
+    let metres_per_pixel = 2.0 * 1000.0 * 30f64.to_radians().tan() / SIDE as f64;
+    let share = |column: f64, row: f64| {
+        let middle = 0.5 * (POSTS - 1) as f64;
+        let at = |v: f64| middle + v * metres_per_pixel / SPACING_M;
+        let (x, y) = (at(column - SIDE as f64 / 2.0), at(SIDE as f64 / 2.0 - row));
+        let (i, j) = (x.floor(), y.floor());
+        let post = |i: f64, j: f64| f64::from(u8::from(i >= 0.0 && j >= 0.0 && is(i as usize, j as usize)));
+        facet_linear(post(i, j), post(i + 1.0, j), post(i, j + 1.0), post(i + 1.0, j + 1.0), x - i, y - j)
+    };
+    let pixel = |k: usize| {
+        let near = [-1.0, 0.0, 1.0].map(|v| v + 0.5);
+        let around =
+            near.into_iter().flat_map(|v| near.map(|u| share((k % SIDE) as f64 + u, (k / SIDE) as f64 + v) > 0.5));
+        let (mut any, mut all) = (false, true);
+        around.for_each(|is| (any, all) = (any || is, all && is));
+        (any == all).then_some(all)
+    };
+    (0..SIDE * SIDE).map(pixel).collect()
+}
+
+/// Each pixel as it is expected, where something is.
+fn assert_pixels(what: &str, found: &[bool], expected: &[Option<bool>]) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let wrong = found.iter().zip(expected).filter(|(found, expected)| expected.is_some_and(|is| is != **found)).count();
+    let count = expected.iter().filter(|expected| **expected == Some(true)).count();
+    assert!(wrong == 0 && count > 100, "{what}: {wrong} pixels are wrong, {count} were expected");
+}
+
+struct Taken {
+    is_sky: Vec<bool>,
+    /// Bands of depth and of ground.
+    depth: Vec<Vec<f64>>,
+    ground: Vec<Vec<f64>>,
+}
+
+fn still(folder: &TestFolder, world: &std::path::Path, more: &[&str]) -> Taken {
+    let [picture, depth, ground] = ["a.png", "depth.tif", "ground.tif"].map(|name| folder.join(name));
+    Terravision::verb("still")
+        .arg(world)
+        .args(pose().arguments())
+        .args([format!("--size={SIDE}x{SIDE}"), "--sky=255,0,255".to_owned(), "--vfov=60".to_owned()])
+        // The finest posts: those of coarser levels round the corners off.
+        .arg("--facet-px=1")
+        .args(more)
+        .arg("-o")
+        .arg(&picture)
+        .arg("--depth")
+        .arg(&depth)
+        .arg("--ground")
+        .arg(&ground)
+        .succeed();
+    let bands = |path| {
+        let (width, height, values) = read_floats(path).unwrap();
+        let count = values.len() / (width * height);
+        (0..count).map(|band| values.iter().skip(band).step_by(count).copied().collect()).collect()
+    };
+    let (_, _, rgb) = read_png(&picture);
+    Taken { is_sky: rgb.into_iter().map(|rgb| rgb == SKY).collect(), depth: bands(&depth), ground: bands(&ground) }
+}
+
+fn is_nan(values: &[f64]) -> Vec<bool> {
+    values.iter().map(|value| value.is_nan()).collect()
+}
+
+#[test]
+fn what_was_made_up_is_told_from_what_was_measured_and_holes_are_sky() {
+    let folder = TestFolder::new("voids");
+    let [rim, gap] = [looked_at(is_rim), looked_at(is_gap)];
+    let both: Vec<_> = rim.iter().zip(&gap).map(|(rim, gap)| rim.zip(*gap).map(|(rim, gap)| rim || gap)).collect();
+    let nothing = vec![Some(false); SIDE * SIDE];
+    for (voids, said, holes, made_up) in [
+        ("fill", "filled", &nothing, &both),
+        ("keep", "left without ground", &both, &nothing),
+        ("clip", "border of the world", &rim, &gap),
+    ] {
+        let (world, stderr) = ingest(&folder, voids);
+        assert!(stderr.contains(said), "{stderr}");
+        let info = String::from_utf8(Terravision::verb("info").arg(&world).succeed().stdout).unwrap();
+        assert!(info.contains("without data") && info.contains(&format!("--voids {voids}")), "{info}");
+        // Beyond the world's border there is sky as well.
+        let beyond = looked_at(|i, j| i >= POSTS || j >= POSTS);
+        let is_inside = |expected: &[Option<bool>]| -> Vec<Option<bool>> {
+            expected.iter().zip(&beyond).map(|(is, beyond)| is.filter(|_| *beyond == Some(false))).collect()
+        };
+        for technique in [&["--technique=mesh"][..], &["--rays=mipmap"], &["--rays=coherent"], &["--rays=compute"]] {
+            let what = format!("{voids} {technique:?}");
+            let taken = still(&folder, &world, technique);
+            let is_told: Vec<_> = holes.iter().zip(made_up).map(|(h, m)| h.zip(*m).map(|(h, m)| h || m)).collect();
+            if voids != "fill" {
+                assert_pixels(&format!("{what}: sky"), &taken.is_sky, &is_inside(holes));
+            }
+            assert_eq!((taken.depth.len(), taken.ground.len()), (1, 3));
+            for band in taken.depth.iter().chain(&taken.ground) {
+                assert_pixels(&format!("{what}: no number"), &is_nan(band), &is_inside(&is_told));
+            }
+            let marked = still(&folder, &world, &[technique, &["--made-up=mark"]].concat());
+            assert_eq!((marked.depth.len(), marked.ground.len()), (2, 4));
+            assert!(
+                marked.depth[0].iter().zip(&marked.is_sky).all(|(depth, is_sky)| depth.is_nan() == *is_sky),
+                "{what}"
+            );
+            for marks in [&marked.depth[1], &marked.ground[3]] {
+                let is_zero: Vec<bool> = marks.iter().map(|mark| *mark == 0.0).collect();
+                if voids != "keep" {
+                    assert_pixels(&format!("{what}: marks"), &is_zero, &is_inside(made_up));
+                }
+                assert!(voids != "keep" || !is_zero.contains(&true), "{what}: all that is drawn was measured");
+                assert!(marks.iter().zip(&marked.is_sky).all(|(mark, is_sky)| mark.is_nan() == *is_sky), "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn shared_frames_tell_what_was_made_up() {
+    let (folder, name) = (TestFolder::new("shared-voids"), shared_name("voids"));
+    let (world, _) = ingest(&folder, "clip");
+    write_path(&folder.join("path.json"), &[pose()], [SIDE as u32; 2], 60.0);
+    let mut flight = Terravision::verb("fly")
+        .arg(&world)
+        .arg("--path")
+        .arg(folder.join("path.json"))
+        .args(["-o", &format!("shared:{name}"), "--depth", "--ground", "--made-up=mark", "--facet-px=1"])
+        .spawn();
+    let (mut ring, mut shared) = (reader(&mut flight, &name), SharedFrame::default());
+    flight.until("the frame", |_| ring.read(&mut shared).unwrap().then_some(()));
+    flight.wait().assert_code(0);
+    let is_made_up: Vec<bool> = shared.rgba.chunks_exact(4).map(|texel| texel[3] == 254).collect();
+    assert_pixels("marks", &is_made_up, &looked_at(is_gap));
+    assert!(shared.rgba.chunks_exact(4).all(|texel| texel[3] >= 254));
+    let has_depth: Vec<bool> = shared.depth.iter().map(|depth| depth.is_finite()).collect();
+    assert!(is_made_up.iter().zip(&has_depth).all(|(is_made_up, has_depth)| !is_made_up || *has_depth));
+}
