@@ -201,6 +201,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let world = index.world();
     // Memory bounds the pools, not the elevation ring.
     let layout = Layout::for_run(world, u64::MAX >> 8, config.texels)?;
+    let layout = layout.for_picture(world, [config.width, config.height], config.r_z_px);
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;

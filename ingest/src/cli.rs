@@ -4,6 +4,7 @@ use crate::error::IngestError;
 use crate::job::Job;
 use crate::plan::PlanOptions;
 use crate::source::values::{NodataChoice, metres_in};
+use crate::source::{Access, Region};
 use crate::synth::SynthOptions;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
@@ -30,8 +31,9 @@ pub enum Verb {
     /// written last, and an interrupted ingest can simply be run again.
     #[command(after_help = "Examples:\n  terravision ingest --elevation dem.tif --color ortho.tif -o valley.tv\n  \
         terravision ingest --elevation N46W122.hgt.zip N46W123.hgt.zip -o cascades.tv --crs EPSG:32610\n  \
-        terravision ingest --elevation dem.tif --color landsat.tif --bands 3,2,1 -o scene.tv")]
-    Ingest(IngestArgs),
+        terravision ingest --elevation dem.tif --color landsat.tif --bands 3,2,1 -o scene.tv\n  \
+        terravision ingest --elevation globe.tif --bounds 6.6,35.5,18.6,47.1 -o italy.tv")]
+    Ingest(Box<IngestArgs>),
     /// Make a believable mountain world: dem.tif (float32) and ortho.tif (RGB, twice as fine), in UTM.
     ///
     /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and seed give the same
@@ -73,6 +75,9 @@ pub struct SparseArgs {
 #[derive(Debug, Args)]
 pub struct IngestArgs {
     /// Elevation rasters; the first that has data at a place gives its height
+    ///
+    /// Files, folders and archives (zip, tar) of tiles, https:// and s3:// addresses, and every other name that GDAL
+    /// opens, such as NETCDF:"a.nc":height.
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     elevation: Vec<PathBuf>,
     /// Colour rasters (grey, palette, RGB, with alpha or not); without them a tint is made from the elevation
@@ -88,6 +93,20 @@ pub struct IngestArgs {
     /// CRS of files that have none
     #[arg(long, value_name = "CRS")]
     source_crs: Option<String>,
+    /// Make a world of this part of the data alone: west, south, east, north, in degrees unless --bounds-crs tells. Across
+    /// the date line west is the greater one: 170,-20,-170,-10
+    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = parse_bounds)]
+    bounds: Option<Bounds>,
+    /// CRS of --bounds: EPSG:N, WKT or a PROJ string
+    #[arg(long, value_name = "CRS", requires = "bounds")]
+    bounds_crs: Option<String>,
+    /// Let files lead anywhere: sources of a VRT beyond its folder, and files that are lists of other files or
+    /// descriptions of services though their names do not say so. Only for files whose origin you know
+    #[arg(long)]
+    trust_vrt: bool,
+    /// Print what was made as JSON on standard output: the database, its layers, their sizes, notes and warnings
+    #[arg(long)]
+    pub json: bool,
     /// Most memory to use: larger caches read badly laid out files faster
     #[arg(long, default_value = "2GiB", value_name = "SIZE", value_parser = parse_size)]
     memory: u64,
@@ -126,6 +145,10 @@ pub struct IngestArgs {
     color_tile: u32,
 }
 
+/// West, south, east, north.
+#[derive(Debug, Clone, Copy)]
+struct Bounds([f64; 4]);
+
 /// Three bands.
 #[derive(Debug, Clone, Copy)]
 struct Bands([usize; 3]);
@@ -145,8 +168,11 @@ impl IngestArgs {
                 )));
             }
         }
+        let region = self.bounds.map(|b| Region::new(b.0, self.bounds_crs.as_deref())).transpose()?;
         let job = Job::new(self.elevation, self.color, self.output);
         Ok(Job {
+            region,
+            access: Access { trusts_links: self.trust_vrt },
             crs: self.crs,
             source_crs: self.source_crs,
             memory_bytes: self.memory,
@@ -260,6 +286,14 @@ fn parse_bands(text: &str) -> Result<Bands, String> {
     match (bands.as_slice(), text.split(',').count()) {
         ([red, green, blue], 3) => Ok(Bands([*red, *green, *blue])),
         _ => Err(format!("{text} does not name three bands, expected for example 3,2,1")),
+    }
+}
+
+fn parse_bounds(text: &str) -> Result<Bounds, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match (<[f64; 4]>::try_from(numbers), text.split(',').count()) {
+        (Ok(bounds), 4) => Ok(Bounds(bounds)),
+        _ => Err(format!("{text} is not four numbers, expected W,S,E,N, for example 6.6,35.5,18.6,47.1")),
     }
 }
 

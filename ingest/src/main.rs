@@ -10,9 +10,10 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use terravision_common::bug::report_panics;
-use terravision_common::terminal::{complain, printable};
+use terravision_common::terminal::{complain, printable, printable_json};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
+use terravision_ingest::job::{Job, summary};
 use terravision_ingest::source::Note;
 use terravision_ingest::sparse::{self, SparseOptions};
 use terravision_ingest::work::Work;
@@ -42,20 +43,13 @@ fn main() -> ExitCode {
     // Without it, too, a file that grows beyond its limit just ends us.
     terravision_common::stage::note_file_limit().ok();
     let result = match cli.verb {
-        Verb::Ingest(args) => args.validate().and_then(|job| {
-            let manifest = job.run(stop, io::stderr().is_terminal(), &mut print_note)?;
-            Ok(format!(
-                "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
-                job.output.display(),
-                manifest.elevation.archive.tiles,
-                manifest.color.archive.tiles,
-                manifest.elevation.range_m[0],
-                manifest.elevation.range_m[1]
-            ))
-        }),
+        Verb::Ingest(args) => {
+            let wants_json = args.json;
+            args.validate().and_then(|job| ingest(&job, wants_json, stop))
+        }
         Verb::Synth(args) => args.validate().and_then(|options| {
             terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
-            Ok(format!("{}: dem.tif and ortho.tif", options.output.display()))
+            Ok(printable(&format!("{}: dem.tif and ortho.tif", options.output.display())).into_owned())
         }),
         Verb::Sparse(args) => {
             let options = SparseOptions {
@@ -67,13 +61,14 @@ fn main() -> ExitCode {
             };
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let work = Work::new(threads, stop, io::stderr().is_terminal(), args.output.clone());
-            sparse::write(&args.output, options, &work).map(|_| args.output.display().to_string())
+            sparse::write(&args.output, options, &work)
+                .map(|_| printable(&args.output.display().to_string()).into_owned())
         }
     };
     match result {
         Ok(line) => {
             // A closed standard output is no failure of the ingest.
-            writeln!(io::stdout(), "{}", printable(&line)).ok();
+            writeln!(io::stdout(), "{line}").ok();
             ExitCode::SUCCESS
         }
         Err(error) => {
@@ -83,7 +78,31 @@ fn main() -> ExitCode {
     }
 }
 
-fn print_note(note: Note) {
+/// Makes a database; what is to be printed about it, fit for a terminal.
+fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
+    job.access.restrict_process(job.elevation.iter().chain(&job.color));
+    let mut notes = Vec::new();
+    let mut note = |note: Note| {
+        print_note(&note);
+        notes.push(note);
+    };
+    let manifest = job.run(stop, io::stderr().is_terminal(), &mut note)?;
+    if wants_json {
+        let text = format!("{:#}", summary(&job.output, &manifest, &notes));
+        return Ok(printable_json(&text).into_owned());
+    }
+    let line = format!(
+        "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
+        job.output.display(),
+        manifest.elevation.archive.tiles,
+        manifest.color.archive.tiles,
+        manifest.elevation.range_m[0],
+        manifest.elevation.range_m[1]
+    );
+    Ok(printable(&line).into_owned())
+}
+
+fn print_note(note: &Note) {
     complain(&match note {
         Note::Info(text) => format!("note: {text}"),
         Note::Warning(text) => format!("warning: {text}"),

@@ -82,13 +82,16 @@ fn pixel_at(raster: &Raster, target: &TargetCrs, point: [f64; 2]) -> Option<[f64
 /// (A map of the globe has no useful middle in a UTM zone.)
 fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Result<Footprint, IngestError> {
     let (mut x, mut y) = raster.grid(65, true);
-    let middle = raster.size.map(|v| 0.5 * v as f64);
-    let [c, r] = focus.and_then(|focus| pixel_at(raster, target, focus)).unwrap_or(middle);
-    [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine.apply(c, r)).iter().for_each(|[mx, my]| {
-        x.push(*mx);
-        y.push(*my);
-    });
+    let count = x.len();
+    let asked = focus.and_then(|focus| pixel_at(raster, target, focus));
+    for [c, r] in measuring_places(raster, asked) {
+        for [mx, my] in [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine.apply(c, r)) {
+            x.push(mx);
+            y.push(my);
+        }
+    }
     let is_same = target.is_of(raster);
+    let mut seam = (Vec::new(), Vec::new());
     if !is_same {
         let transform = CoordTransform::new(&traditional(raster.srs()?), &target.srs()?).map_err(|e| {
             let reason = format!("cannot be brought to {}: {}", target.crs.name, crate::error::gdal_message(&e));
@@ -96,13 +99,18 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
         })?;
         // What cannot be transformed comes back infinite and is left out below.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
+        seam = at_seam(raster, &transform);
     }
-    let count = x.len() - 3;
-    let step = |k: usize| [x[count + k] - x[count], y[count + k] - y[count]];
-    let ([ax, ay], [bx, by]) = (step(1), step(2));
-    let spacing = (ax * by - ay * bx).abs().sqrt();
+    let spacing_at = |place: usize| {
+        let step = |k: usize| [x[place + k] - x[place], y[place + k] - y[place]];
+        let ([ax, ay], [bx, by]) = (step(1), step(2));
+        (ax * by - ay * bx).abs().sqrt()
+    };
+    let place = typical((count..x.len()).step_by(3), spacing_at).unwrap_or(count);
+    let spacing = spacing_at(place);
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-    for (x, y) in x.iter().zip(&y).take(count).filter(|(x, y)| x.is_finite() && y.is_finite()) {
+    let outline = x.iter().zip(&y).take(count).chain(seam.0.iter().zip(&seam.1));
+    for (x, y) in outline.filter(|(x, y)| x.is_finite() && y.is_finite()) {
         for (axis, v) in [*x, *y].into_iter().enumerate() {
             low[axis] = low[axis].min(v);
             high[axis] = high[axis].max(v);
@@ -111,10 +119,57 @@ fn footprint(raster: &Raster, target: &TargetCrs, focus: Option<[f64; 2]>) -> Re
     if low[0] > high[0] || !(spacing.is_finite() && spacing > 1e-6) {
         return Err(IngestError::source(&raster.path, format!("has no place in {}", target.crs.name)));
     }
+    let focus = [x[place], y[place]];
     let [_, dx, _, _, _, dy] = raster.affine.0;
     let is_square = (dx.abs() / dy.abs() - 1.0).abs() < 1e-6;
     let is_lattice = is_same && is_square && raster.affine.is_axis_parallel();
-    Ok(Footprint { low, high, spacing, focus: [x[count], y[count]], is_lattice })
+    if let Some(crop) = &raster.crop {
+        crop.cut(&mut low, &mut high, spacing, is_lattice);
+    }
+    Ok(Footprint { low, high, spacing, focus, is_lattice })
+}
+
+/// Pixel centres of the middle row on both sides of where a plane cuts a source open that goes around the body: a grid of few
+/// points misses the ends of the plane.
+fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) {
+    let none = (Vec::new(), Vec::new());
+    let width = raster.size[0];
+    if !raster.is_geographic || !raster.affine.is_axis_parallel() || raster.affine.0[1].abs() * (width as f64) < 180.0 {
+        return none;
+    }
+    let row = (raster.size[1] / 2) as f64 + 0.5;
+    let of = |columns: &mut dyn Iterator<Item = usize>| {
+        let places = columns.map(|column| raster.affine.apply(column as f64 + 0.5, row));
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
+        // What has no place comes back infinite: it is no jump, and left out by who asks.
+        transform.transform_coords(&mut x, &mut y, &mut []).ok();
+        (x, y)
+    };
+    let step = width.div_ceil(1024);
+    let (x, _) = of(&mut (0..width).step_by(step));
+    let finite = || x.iter().copied().filter(|x| x.is_finite());
+    let whole = finite().fold(f64::MIN, f64::max) - finite().fold(f64::MAX, f64::min);
+    let jump = x.windows(2).position(|pair| (pair[1] - pair[0]).abs() > 0.5 * whole);
+    jump.map_or(none, |at| of(&mut (at * step..=((at + 1) * step).min(width - 1))))
+}
+
+/// Where a source's pixels are measured: where it is asked for, else in its middle, and in case that this is where its
+/// plane is cut open (the far side of a globe from 0 to 360 degrees), elsewhere along its middle row.
+fn measuring_places(raster: &Raster, asked: Option<[f64; 2]>) -> Vec<[f64; 2]> {
+    let [width, height] = raster.size.map(|v| v as f64);
+    let shares = if asked.is_some() { &[][..] } else { &[0.5, 0.25, 0.75, 0.375, 0.625][..] };
+    asked.into_iter().chain(shares.iter().map(|share| [share * width, 0.5 * height])).collect()
+}
+
+/// The first place, unless its spacing is more than twice or less than half the usual one: then a place that has that.
+fn typical(places: impl Iterator<Item = usize>, spacing_at: impl Fn(usize) -> f64) -> Option<usize> {
+    let mut measured: Vec<(usize, f64)> = places.map(|place| (place, spacing_at(place))).collect();
+    let first = *measured.first()?;
+    measured.retain(|(_, spacing)| spacing.is_finite() && *spacing > 0.0);
+    measured.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let usual = measured.get(measured.len() / 2)?;
+    let is_usual = first.1.is_finite() && (0.5..2.0).contains(&(first.1 / usual.1));
+    Some(if is_usual { first.0 } else { usual.0 })
 }
 
 /// Rounds to three digits: a spacing that people can say.
@@ -227,7 +282,15 @@ impl Plan {
             finest_elevation_level: finest_elevation,
             finest_color_level: (above.max(0).cast_unsigned() as u8).min(levels - 1),
         };
-        let world = World::new(fields).map_err(|e| IngestError::usage(format!("the data make no world: {e}")))?;
+        if !(fields.lattice_unit_m > 1e-6 && fields.lattice_unit_m < 1e6) {
+            return Err(IngestError::usage(format!(
+                "posts would be {} m apart, expected from a thousandth of a millimetre to 1000 km: is the CRS of the data right? \
+                 (--spacing METRES chooses another distance)",
+                fields.lattice_unit_m
+            )));
+        }
+        let world = World::new(fields)
+            .map_err(|e| IngestError::usage(format!("the data make no world that can be stored: {e}")))?;
         let cell = world.color_spacing_m(world.finest_color_level());
         Ok(Self {
             world,

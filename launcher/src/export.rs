@@ -20,6 +20,10 @@ use terravision_common::shm::RunId;
 pub fn export(args: &PathArgs) -> Result<(), Failure> {
     let database = open_world(&args.world, &args.database)?;
     let LoadedPath { path, notes, warnings } = plan::load_path(&args.course, &database, args.exaggeration)?;
+    let mut settings = path.settings;
+    if let Some(vfov_rad) = plan::vfov_of_path(args.vfov)? {
+        (settings.vfov_rad, settings.hfov_rad) = (Some(vfov_rad), None);
+    }
     let progress = Progress::new(0, false);
     notes.iter().for_each(|note| progress.say(&format!("note: {note}")));
     warnings.iter().for_each(|warning| progress.warn(warning));
@@ -27,7 +31,7 @@ pub fn export(args: &PathArgs) -> Result<(), Failure> {
     let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;
     let crs = &database.manifest().crs;
     let name = crs.epsg.map_or_else(|| crs.name.clone(), |epsg| format!("EPSG:{epsg}"));
-    let head = head(&name, fps, &path.settings);
+    let head = head(&name, fps, &settings);
     let poses = (first..end).map(|frame| path.course.pose(frame, fps, speed));
     if args.output == Path::new("-") {
         let mut out = io::stdout().lock();

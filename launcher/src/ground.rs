@@ -135,6 +135,10 @@ impl Ground for WorldGround<'_> {
         self.at(x, y).filter(|ground| ground.validity != Validity::Hole).map(|ground| ground.height_m)
     }
 
+    fn is_measured(&self, x: f64, y: f64) -> bool {
+        self.at(x, y).is_some_and(|ground| ground.validity == Validity::Measured)
+    }
+
     fn bound_m(&self, x: f64, y: f64) -> Option<f64> {
         let node = self.node_at(self.place(x, y)?, self.level)?;
         Some(f64::from(self.ranges?.range(node)?[1]) * self.exaggeration)

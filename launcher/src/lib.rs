@@ -10,7 +10,7 @@
 //! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`doctor`], [`info`], [`machine`], [`export`], [`passed_on`]: the other commands.
+//! * [`doctor`], [`info`] (with [`places`]), [`machine`], [`export`], [`passed_on`]: the other commands.
 
 pub mod cli;
 pub mod data_set;
@@ -28,6 +28,7 @@ pub mod network_report;
 pub mod output;
 pub mod passed_on;
 pub mod path;
+pub mod places;
 pub mod plan;
 pub mod realtime_report;
 pub mod report;

@@ -42,9 +42,35 @@ pub fn bytes_for_people(bytes: u64) -> String {
     format!("{bytes} bytes")
 }
 
+/// A number as people write it: whole, in groups of three digits; with a digit more below ten.
+#[must_use]
+pub fn grouped(value: f64) -> String {
+    if value.abs() < 10.0 && (value - value.round()).abs() >= 0.05 {
+        return format!("{value:.1}");
+    }
+    let digits = format!("{:.0}", value.abs());
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    if value <= -0.5 { format!("-{text}") } else { text }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        for (value, text) in
+            [(0.0, "0"), (2.54, "2.5"), (9.99, "10"), (999.6, "1,000"), (-12_345_678.2, "-12,345,678"), (-0.2, "-0.2")]
+        {
+            assert_eq!(grouped(value), text);
+        }
+    }
 
     #[test]
     fn sizes_read_well() {

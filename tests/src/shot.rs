@@ -59,6 +59,8 @@ impl<'a> Shot<'a> {
         let [r, g, b] = self.sky_rgb;
         Terravision::verb("still")
             .arg(self.world.database())
+            // Tests are of flights' pictures, unless they say otherwise: the last flag wins.
+            .arg("--quality=default")
             .args(self.pose.arguments())
             .args([format!("--size={}x{}", self.size[0], self.size[1]), format!("--vfov={VFOV_DEG}")])
             .arg(format!("--sky={r},{g},{b}"))

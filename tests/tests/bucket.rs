@@ -15,6 +15,7 @@ const FRAMES: u64 = 40;
 
 fn still(world: &str, folder: &TestFolder, name: &str) -> Terravision {
     Terravision::verb("still")
+        .arg("--quality=default")
         .arg(world)
         .args(oblique_poses(&synth_world(1024))[0].1.arguments())
         .args(["--size=320x180".to_owned(), format!("--vfov={VFOV_DEG}"), "-o".to_owned()])

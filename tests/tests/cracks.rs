@@ -63,6 +63,7 @@ fn facets_that_are_seen_edge_on_leave_no_pixel_open() {
     for ([x, y], heading, [width, height], [column, row]) in views {
         let folder = TestFolder::new("crest");
         Terravision::verb("still")
+            .arg("--quality=default")
             .arg(&database)
             .args(Pose::new([x, y, 1500.0], heading, -16.0).arguments())
             .args([format!("--size={width}x{height}"), "--sky=255,0,255".to_owned(), "--technique=mesh".to_owned()])

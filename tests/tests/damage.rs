@@ -24,6 +24,7 @@ fn copy_of(world: &TestWorld, folder: &TestFolder) -> std::path::PathBuf {
 
 fn still(database: &Path, world: &TestWorld, folder: &TestFolder) -> Finished {
     Terravision::verb("still")
+        .arg("--quality=default")
         .arg(database)
         .args(oblique_poses(world)[0].1.arguments())
         .args(["--size=320x180".to_owned(), format!("--vfov={VFOV_DEG}")])
@@ -58,6 +59,7 @@ fn corrupt_tiles_are_listed_and_their_parents_drawn() {
         let shot = Shot { size: [960, 540], ..Shot::new(&world, oblique_poses(&world)[1].1) };
         let whole = shot.take(&[], false);
         let finished = Terravision::verb("still")
+            .arg("--quality=default")
             .arg(&database)
             .args(shot.pose.arguments())
             .args(["--size=960x540".to_owned(), format!("--vfov={VFOV_DEG}"), "-o".to_owned()])
@@ -178,7 +180,7 @@ fn wrong_requests_are_told_in_one_sentence() {
     let world = synth_world(1024);
     let folder = TestFolder::new("wrong");
     let pose = oblique_poses(&world)[0].1;
-    let still = || Terravision::verb("still").arg(world.database()).args(pose.arguments());
+    let still = || Terravision::verb("still").arg("--quality=default").arg(world.database()).args(pose.arguments());
     let out = || folder.join("x.png").display().to_string();
     let cases: Vec<(&str, Terravision, i32)> = vec![
         ("an empty picture", still().args(["--size", "0x0", "-o", &out()]), 2),

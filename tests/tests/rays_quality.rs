@@ -84,8 +84,11 @@ fn on_real_data_voxels_are_no_further_from_the_truth_than_the_mesh() {
         ingest.arg("-o").arg(folder.join("w.tv")).deadline(Duration::from_secs(300)).run().assert_code(0);
         let take = |arguments: &[&str]| {
             let png = folder.join("a.png");
-            let still =
-                Terravision::verb("still").arg(folder.join("w.tv")).args(place.view).args(["--size", "640x360"]);
+            let still = Terravision::verb("still")
+                .arg("--quality=default")
+                .arg(folder.join("w.tv"))
+                .args(place.view)
+                .args(["--size", "640x360"]);
             still.args(arguments).arg("-o").arg(&png).run().assert_code(0);
             read_png(&png)
         };

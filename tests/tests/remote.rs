@@ -57,6 +57,7 @@ fn report_of(folder: &TestFolder, name: &str) -> serde_json::Value {
 
 fn still(world: &str, folder: &TestFolder, more: &[&str]) -> Finished {
     Terravision::verb("still")
+        .arg("--quality=default")
         .arg(world)
         .args(oblique_poses(&synth_world(1024))[0].1.arguments())
         .args(["--size=320x180".to_owned(), format!("--vfov={VFOV_DEG}"), "-o".to_owned()])
@@ -75,6 +76,7 @@ fn look_at_the_sky(url: &str, folder: &TestFolder) {
     let from = synth_world(1024).above(0.5, 0.5, 500.0);
     let sky = Pose::new(from, 0.0, 90.0);
     Terravision::verb("still")
+        .arg("--quality=default")
         .arg(url)
         .args(sky.arguments())
         .args(["--size=64x36", "-o"])

@@ -367,3 +367,28 @@ fn errors_of_tiles_keep_their_codes() {
     let error = store.read_color(fine(2), &mut out, &mut TileScratch::default()).unwrap_err();
     assert!(matches!(error, TileError::Read { .. }) && error.to_string().contains("no such file"), "{error}");
 }
+
+#[test]
+fn info_tells_where_a_world_lies_and_where_it_is_highest() {
+    let database = synth_world(1024).database();
+    let finished = Terravision::verb("info").arg(&database).arg("--json").succeed();
+    let told: serde_json::Value = serde_json::from_str(&finished.stdout_text()).unwrap();
+    let numbers = |value: &serde_json::Value| -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    };
+    let (local, mut scratch) = (local(), TileScratch::default());
+    let origin = local.world().fields().origin;
+    for (name, side) in [("highest", 1), ("lowest", 0)] {
+        let place = numbers(&told[name]["place"]);
+        let [x, y] = [place[0] - origin[0], place[1] - origin[1]];
+        let ground = terravision_common::database::ground_height(&local, local.world(), x, y, &mut scratch).unwrap();
+        assert_eq!(told[name]["height_m"].as_f64(), ground);
+        let expected = local.manifest().elevation.range_m[side];
+        assert!((ground.unwrap() - expected).abs() < 0.01, "{name}: {ground:?}, expected {expected}");
+    }
+    let ([w, s, e, n], at) =
+        (<[f64; 4]>::try_from(numbers(&told["bounds_lon_lat"])).unwrap(), numbers(&told["highest"]["lon_lat"]));
+    assert!(w <= at[0] && at[0] <= e && s <= at[1] && at[1] <= n && e - w < 0.2 && n - s < 0.2, "{told}");
+    let text = Terravision::verb("info").arg(&database).succeed().stdout_text();
+    assert!(text.contains("\nhighest ") && text.contains("\non the body ") && text.contains(" MiB"), "{text}");
+}

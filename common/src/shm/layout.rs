@@ -57,6 +57,18 @@ const MAX_COLOR_SLOTS: u64 = 2048;
 const MIN_COLOR_SLOTS: u64 = 64;
 /// The elevation ring of large tiles is kept below this.
 const ELEVATION_RING_BYTES: u64 = 64 << 20;
+/// Facets of at most so many pixels get a ring and trees as large as their picture needs.
+const FINE_FACET_PX: f64 = 2.0;
+/// Most arrays of the elevation ring of such a picture.
+const MAX_FINE_ARRAYS: u64 = 65_536;
+/// Facets of a fine picture, per square of their wanted size: leaves reach beyond the picture, and behind ground. Views of
+/// mountains have 2.5 to 3.5 of them.
+const FACETS_PER_WANTED: f64 = 5.0;
+
+/// Cells of an elevation tile.
+fn tile_facets(world: &World) -> f64 {
+    f64::from(world.elevation_tile()).powi(2)
+}
 
 impl Layout {
     /// The layout for a world, at most `memory_bytes` for the tile pools and the device's copy of the colour pool
@@ -95,6 +107,41 @@ impl Layout {
             want_tiles: 16384,
             outcome_slots: 16384,
         })
+    }
+
+    /// With room for the trees of a picture of so many pixels, if its facets are so small (2 pixels or less) that the usual room
+    /// would cut them short. What the elevation pool takes more, the colour pool has less.
+    #[must_use]
+    pub fn for_picture(self, world: &World, [width, height]: [u32; 2], r_z_px: f64) -> Self {
+        if r_z_px > FINE_FACET_PX {
+            return self;
+        }
+        let leaves = FACETS_PER_WANTED * f64::from(width) * f64::from(height) / r_z_px.powi(2) / tile_facets(world);
+        let fitting = 4 * ELEVATION_RING_BYTES / self.elevation_slot_bytes.max(1);
+        let most = MAX_FINE_ARRAYS.min(fitting) as f64;
+        let arrays = (leaves.ceil().clamp(1.0, most) as u32).next_power_of_two().clamp(1, MAX_FINE_ARRAYS as u32);
+        if arrays <= self.elevation_arrays {
+            return self;
+        }
+        let elevation_slots = self.elevation_slots.max(2 * arrays);
+        let more_bytes = u64::from(elevation_slots - self.elevation_slots) * self.elevation_slot_bytes;
+        let fewer = more_bytes.div_ceil(2 * self.color_slot_bytes.max(1)).min(u64::from(self.color_slots)) as u32;
+        Self {
+            elevation_arrays: arrays,
+            tree_nodes: self.tree_nodes.max(4 * arrays),
+            elevation_slots,
+            color_slots: (self.color_slots - fewer).max(self.color_slots.min(MIN_COLOR_SLOTS as u32)),
+            ..self
+        }
+    }
+
+    /// The smallest facets, pixels, from 1 up, that the trees of a picture of so many pixels have room for.
+    #[must_use]
+    pub fn finest_facet_px(world: &World, [width, height]: [u32; 2]) -> f64 {
+        let pixels = f64::from(width) * f64::from(height);
+        let facet_px = (FACETS_PER_WANTED * pixels / (MAX_FINE_ARRAYS as f64 * tile_facets(world))).sqrt();
+        // Up to the next tenth, which people can read.
+        ((facet_px * 10.0).ceil() / 10.0).max(1.0)
     }
 
     /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in all.

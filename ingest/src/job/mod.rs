@@ -2,14 +2,18 @@
 
 mod output;
 mod record;
+mod summary;
+
+pub use summary::summary;
 
 use crate::archive;
 use crate::error::IngestError;
 use crate::plan::{Plan, PlanOptions};
 use crate::pyramid::{self, validity, voids as fill};
 use crate::sample;
+use crate::source::inputs::describe_all;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
-use crate::source::{Note, Raster, TargetCrs};
+use crate::source::{Access, Note, Raster, Region, TargetCrs, area, region};
 use crate::store::{Level, Rgb};
 use crate::tint::{Place, Tint};
 use crate::work::Work;
@@ -36,6 +40,10 @@ pub struct Job {
     pub crs: Option<String>,
     /// CRS of sources that have none.
     pub source_crs: Option<String>,
+    /// The part of the data that becomes a world; all of it if `None`.
+    pub region: Option<Region>,
+    /// What files may lead to.
+    pub access: Access,
     /// What memory may be used, bytes.
     pub memory_bytes: u64,
     /// Whether a finished database may be replaced.
@@ -73,6 +81,8 @@ impl Job {
             output,
             crs: None,
             source_crs: None,
+            region: None,
+            access: Access::default(),
             memory_bytes: 2 << 30,
             may_overwrite: false,
             nodata: NodataChoice::FromFiles,
@@ -85,8 +95,37 @@ impl Job {
         }
     }
 
-    fn describe(&self, paths: &[PathBuf]) -> Result<Vec<Raster>, IngestError> {
-        paths.iter().map(|path| Raster::describe(path, self.source_crs.as_deref())).collect()
+    /// Elevation and colour sources and the CRS of the world that they make.
+    fn sources(&self, note: &mut dyn FnMut(Note)) -> Result<(Vec<Raster>, Vec<Raster>, TargetCrs), IngestError> {
+        let mut describe = |paths: &[PathBuf]| describe_all(paths, self.source_crs.as_deref(), self.access, note);
+        let (elevation, color) = (describe(&self.elevation)?, describe(&self.color)?);
+        area::check(&elevation.iter().chain(&color).collect::<Vec<_>>(), note)?;
+        let (elevation, color, target) = match &self.region {
+            None => {
+                let target = TargetCrs::choose(&elevation, self.crs.as_deref(), note)?;
+                (elevation, color, target)
+            }
+            Some(region) => {
+                let target = TargetCrs::choose(&region.parts(&elevation)?, self.crs.as_deref(), note)?;
+                let rect = region.rect_in(&target)?;
+                let elevation = region::parts_in(elevation, rect, &target)?;
+                if elevation.is_empty() {
+                    return Err(IngestError::usage("--bounds lies outside the elevation"));
+                }
+                let has_color = !color.is_empty();
+                let color = region::parts_in(color, rect, &target)?;
+                if has_color && color.is_empty() {
+                    return Err(IngestError::usage(
+                        "--bounds lies outside the colour files: leave --color out, or others",
+                    ));
+                }
+                (elevation, color, target)
+            }
+        };
+        if self.crs.is_some() {
+            area::check_target(&target, &elevation.iter().collect::<Vec<_>>(), note);
+        }
+        Ok((elevation, color, target))
     }
 
     /// Does it. `stop` ends it early; `note` hears what the user should know.
@@ -107,9 +146,7 @@ impl Job {
         let affordable = (self.memory_bytes / 2 / THREAD_BYTES).max(1) as usize;
         let work = Work::new(self.threads.min(affordable), stop, shows_progress, self.output.clone());
         // First everything that needs no output: most mistakes show here.
-        let elevation = self.describe(&self.elevation)?;
-        let color = self.describe(&self.color)?;
-        let target = TargetCrs::choose(&elevation, self.crs.as_deref(), note)?;
+        let (elevation, color, target) = self.sources(note)?;
         let plan = Plan::new(&target, &elevation, &color, self.plan, note)?;
         self.check_memory(&plan)?;
         let output = Output::begin(&self.output, self.may_overwrite)?;
@@ -119,7 +156,7 @@ impl Job {
             Ok((raster, values))
         };
         let elevation = elevation.into_iter().map(|r| values(r, note)).collect::<Result<Vec<_>, IngestError>>()?;
-        let color_values = ColorValues::of_all(&color, self.bands, note)?;
+        let color_values = ColorValues::of_all(&color, self.bands, self.nodata, note)?;
         let color: Vec<_> = color.into_iter().zip(color_values).collect();
         let manifest = self.build(&plan, &target, &elevation, &color, &output, &work, note)?;
         output.finish(&manifest, &work)?;
@@ -330,6 +367,17 @@ pub(crate) fn quieten_gdal(memory_bytes: u64) {
     for (key, value) in [("GDAL_CACHEMAX", cache_mb.to_string()), ("GDAL_PAM_ENABLED", "NO".to_owned())] {
         // An option that cannot be set costs memory or a file beside the source, not correctness.
         gdal::config::set_config_option(key, &value).ok();
+    }
+    // A server that does not answer ends the work instead of holding it for ever; the user's own settings win.
+    for (key, value) in [
+        ("GDAL_HTTP_CONNECTTIMEOUT", "20"),
+        ("GDAL_HTTP_LOW_SPEED_TIME", "30"),
+        ("GDAL_HTTP_LOW_SPEED_LIMIT", "1"),
+        ("GDAL_HTTP_TIMEOUT", "300"),
+    ] {
+        if gdal::config::get_config_option(key, "").is_ok_and(|set| set.is_empty()) {
+            gdal::config::set_config_option(key, value).ok();
+        }
     }
 }
 

@@ -5,13 +5,14 @@ use crate::plan::Plan;
 use crate::source::raster::traditional;
 use crate::source::values::{ColorValues, ElevationValues};
 use crate::source::{Raster, TargetCrs};
-use gdal::spatial_ref::CoordTransform;
+use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION, Manifest,
     NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
+use terravision_common::world::World;
 
 /// What a manifest is made of.
 pub(super) struct Parts<'a> {
@@ -98,21 +99,30 @@ fn elevation_encoding(has_validity: bool) -> &'static str {
     if has_validity { "terravision-elevation-2" } else { "terravision-elevation-1" }
 }
 
-/// West, south, east, north in degrees; zeros when PROJ cannot tell.
-fn bounds_deg(plan: &Plan, target: &TargetCrs) -> Option<[f64; 4]> {
-    let srs = target.srs().ok()?;
+/// West, south, east, north of a world in degrees; `None` when PROJ cannot tell. A world across the date line goes around
+/// the body unless `crosses`: then its west is the greater one.
+pub(super) fn bounds_deg(world: &World, srs: &SpatialRef, crosses: bool) -> Option<[f64; 4]> {
     let geographic = traditional(srs.geog_cs().ok()?);
-    let transform = CoordTransform::new(&srs, &geographic).ok()?;
-    let ([x0, y0], [w, h]) = (plan.world.fields().origin, plan.world.extent_m());
+    let transform = CoordTransform::new(srs, &geographic).ok()?;
+    let ([x0, y0], [w, h]) = (world.fields().origin, world.extent_m());
     let side = 21usize;
     let along = |k: usize| k as f64 / (side - 1) as f64;
     let (mut x, mut y): (Vec<f64>, Vec<f64>) =
         (0..side * side).map(|k| (x0 + w * along(k % side), y0 + h * along(k / side))).unzip();
     // Points that have no longitude and latitude come back infinite and are left out.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
+    // Far longitudes on both sides and none between: they are one side.
+    let is_split = x.iter().any(|x| *x > 90.0) && x.iter().any(|x| *x < -90.0) && !x.iter().any(|x| x.abs() <= 90.0);
+    if crosses && is_split {
+        x.iter_mut().filter(|x| **x < 0.0).for_each(|x| *x += 360.0);
+    }
     let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
     for (x, y) in x.iter().zip(&y).filter(|(x, y)| x.is_finite() && y.is_finite()) {
         bounds = [bounds[0].min(*x), bounds[1].min(*y), bounds[2].max(*x), bounds[3].max(*y)];
+    }
+    if crosses && bounds[2] > 180.0 {
+        bounds[2] -= 360.0;
+        return Some(bounds);
     }
     let limits = [180.0, 90.0, 180.0, 90.0];
     (bounds[0] <= bounds[2]).then(|| [0, 1, 2, 3].map(|i| bounds[i].clamp(-limits[i], limits[i])))
@@ -125,7 +135,7 @@ pub(super) fn archive_info(
     name: &str,
     has_validity: bool,
 ) -> (ArchiveInfo, ArchiveInfo) {
-    let bounds_deg = bounds_deg(plan, target).unwrap_or([0.0; 4]);
+    let bounds_deg = target.srs().ok().and_then(|srs| bounds_deg(&plan.world, &srs, false)).unwrap_or([0.0; 4]);
     let info = |layer: &str, format: &str, payload: &str| ArchiveInfo {
         bounds_deg,
         metadata: json!({

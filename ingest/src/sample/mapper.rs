@@ -80,7 +80,12 @@ impl Mapper {
     /// How many source pixels a step of a lattice is, along columns and rows, at a target point.
     #[must_use]
     pub fn scale_at(&self, [x, y]: [f64; 2], step: f64) -> [f64; 2] {
-        let (u, v) = self.positions(vec![x, x + step, x], vec![y, y, y + step]);
+        let (mut u, v) = self.positions(vec![x, x + step, x], vec![y, y, y + step]);
+        if let Some(period) = self.period {
+            // A step across the seam of the source's longitudes is no step around the body.
+            let first = u[0];
+            u.iter_mut().for_each(|u| *u -= ((*u - first) / period).round() * period);
+        }
         let along = |p: &[f64]| (p[1] - p[0]).hypot(p[2] - p[0]);
         [along(&u), along(&v)].map(|s| if s.is_finite() { s } else { 1.0 })
     }

@@ -83,6 +83,9 @@ mod tests {
         let raster = Raster {
             path: "a.tif".into(),
             open_name: String::new(),
+            driver: "GTiff".into(),
+            first: [0, 0],
+            crop: None,
             size,
             affine: Affine([origin[0], pixel, 0.0, origin[1], 0.0, -pixel]),
             wkt: "the same".to_owned(),

@@ -195,6 +195,10 @@ fn spread(sources: &[Raster]) -> Result<Spread, IngestError> {
             )
         };
         let geographic = traditional(srs.geog_cs().map_err(|e| nowhere(gdal_message(&e)))?);
+        if let Some(crop) = raster.crop.as_ref().filter(|crop| !crop.lon_lat.is_empty()) {
+            points.extend(crop.lon_lat.iter().copied());
+            continue;
+        }
         let (mut xs, mut ys) = raster.grid(21, true);
         if !raster.is_geographic {
             let transform = CoordTransform::new(&srs, &geographic).map_err(|e| nowhere(gdal_message(&e)))?;
@@ -206,6 +210,19 @@ fn spread(sources: &[Raster]) -> Result<Spread, IngestError> {
         let before = points.len();
         let found = xs.iter().zip(&ys).map(|(x, y)| [x * unit, y * unit]);
         points.extend(found.filter(|[lon, lat]| lon.is_finite() && lat.abs() <= 90.5));
+        if points.len() == before && raster.is_geographic {
+            let (south, north) = ys.iter().fold((f64::MAX, f64::MIN), |(lo, hi), y| (lo.min(*y), hi.max(*y)));
+            return Err(IngestError::source(
+                &raster.path,
+                format!(
+                    "has latitudes from {:.1} to {:.1} degrees, expected -90 to 90: are its axes exchanged, or is it in another \
+                     CRS than {}?",
+                    south * unit,
+                    north * unit,
+                    raster.crs_name
+                ),
+            ));
+        }
         if points.len() == before {
             return Err(nowhere("no pixel has a longitude and latitude".to_owned()));
         }

@@ -1,6 +1,8 @@
 //! Where pixels lie: an affine map from pixel coordinates to a CRS.
 
-use gdal::Dataset;
+use gdal::spatial_ref::SpatialRef;
+use gdal::{Dataset, Metadata};
+use std::path::Path;
 
 /// `x = c0 + c1·column + c2·row`, `y = c3 + c4·column + c5·row`; pixel corners are whole numbers (GDAL's order).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +43,36 @@ pub(crate) fn affine_of(dataset: &Dataset) -> Option<Affine> {
     }
     let points: Vec<[f64; 4]> = dataset.gcps().iter().map(|p| [p.pixel(), p.line(), p.x(), p.y()]).collect();
     fit(&points)
+}
+
+/// Why a raster whose position is told in another way than by an affine map has none, and what straightens it; `None`
+/// when it has no position at all. Continues the sentence that begins with the file.
+pub(crate) fn bent(dataset: &Dataset, path: &Path, srs: Option<&SpatialRef>) -> Option<String> {
+    let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let stem = path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let code = srs.and_then(super::crs::epsg_of).unwrap_or(4326);
+    let warp = |how: &str| {
+        let (from, gap) = (path.display(), if how.is_empty() { "" } else { " " });
+        format!("gdalwarp{gap}{how} -t_srs EPSG:{code} {from} {stem}-straight.tif")
+    };
+    let has = |domain: &str| dataset.metadata_domain(domain).is_some_and(|items| !items.is_empty());
+    match dataset.gcps().len() {
+        0 if has("RPC") => Some(format!(
+            "is placed by rational polynomials (RPC), not by an affine map: {} straightens {file} (with -to \
+             RPC_DEM=FILE over an elevation model)",
+            warp("-rpc")
+        )),
+        0 if has("GEOLOCATION") => Some(format!(
+            "is placed by arrays of longitudes and latitudes, not by an affine map: {} straightens it",
+            warp("-geoloc")
+        )),
+        0 => None,
+        count @ 1..3 => Some(format!("has {count} control points, which are too few to place it: expected at least 3")),
+        count => {
+            let unknown = if srs.is_none() { "-s_srs EPSG:N" } else { "" };
+            Some(format!("is bent: its {count} control points lie on no affine map: {} straightens it", warp(unknown)))
+        }
+    }
 }
 
 /// Least squares fit of an affine map to points `[column, row, x, y]`; `None` when they are too few, lie on a line, or

@@ -1,16 +1,20 @@
 //! Reading sources: each thread has its own handles, since GDAL's are not shared.
 
-use super::raster::{Raster, open_dataset};
+use super::access::Access;
+use super::raster::{Raster, Shows};
 use super::values::{ColorValues, ElevationValues};
-use crate::error::{IngestError, gdal_message};
+use crate::error::IngestError;
 use crate::sample::window::Window;
 use gdal::Dataset;
 use gdal::raster::RasterBand;
 
 /// Opens a described source again.
 pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
-    open_dataset(&raster.open_name)
-        .map_err(|e| IngestError::source(&raster.path, format!("cannot be opened again: {}", gdal_message(&e))))
+    // What may be opened was settled when it was described; other drivers have no business with it now.
+    Access::default()
+        .open(&raster.open_name, Some(&raster.driver))
+        .or_else(|_| Access::default().open(&raster.open_name, None))
+        .map_err(|e| raster.fails("cannot be opened again", &e))
 }
 
 /// A source whose samples have `C` channels.
@@ -31,15 +35,42 @@ fn read_band<T: Copy + gdal::raster::GdalType>(
     [x, y]: [usize; 2],
     [w, h]: [usize; 2],
 ) -> Result<Vec<T>, IngestError> {
-    let fail = |e: &gdal::errors::GdalError| {
-        IngestError::source(
-            &raster.path,
-            format!("cannot be read (it may be damaged or cut short): {}", gdal_message(e)),
-        )
-    };
+    let fail = |e: &gdal::errors::GdalError| raster.fails("cannot be read (it may be damaged or cut short)", e);
     let band = band.as_ref().map_err(fail)?;
-    let buffer = band.read_as::<T>((x as isize, y as isize), (w, h), (w, h), None).map_err(|e| fail(&e))?;
+    let first = [raster.first[0] + x, raster.first[1] + y].map(|v| v as isize);
+    let buffer = band.read_as::<T>((first[0], first[1]), (w, h), (w, h), None).map_err(|e| fail(&e))?;
     Ok(buffer.into_shape_and_vec().1)
+}
+
+/// Which pixels of a rectangle a mask band shows; `None` where there is no mask band.
+pub(super) fn read_mask(
+    raster: &Raster,
+    dataset: &Dataset,
+    origin: [usize; 2],
+    size: [usize; 2],
+) -> Result<Option<Vec<bool>>, IngestError> {
+    if !raster.bands[0].has_mask {
+        return Ok(None);
+    }
+    let first = [0, 1].map(|axis| (raster.first[axis] + origin[axis]) as isize);
+    let mask = dataset.rasterband(1).and_then(|band| {
+        let mask = band.open_mask_band()?;
+        mask.read_as::<u8>((first[0], first[1]), (size[0], size[1]), (size[0], size[1]), None)
+    });
+    let mask = mask.map_err(|e| raster.fails("has a mask that cannot be read", &e))?;
+    Ok(Some(mask.data().iter().map(|m| *m != 0).collect()))
+}
+
+/// Which samples of a rectangle of elevation an alpha band shows at all; `None` where there is no alpha band.
+pub(super) fn read_alpha(
+    raster: &Raster,
+    dataset: &Dataset,
+    origin: [usize; 2],
+    size: [usize; 2],
+) -> Result<Option<Vec<bool>>, IngestError> {
+    let Some(index) = raster.bands.iter().skip(1).position(|b| b.shows == Shows::Alpha) else { return Ok(None) };
+    let alpha = read_band::<f32>(raster, &dataset.rasterband(index + 2), origin, size)?;
+    Ok(Some(alpha.into_iter().map(|a| a > 0.0).collect()))
 }
 
 /// An elevation source, open.
@@ -75,20 +106,11 @@ impl Reader<1> for ElevationReader<'_> {
                 None => window.mask(at),
             }
         }
-        if self.raster.bands[0].has_mask {
-            let mask = band.and_then(|band| {
-                let mask = band.open_mask_band()?;
-                mask.read_as::<u8>(
-                    (origin[0] as isize, origin[1] as isize),
-                    (size[0], size[1]),
-                    (size[0], size[1]),
-                    None,
-                )
-            });
-            let mask = mask.map_err(|e| {
-                IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
-            })?;
-            mask.data().iter().enumerate().filter(|(_, m)| **m == 0).for_each(|(at, _)| window.mask(at));
+        for shown in [
+            read_mask(self.raster, &self.dataset, origin, size)?,
+            read_alpha(self.raster, &self.dataset, origin, size)?,
+        ] {
+            shown.iter().flatten().enumerate().filter(|(_, s)| !**s).for_each(|(at, _)| window.mask(at));
         }
         Ok(window)
     }
@@ -126,7 +148,7 @@ impl Reader<3> for ColorReader<'_> {
         for band in &bands {
             let palette = self.raster.bands[band - 1].palette.as_deref();
             for (at, sample) in samples(*band)?.into_iter().enumerate() {
-                if !self.raster.is_data(*band, sample) {
+                if !self.values.is_data(self.raster, *band, sample) {
                     voids[at] += 1;
                     continue;
                 }
@@ -146,20 +168,9 @@ impl Reader<3> for ColorReader<'_> {
         voids.iter().enumerate().filter(|(_, v)| **v == count).for_each(|(at, _)| window.mask(at));
         if let Some((band, least)) = self.values.alpha {
             samples(band)?.into_iter().enumerate().filter(|(_, a)| *a < least).for_each(|(at, _)| window.mask(at));
-        } else if self.raster.bands[0].has_mask {
-            let band = self.dataset.rasterband(1).and_then(|band| {
-                let mask = band.open_mask_band()?;
-                mask.read_as::<u8>(
-                    (origin[0] as isize, origin[1] as isize),
-                    (size[0], size[1]),
-                    (size[0], size[1]),
-                    None,
-                )
-            });
-            let mask = band.map_err(|e| {
-                IngestError::source(&self.raster.path, format!("has a mask that cannot be read: {}", gdal_message(&e)))
-            })?;
-            mask.data().iter().enumerate().filter(|(_, m)| **m == 0).for_each(|(at, _)| window.mask(at));
+        } else {
+            let shown = read_mask(self.raster, &self.dataset, origin, size)?;
+            shown.iter().flatten().enumerate().filter(|(_, s)| !**s).for_each(|(at, _)| window.mask(at));
         }
         Ok(window)
     }

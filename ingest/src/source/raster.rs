@@ -1,12 +1,14 @@
 //! One source file: everything about it that does not need an open handle.
 
 use super::crs;
-use super::georef::{Affine, affine_of};
+use super::georef::{Affine, affine_of, bent};
+use super::inputs::Found;
+use super::region::Crop;
 use crate::error::{IngestError, gdal_message};
+use gdal::Dataset;
 use gdal::raster::{ColorInterpretation, GdalDataType};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
-use gdal::{Dataset, DatasetOptions, GdalOpenFlags};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// No raster is larger along a side; absurd sizes of damaged files end here.
 const MAX_SIDE: usize = 1 << 27;
@@ -18,8 +20,14 @@ pub struct Raster {
     pub path: PathBuf,
     /// As GDAL opens it (`/vsizip/…` for what lies in a zip).
     pub open_name: String,
-    /// Columns and rows.
+    /// The driver that opened it.
+    pub driver: String,
+    /// Columns and rows; of the part that is used, when the user gave bounds.
     pub size: [usize; 2],
+    /// First column and row of the part that is used.
+    pub first: [usize; 2],
+    /// The part of the world that it may give data to, when the user gave bounds.
+    pub crop: Option<Crop>,
     /// From pixels to its CRS.
     pub affine: Affine,
     /// Its CRS.
@@ -55,42 +63,10 @@ pub struct BandInfo {
     pub palette: Option<Vec<[u8; 4]>>,
 }
 
-/// Opens a dataset for reading.
-pub(crate) fn open_dataset(name: &str) -> Result<Dataset, gdal::errors::GdalError> {
-    let flags = GdalOpenFlags::GDAL_OF_RASTER | GdalOpenFlags::GDAL_OF_VERBOSE_ERROR;
-    Dataset::open_ex(name, DatasetOptions { open_flags: flags, ..DatasetOptions::default() })
-}
-
-fn open_any(path: &Path) -> Result<(Dataset, String), IngestError> {
-    let name = path.to_string_lossy().into_owned();
-    let is_virtual = name.starts_with("/vsi");
-    if !is_virtual && !path.exists() {
-        return Err(IngestError::source(path, "does not exist"));
-    }
-    if !is_virtual && path.metadata().is_ok_and(|m| m.is_file() && m.len() == 0) {
-        return Err(IngestError::source(path, "is empty (0 bytes)"));
-    }
-    let first = match open_dataset(&name) {
-        Ok(dataset) => return Ok((dataset, name)),
-        Err(error) => error,
-    };
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip")) && !is_virtual {
-        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let zipped = format!("/vsizip/{}", absolute.display());
-        if let Ok(dataset) = open_dataset(&zipped) {
-            return Ok((dataset, zipped));
-        }
-    }
-    Err(IngestError::source(path, format!("is no raster that GDAL can read: {}", gdal_message(&first))))
-}
-
 impl Raster {
-    /// Looks at a file. `source_crs` is for files that lack a CRS.
-    ///
-    /// # Errors
-    /// [`IngestError::Source`]: not there, not a raster, no CRS, no position.
-    pub fn describe(path: &Path, source_crs: Option<&str>) -> Result<Self, IngestError> {
-        let (dataset, open_name) = open_any(path)?;
+    /// Looks at what was opened. `source_crs` is for files that lack a CRS.
+    pub(super) fn of(found: &Found, source_crs: Option<&str>) -> Result<Self, IngestError> {
+        let (dataset, path) = (&found.dataset, found.shown.as_path());
         let fail = |reason: String| IngestError::source(path, reason);
         let (columns, rows) = dataset.raster_size();
         if dataset.raster_count() == 0 || columns == 0 || rows == 0 {
@@ -101,7 +77,11 @@ impl Raster {
         }
         let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref());
         let own = own.filter(|srs| !srs.is_local());
-        let affine = affine_of(&dataset);
+        let affine = match (affine_of(dataset), bent(dataset, path, own.as_ref())) {
+            (Some(affine), _) => Some(affine),
+            (None, Some(reason)) => return Err(fail(reason)),
+            (None, None) => None,
+        };
         let srs = match (own, source_crs) {
             (Some(srs), _) => srs,
             (None, Some(text)) => crs::parse("--source-crs", text)?,
@@ -119,19 +99,22 @@ impl Raster {
         let srs = traditional(srs);
         let affine = affine.ok_or_else(|| {
             fail(
-                "has no position on the ground: no geotransform, and no ground control points that fit one \
-                 (gdal_translate -a_ullr … writes a geotransform)"
+                "has no position on the ground: no geotransform and no control points (gdal_translate -a_ullr … writes \
+                 a geotransform)"
                     .to_owned(),
             )
         })?;
         let bands = (1..=dataset.raster_count())
-            .map(|index| BandInfo::of(&dataset, index))
+            .map(|index| BandInfo::of(dataset, index))
             .collect::<Result<Vec<_>, _>>()
             .map_err(|e| fail(format!("cannot be read: {}", gdal_message(&e))))?;
         Ok(Self {
             path: path.to_owned(),
-            open_name,
+            open_name: found.name.clone(),
+            driver: dataset.driver().short_name(),
             size: [columns, rows],
+            first: [0, 0],
+            crop: None,
             affine,
             wkt: crs::definition(&srs).ok_or_else(|| {
                 fail("has a coordinate reference system that PROJ cannot write down: give one with --source-crs".into())
@@ -144,10 +127,17 @@ impl Raster {
         })
     }
 
+    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the file. Without its full name, which
+    /// may have a password in it.
+    pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
+        let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
+        IngestError::source(&self.path, format!("{what}: {reason}"))
+    }
+
     /// File name without folders.
     #[must_use]
     pub fn file_name(&self) -> String {
-        self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+        self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().replace('"', ""))
     }
 
     /// Its CRS.

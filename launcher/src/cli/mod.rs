@@ -4,6 +4,7 @@
 pub mod database;
 pub mod film;
 pub mod planes;
+pub mod pose;
 pub mod supervision;
 pub mod technique;
 pub mod values;
@@ -14,12 +15,13 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
 use film::FilmArgs;
 use planes::PlaneArgs;
+use pose::{AglArgs, OrbitArgs, PoseArgs};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use supervision::SupervisionArgs;
 use technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
 use terravision_common::run::Prediction;
-use values::{FrameRange, MemorySize, PictureSize, Rgb, Triple};
+use values::{FrameRange, MemorySize, PictureSize, Rgb};
 
 const AFTER_HELP: &str = "\
 A world from nothing, flown:
@@ -138,9 +140,12 @@ pub struct PictureArgs {
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
     #[arg(long, value_name = "WxH")]
     pub size: Option<PictureSize>,
-    /// Vertical field of view, degrees [default: the path's own, else 60]
-    #[arg(long, value_name = "DEGREES")]
+    /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at 16:9]
+    #[arg(long, value_name = "DEGREES", conflicts_with = "hfov")]
     pub vfov: Option<f64>,
+    /// Horizontal field of view, degrees, in place of --vfov
+    #[arg(long, value_name = "DEGREES")]
+    pub hfov: Option<f64>,
     /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
     /// butterscotch on Mars, black on the Moon]
     #[arg(long, value_name = "R,G,B")]
@@ -150,13 +155,14 @@ pub struct PictureArgs {
     /// 2 makes mountains twice as high. The camera's height is not changed.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
-    /// A preset of --facet-px and --samples
+    /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
     /// 'default' draws facets of 10 pixels (7 for voxels, '--technique rays --rays coherent'), one sample a pixel. 'best' draws facets of 3 pixels with four samples a
-    /// pixel: nearer to the true picture at several times the cost. A flag given as well wins over the preset.
-    #[arg(long, value_enum, default_value_t = Quality::Default)]
-    pub quality: Quality,
-    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3]
+    /// pixel: nearer to the true picture at several times the cost. 'finest' draws facets of 1 pixel (more above 1920x1080, where there
+    /// would be too many), four samples: what a pixel shows is right to the pixel. Rays have one sample. A flag given as well wins over the preset.
+    #[arg(long, value_enum, overrides_with = "quality")]
+    pub quality: Option<Quality>,
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3; finest, which still has: 1]
     ///
     /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
     #[arg(long, value_name = "PIXELS")]
@@ -174,7 +180,7 @@ pub struct PictureArgs {
     /// device can do it is an error. The same frames come out on every run either way.
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = CompressionArg::Auto)]
     pub texture_compression: CompressionArg,
-    /// Samples per pixel: 1, or 4 for smooth edges [default: 1, best: 4]
+    /// Samples per pixel: 1, or 4 for smooth edges [default: 1; best, finest: 4]
     #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
     /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
@@ -224,8 +230,8 @@ pub struct ResourceArgs {
 pub struct CourseArgs {
     /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
-    /// 'orbit' circles the point of the world with the strongest relief once in 240 frames. The formats of files are
-    /// in docs/camera-paths.md.
+    /// 'orbit' circles the point of the world with the strongest relief, or --around, once in 240 frames. The formats of files
+    /// are in docs/camera-paths.md. With --eye or --look-at there is no path: the camera stands there (one frame, or --frames).
     #[arg(long, value_name = "FILE|orbit", default_value = "orbit")]
     pub path: PathBuf,
     /// Only frames A up to, not including, B
@@ -237,10 +243,6 @@ pub struct CourseArgs {
     /// else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Height above ground at which a track is flown (GPX, or a track or line of KML), metres [default: 150, or the heights of
-    /// a KML track that was in the air]
-    #[arg(long, value_name = "METRES")]
-    pub agl: Option<f64>,
     /// Fly a path that is given in time N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
@@ -250,6 +252,15 @@ pub struct CourseArgs {
     /// segments and tracks are left out either way.
     #[arg(long, value_enum, default_value_t = Rests::Shorten)]
     pub rests: Rests,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub agl: AglArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub orbit: OrbitArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub pose: PoseArgs,
 }
 
 /// What becomes of the rests of a recorded track.
@@ -272,7 +283,7 @@ pub struct LiveArgs {
     ///
     /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
     /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
-    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests"])]
+    #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests", "eye", "look_at", "from", "heading", "pitch", "roll", "lonlat", "around", "radius", "height", "turns"])]
     pub camera: Option<CameraSource>,
     /// End the flight when no pose has come for so many seconds [default: wait for ever]
     #[arg(long, value_name = "SECONDS", requires = "camera")]
@@ -375,6 +386,7 @@ pub enum Switch {
 EXAMPLES
   terravision fly w.tv -o film.mp4
   terravision fly w.tv --path tour.kml --quality best -o frames/ --report report.json
+  terravision fly w.tv --around 560000,4980000 --radius 4000 --height 1500 --turns 2 -o round.mp4
   terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
   terravision fly w.tv --path path.json --frames 100..200 -o part2/
   terravision fly w.tv -o film.webm --crf 30
@@ -432,7 +444,8 @@ pub struct FlyArgs {
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
 EXAMPLES
-  terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 -o a.png
+  terravision still w.tv --look-at 560000,4980000 --from 180,30,5000 -o a.png
+  terravision still w.tv --lonlat --eye -121.5,44.9,1500 --agl --look-at -121.7,45.37 -o b.png
   terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
       --quality best -o a.png --depth depth.tif --ground ground.tif")]
 pub struct StillArgs {
@@ -440,18 +453,6 @@ pub struct StillArgs {
     /// s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
-    /// Where the camera is: easting, northing (metres, in the world's CRS) and height (metres)
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, help_heading = "Pose")]
-    pub eye: Triple,
-    /// Where it looks, degrees clockwise from grid north
-    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Pose")]
-    pub heading: f64,
-    /// How far up it looks, degrees from the horizontal, -90 to 90
-    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, help_heading = "Pose")]
-    pub pitch: f64,
-    /// How far it leans to the right, degrees
-    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, default_value_t = 0.0, help_heading = "Pose")]
-    pub roll: f64,
     /// The picture, a PNG file
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
@@ -461,6 +462,12 @@ pub struct StillArgs {
     /// Also write what every pixel sees: float64 TIFF of easting, northing and height, NaN for sky
     #[arg(long, value_name = "FILE.tif")]
     pub ground: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub pose: PoseArgs,
+    /// The Z of --eye and --look-at are heights above the ground
+    #[arg(long, help_heading = "Pose")]
+    pub agl: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub picture: PictureArgs,
@@ -488,6 +495,9 @@ pub struct PathArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
+    /// Vertical field of view, degrees, written into the path [default: the path's own, else none: it is then flown with 60]
+    #[arg(long, value_name = "DEGREES")]
+    pub vfov: Option<f64>,
     /// Factor on all heights of the terrain, for heights above ground
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
@@ -503,6 +513,8 @@ pub enum Quality {
     Default,
     /// Facets of 3 pixels, four samples a pixel
     Best,
+    /// Facets of 1 pixel, four samples a pixel
+    Finest,
 }
 
 /// What is drawn where the world ends.

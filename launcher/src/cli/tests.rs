@@ -1,5 +1,6 @@
 //! The command line's definition, checked without running anything.
 
+use super::values::Place;
 use super::*;
 use clap::CommandFactory;
 
@@ -24,8 +25,9 @@ fn the_definition_is_sound_and_every_command_has_help() {
 fn negative_numbers_are_values() {
     let cli = parse(&["still", "w.tv", "--eye", "-5,-6.5,10", "--heading", "-90", "--pitch", "-20", "-o", "a.png"]);
     let Command::Still(still) = cli.unwrap().command else { panic!("not a still") };
-    assert_eq!(still.eye, Triple([-5.0, -6.5, 10.0]));
-    assert_eq!((still.heading, still.pitch, still.roll), (-90.0, -20.0, 0.0));
+    let pose = still.pose;
+    assert_eq!(pose.eye, Some(Place { x: -5.0, y: -6.5, z: Some(10.0) }));
+    assert_eq!((pose.heading, pose.pitch, pose.roll), (Some(-90.0), Some(-20.0), None));
 }
 
 #[test]
@@ -45,10 +47,25 @@ fn wrong_values_are_usage_errors_that_say_what_was_expected() {
         (&["fly", "w.tv", "-o", "a.mp4", "--sky", "1,2,300"], "0 to 255"),
         (&["fly", "w.tv", "-o", "a.mp4", "--samples", "3"], "1 or 4"),
         (&["fly", "w.tv", "-o", "a.mp4", "--memory", "much"], "512MiB"),
-        (&["still", "w.tv", "--eye", "1,2", "--heading", "0", "--pitch", "0", "-o", "a.png"], "three numbers"),
+        (&["still", "w.tv", "--eye", "1", "--heading", "0", "--pitch", "0", "-o", "a.png"], "two or three numbers"),
     ] {
         let error = parse(words).unwrap_err();
         assert_eq!(error.exit_code(), 2);
         assert!(error.to_string().contains(expected), "{error}");
     }
+}
+
+#[test]
+fn agl_takes_a_number_or_none() {
+    for (arguments, expected) in [
+        (&["fly", "w.tv", "-o", "x/"][..], None),
+        (&["fly", "w.tv", "--agl", "-o", "x/"], Some(None)),
+        (&["fly", "w.tv", "--agl", "80", "-o", "x/"], Some(Some(80.0))),
+    ] {
+        let Command::Fly(fly) = parse(arguments).unwrap().command else { panic!("not a flight") };
+        assert_eq!(fly.course.agl.agl, expected);
+    }
+    let message = parse(&["fly", "--agl", "w.tv", "-o", "x/"]).unwrap_err().to_string();
+    assert!(message.contains("stands last"), "{message}");
+    assert!(parse(&["fly", "w.tv", "--camera", "shm:a", "--eye", "1,2", "-o", "x/"]).is_err());
 }

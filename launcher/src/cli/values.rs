@@ -88,11 +88,59 @@ pub struct Triple(pub [f64; 3]);
 impl FromStr for Triple {
     type Err = ValueError;
     fn from_str(text: &str) -> Result<Self, ValueError> {
-        let error = ValueError { expected: "X,Y,Z, three numbers, e.g. 560000,4980000,3500" };
-        let numbers: Option<Vec<f64>> =
-            text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
-        numbers.and_then(|n| n.try_into().ok()).map(Self).ok_or(error)
+        let error = ValueError { expected: "three numbers, e.g. 180,30,5000" };
+        numbers(text).and_then(|n| n.try_into().ok()).map(Self).ok_or(error)
     }
+}
+
+/// Finite numbers with commas between them.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect()
+}
+
+/// Two finite numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pair(pub [f64; 2]);
+
+impl FromStr for Pair {
+    type Err = ValueError;
+    fn from_str(text: &str) -> Result<Self, ValueError> {
+        let error = ValueError { expected: "X,Y, two numbers, e.g. 560000,4980000" };
+        numbers(text).and_then(|n| n.try_into().ok()).map(Self).ok_or(error)
+    }
+}
+
+/// A place: two coordinates, and a height if it has one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Easting or longitude.
+    pub x: f64,
+    /// Northing or latitude.
+    pub y: f64,
+    /// Height, metres.
+    pub z: Option<f64>,
+}
+
+impl FromStr for Place {
+    type Err = ValueError;
+    fn from_str(text: &str) -> Result<Self, ValueError> {
+        let error = ValueError { expected: "X,Y or X,Y,Z, two or three numbers, e.g. 560000,4980000,3500" };
+        match numbers(text).as_deref() {
+            Some(&[x, y]) => Ok(Self { x, y, z: None }),
+            Some(&[x, y, z]) => Ok(Self { x, y, z: Some(z) }),
+            _ => Err(error),
+        }
+    }
+}
+
+/// Parses the number of `--agl`.
+///
+/// # Errors
+/// [`ValueError`] when it is no number.
+pub fn parse_agl(text: &str) -> Result<f64, ValueError> {
+    let error =
+        ValueError { expected: "metres, e.g. --agl 150; without a number, --agl stands last or before another flag" };
+    text.trim().parse().ok().filter(|m: &f64| m.is_finite()).ok_or(error)
 }
 
 /// An amount of memory, bytes; at least one.
@@ -186,6 +234,13 @@ mod tests {
         }
         assert!("1,2,256".parse::<Rgb>().is_err() && "1,2".parse::<Rgb>().is_err() && "".parse::<Rgb>().is_err());
         assert_eq!("-1,2.5,3e3".parse(), Ok(Triple([-1.0, 2.5, 3000.0])));
+        assert_eq!("-122.5, 45".parse(), Ok(Place { x: -122.5, y: 45.0, z: None }));
+        assert_eq!("1,2,-3".parse(), Ok(Place { x: 1.0, y: 2.0, z: Some(-3.0) }));
+        assert!(
+            "1".parse::<Place>().is_err() && "1,2,3,4".parse::<Place>().is_err() && "1,,2".parse::<Place>().is_err()
+        );
+        assert!("1,2".parse::<Pair>().is_ok() && "1,2,3".parse::<Pair>().is_err());
+        assert!(parse_agl("80") == Ok(80.0) && parse_agl("w.tv").is_err() && parse_agl("inf").is_err());
         assert!("1,2,nan".parse::<Triple>().is_err() && "1,2,inf".parse::<Triple>().is_err());
         assert_eq!("512MiB".parse(), Ok(MemorySize(512 << 20)));
         assert_eq!("1.5GB".parse(), Ok(MemorySize(1_500_000_000)));
@@ -207,6 +262,7 @@ mod tests {
             drop(text.parse::<FrameRange>());
             drop(text.parse::<Rgb>());
             drop(text.parse::<Triple>());
+            drop(text.parse::<Place>());
             drop(text.parse::<MemorySize>());
         }
     }

@@ -110,6 +110,14 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         progress.warn(&sentence);
     }
     let cut = segments.cut_short();
+    if figures.trees_cut_short > 0 && plan.config.realtime.is_none() {
+        progress.warn(&format!(
+            "{} of {} frames need more of the terrain's tree than there is room for: their facets and colours are coarser than \
+             asked; a larger --facet-px or a smaller --size avoids that",
+            figures.trees_cut_short,
+            plan.config.frames[1].saturating_sub(plan.config.frames[0])
+        ));
+    }
     drop(segments);
     supervisor::end_orphans();
     if ending != Ending::Finished || !figures.restarts.is_empty() {
@@ -334,7 +342,7 @@ impl Run {
         // What draws is left to the renderer, who knows the devices; that it is not the usual is worth a word.
         let mut may_tell_of_rays = plan.config.render.technique == TechniqueChoice::Auto;
         // So is, in real time, what casts rays.
-        let samples = plan.config.render.samples;
+        let samples = if plan.asks_for_samples { plan.config.render.samples } else { 1 };
         let mut may_tell_of_choice = plan.config.render.rays == RaysChoice::Auto && plan.config.realtime.is_some();
         let times = self.ring.as_ref().map(FrameRing::pose_times);
         let pilot = Pilot::start(plan, times).map_err(Failure::failed)?;

@@ -93,6 +93,11 @@ pub trait Ground {
     /// Height at a position in the world's CRS, metres; `None` outside the terrain.
     fn height_m(&self, x: f64, y: f64) -> Option<f64>;
 
+    /// Whether there is ground at a position that was measured, not made up.
+    fn is_measured(&self, x: f64, y: f64) -> bool {
+        self.height_m(x, y).is_some()
+    }
+
     /// A height that the ground at a position is surely not above, where one is known without reading the ground.
     fn bound_m(&self, _x: f64, _y: f64) -> Option<f64> {
         None
@@ -256,10 +261,13 @@ impl Course {
         }
     }
 
-    /// Whether the number of frames depends on the frames per second.
+    /// Frames of one round of a course without end; 0 for others.
     #[must_use]
-    pub fn is_timed(&self) -> bool {
-        matches!(self, Self::Timed(_))
+    pub fn round_frames(&self) -> u64 {
+        match self {
+            Self::Round(poses) => poses.len() as u64,
+            Self::Frames(_) | Self::Timed(_) => 0,
+        }
     }
 }
 

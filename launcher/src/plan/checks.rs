@@ -1,12 +1,12 @@
 //! Checks of single arguments and of the path against the world.
 
 use crate::cli::supervision::SupervisionArgs;
-use crate::cli::values::FrameRange;
+use crate::cli::values::{FrameRange, PictureSize};
 use crate::cli::{CourseArgs, Mode, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
 use crate::flight::hang::HangRules;
 use crate::flight::restart::RestartRules;
-use crate::path::orbit::{self, Extent};
+use crate::path::orbit::Extent;
 use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
@@ -68,7 +68,8 @@ pub fn frame_range(asked: Option<FrameRange>, course: &Course, fps: f64, speed: 
         ))),
         (Some(range), _) => Ok([range.first, range.end]),
         (None, Some(count)) => Ok([0, count]),
-        (None, None) => Ok([0, orbit::ROUND_FRAMES as u64]),
+        // A course without end is flown once.
+        (None, None) => Ok([0, course.round_frames()]),
     }
 }
 
@@ -102,6 +103,30 @@ pub(super) fn in_range(name: &str, value: f64, low: f64, high: f64, expected: &s
     } else {
         Err(Failure::bad_input(anyhow!("{name} {value}: expected {expected}")))
     }
+}
+
+/// Vertical field of view, degrees, if nothing else is said.
+const DEFAULT_VFOV_DEG: f64 = 60.0;
+
+/// The field of view that `terravision path` is asked to write, radians.
+///
+/// # Errors
+/// Bad input: out of range.
+pub fn vfov_of_path(asked: Option<f64>) -> Result<Option<f64>, Failure> {
+    asked.map(|vfov| Ok(in_range("--vfov", vfov, 1.0, 170.0, "degrees from 1 to 170")?.to_radians())).transpose()
+}
+
+/// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or the default.
+pub(super) fn vfov_rad(picture: &PictureArgs, of_path: Option<f64>, size: PictureSize) -> Result<f64, Failure> {
+    const EXPECTED: &str = "degrees from 1 to 170";
+    if let Some(hfov) = picture.hfov {
+        let half = 0.5 * in_range("--hfov", hfov, 1.0, 170.0, EXPECTED)?.to_radians();
+        let vfov = 2.0 * (half.tan() * f64::from(size.height) / f64::from(size.width)).atan();
+        let shown = format!("--hfov {hfov} is a vertical field of view of");
+        return in_range(&shown, vfov.to_degrees(), 1.0, 170.0, EXPECTED).map(f64::to_radians);
+    }
+    let vfov_deg = picture.vfov.or(of_path.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
+    Ok(in_range("--vfov", vfov_deg, 1.0, 170.0, EXPECTED)?.to_radians())
 }
 
 /// What a flight against the clock may do; `None` in exact mode. `wanted_px`: facets, then texels.

@@ -25,7 +25,7 @@ impl TexelQuestion {
     ///
     /// # Errors
     /// Bad input: what is asked for never goes together.
-    pub(super) fn new(picture: &PictureArgs) -> Result<Self, Failure> {
+    pub(super) fn new(picture: &PictureArgs, usual: Quality) -> Result<Self, Failure> {
         let is_rays = match (picture.technique, picture.rays) {
             (_, Some(RaysArg::Compute)) => false,
             (None, rays) => rays.is_some(),
@@ -38,7 +38,9 @@ impl TexelQuestion {
                  --technique mesh, and for --rays compute"
             ))),
             CompressionArg::On => Ok(Self::On(question()?)),
-            CompressionArg::Auto if !is_rays && picture.quality != Quality::Best => Ok(Self::Auto(question()?)),
+            CompressionArg::Auto if !is_rays && picture.quality.unwrap_or(usual) == Quality::Default => {
+                Ok(Self::Auto(question()?))
+            }
             CompressionArg::Auto | CompressionArg::Off => Ok(Self::Settled(TexelFormat::Rgba8)),
         }
     }

@@ -1,12 +1,17 @@
 //! The path that a command line means, in the world's CRS.
 
 use super::checks::in_range;
+use super::pose::PoseContext;
+use crate::cli::pose::PoseArgs;
+use crate::cli::values::Pair;
 use crate::cli::{CourseArgs, Rests};
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::path::crs::Georeference;
-use crate::path::{self, CameraPath, CourseOptions, Remarks, orbit};
+use crate::path::orbit::{self, Orbit, OrbitWishes};
+use crate::path::{self, CameraPath, Course, CourseOptions, PathSettings, Pose, Remarks};
 use anyhow::anyhow;
+use glam::DVec2;
 use std::path::Path;
 use terravision_store::Store;
 
@@ -33,27 +38,32 @@ pub fn georeference(database: &Store) -> Georeference {
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)
 }
 
-/// The path that `--path` means.
+/// The path that `--path` means, or the pose of a camera that stands still.
 ///
 /// # Errors
-/// Bad input: the file cannot be read or is no path.
+/// Bad input: the file cannot be read or is no path, or flags contradict each other.
 pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
-    let agl = |agl| in_range("--agl", agl, 1.0, 1e6, "metres from 1 to 1000000");
-    let agl_m = args.agl.map(agl).transpose()?;
-    let world = database.world();
-    if args.path == Path::new(ORBIT) {
-        if agl_m.is_some() {
-            return Err(Failure::bad_input(anyhow!(
-                "--agl is the height above ground of a track (GPX, or a line or track of KML); the orbit has a height of \
-                 its own: leave --agl out, or name a track with --path"
-            )));
-        }
-        let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
-        let ground = WorldGround::coarse(database, world, exaggeration, spacing);
-        let path = orbit::orbit(&ground.extent(), &ground);
-        return Ok(LoadedPath { path, notes: Vec::new(), warnings: Vec::new() });
+    if let Some(flag) = args.pose.given() {
+        return standing(flag, args, database, exaggeration);
     }
-    let ground = WorldGround::finest(database, world, exaggeration);
+    if args.path == Path::new(ORBIT) {
+        return orbit_path(args, database, exaggeration);
+    }
+    if let Some(flag) = args.orbit.given() {
+        return Err(Failure::bad_input(anyhow!(
+            "{flag} is for --path orbit; {} is a path of its own",
+            args.path.display()
+        )));
+    }
+    if args.pose.lonlat {
+        return Err(only_for_places("--lonlat"));
+    }
+    let agl_m = match args.agl.agl {
+        Some(None) => return Err(only_for_places("--agl without a number")),
+        Some(Some(metres)) => Some(in_range("--agl", metres, 1.0, 1e6, "metres from 1 to 1000000")?),
+        None => None,
+    };
+    let ground = WorldGround::finest(database, database.world(), exaggeration);
     let options = CourseOptions { agl_m, keeps_rests: args.rests == Rests::Keep };
     let mut remarks = Remarks::default();
     let georeference = georeference(database);
@@ -61,4 +71,97 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
     let Remarks { notes, mut warnings } = remarks;
     warnings.extend(georeference.take_doubts());
     Ok(LoadedPath { path, notes, warnings })
+}
+
+fn only_for_places(flag: &str) -> Failure {
+    Failure::bad_input(anyhow!("{flag} is for --eye, --look-at and --around; none of them is given"))
+}
+
+/// One pose, again and again.
+fn standing(flag: &str, args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
+    if let Some(other) = args.orbit.given().or(args.speed.map(|_| "--speed")) {
+        return Err(Failure::bad_input(anyhow!("{other}: with {flag} the camera stands still; leave one of them out")));
+    }
+    if args.path != Path::new(ORBIT) {
+        return Err(Failure::bad_input(anyhow!(
+            "{flag} and --path {}: both say where the camera is; leave one of them out",
+            args.path.display()
+        )));
+    }
+    if let Some(Some(metres)) = args.agl.agl {
+        return Err(Failure::bad_input(anyhow!(
+            "--agl {metres}: with {flag} it takes no number: it says that the Z of --eye and --look-at are above the ground"
+        )));
+    }
+    let (pose, warnings) = pose(&args.pose, args.agl.agl.is_some(), database, exaggeration)?;
+    let path = CameraPath { settings: PathSettings::default(), course: Course::Round(vec![pose]) };
+    Ok(LoadedPath { path, notes: Vec::new(), warnings })
+}
+
+/// The pose that `--eye`, `--look-at` and their like give, and what is to be warned of.
+///
+/// # Errors
+/// Bad input.
+pub(super) fn pose(
+    args: &PoseArgs,
+    is_agl: bool,
+    database: &Store,
+    exaggeration: f64,
+) -> Result<(Pose, Vec<String>), Failure> {
+    let ground = WorldGround::finest(database, database.world(), exaggeration);
+    let georeference = georeference(database);
+    let context = PoseContext { georeference: &georeference, ground: &ground, is_agl };
+    let (pose, warning) = super::pose::resolve(args, context)?;
+    Ok((pose, georeference.take_doubts().into_iter().chain(warning).collect()))
+}
+
+fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
+    if args.agl.agl.is_some() {
+        return Err(Failure::bad_input(anyhow!(
+            "--agl is the height above ground of a track (GPX, or a line or track of KML), and for --eye and --look-at; the orbit \
+             has a height of its own: leave --agl out, or give --height"
+        )));
+    }
+    if args.pose.lonlat && args.orbit.around.is_none() {
+        return Err(only_for_places("--lonlat"));
+    }
+    let world = database.world();
+    let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
+    let coarse = WorldGround::coarse(database, world, exaggeration, spacing);
+    let extent = coarse.extent();
+    let georeference = georeference(database);
+    let around = args.orbit.around.map(|Pair([x, y])| match args.pose.lonlat {
+        true => georeference.from_lonlat()?.position(x, y),
+        false => Ok(DVec2::new(x, y)),
+    });
+    let around = around.transpose().map_err(Failure::bad_input)?;
+    if let Some(place) = around.filter(|place| extent.distance(*place) > 0.0) {
+        return Err(Failure::bad_input(anyhow!(
+            "--around: {:.1}, {:.1} is outside of the world, which reaches from {:.1}, {:.1} to {:.1}, {:.1} ({})",
+            place.x,
+            place.y,
+            extent.low.x,
+            extent.low.y,
+            extent.high.x,
+            extent.high.y,
+            georeference.name()
+        )));
+    }
+    let metres = |name, value: Option<f64>, low| {
+        value.map(|value| in_range(name, value, low, 1e8, "metres, a distance that a camera can have")).transpose()
+    };
+    let turns = args.orbit.turns.unwrap_or(1.0);
+    in_range("--turns", turns.abs(), 1e-3, 1e4, "a number of rounds, more than 0 (or less, for clockwise)")?;
+    let wishes = OrbitWishes {
+        around,
+        radius_m: metres("--radius", args.orbit.radius, 0.1)?,
+        height_m: metres("--height", args.orbit.height, -1e5)?,
+        turns,
+        post_spacing_m: world.elevation_spacing_m(world.finest_elevation_level()),
+    };
+    // A place that was asked for is the ground as it is drawn.
+    let finest = WorldGround::finest(database, world, exaggeration);
+    let ground: &WorldGround<'_> = if around.is_some() { &finest } else { &coarse };
+    let Orbit { path, note } = orbit::orbit(&extent, ground, &wishes);
+    Ok(LoadedPath { path, notes: vec![note], warnings: georeference.take_doubts() })
 }

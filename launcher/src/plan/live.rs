@@ -1,9 +1,10 @@
 //! The part of a plan that other programs have in the flight.
 
-use super::checks::in_range;
-use super::{DEFAULT_VFOV_DEG, open_world};
+use super::checks::{self, in_range};
+use super::open_world;
 use crate::cli::FlyArgs;
 use crate::cli::planes::PlaneArgs;
+use crate::cli::values::PictureSize;
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::input::gate::{Gate, GateSettings};
@@ -44,7 +45,7 @@ pub(super) fn camera(args: &FlyArgs, config: &RunConfig) -> Result<Option<LiveCa
     // The pilot looks at the ground on a thread of its own.
     let database = open_world(&args.world, &args.database)?;
     let extent = WorldGround::finest(&database, database.world(), config.exaggeration).extent();
-    let vfov_rad = args.picture.vfov.unwrap_or(DEFAULT_VFOV_DEG).to_radians();
+    let vfov_rad = checks::vfov_rad(&args.picture, None, PictureSize { width: config.width, height: config.height })?;
     let gate = Gate::new(GateSettings { size: [config.width, config.height], vfov_rad, extent });
     let input = CameraInput::open(source, gate).map_err(Failure::bad_input)?;
     Ok(Some(LiveCamera { input, database, exaggeration: config.exaggeration, idle_timeout }))

@@ -7,8 +7,9 @@ mod course;
 mod film;
 mod live;
 mod planes;
+mod pose;
 
-pub use checks::{FAR_FROM_WORLD, frame_range, pace};
+pub use checks::{FAR_FROM_WORLD, frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
@@ -36,7 +37,6 @@ use checks::{
     realtime,
 };
 use compression::TexelQuestion;
-use glam::DVec3;
 use planes::PlaneFolders;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,6 @@ use terravision_store::Store;
 const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp"];
 /// Size of a picture for which neither the command line nor the path says one.
 pub const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
-const DEFAULT_VFOV_DEG: f64 = 60.0;
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
 
 /// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
@@ -99,6 +98,8 @@ pub struct FlightPlan {
     pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
+    /// Whether several samples a pixel, if it has them, were asked for: what draws may not have them.
+    pub asks_for_samples: bool,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,
     /// The world. The stages use its index as long as it is open.
@@ -114,7 +115,7 @@ pub struct FlightPlan {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture)?;
+    let texels = TexelQuestion::new(&args.picture, Quality::Default)?;
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     if args.live.camera.is_some() && args.realtime.prediction == Some(PredictionChoice::Oracle) {
@@ -227,19 +228,15 @@ fn no_output(output: &Path) -> Failure {
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture)?;
+    let texels = TexelQuestion::new(&args.picture, Quality::Finest)?;
     let database = open_world(&args.world, &args.database)?;
-    exaggeration(args.picture.exaggeration)?;
-    const ANGLE: &str = "degrees from -1000000 to 1000000";
-    let pose = Pose {
-        position: DVec3::from_array(args.eye.0),
-        heading_rad: in_range("--heading", args.heading, -1e6, 1e6, ANGLE)?.to_radians(),
-        pitch_rad: in_range("--pitch", args.pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians(),
-        roll_rad: in_range("--roll", args.roll, -1e6, 1e6, ANGLE)?.to_radians(),
-    };
+    let exaggeration = exaggeration(args.picture.exaggeration)?;
+    let (pose, warnings) = course::pose(&args.pose, args.agl, &database, exaggeration)?;
     let mut draft =
         Draft::new(database, &args.database, &args.picture, &args.resources, path::PathSettings::default())?;
     draft.poses = vec![pose];
+    draft.warnings = warnings;
+    draft.usual_quality = Quality::Finest;
     let run = draft.run.to_string();
     let is_device = args.output.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir());
     if !is_device && (is_folder_name(&args.output) || !has_extension(&args.output, &["png"])) {
@@ -318,6 +315,8 @@ struct Draft<'a> {
     stream: Option<StreamTarget>,
     destination: String,
     realtime: Option<&'a RealtimeArgs>,
+    /// The preset if none is asked for.
+    usual_quality: Quality,
 }
 
 impl<'a> Draft<'a> {
@@ -350,6 +349,7 @@ impl<'a> Draft<'a> {
             stream: None,
             destination: String::new(),
             realtime: None,
+            usual_quality: Quality::Default,
         })
     }
 
@@ -365,17 +365,17 @@ impl<'a> Draft<'a> {
             width: settings.width.unwrap_or(DEFAULT_SIZE.width),
             height: settings.height.unwrap_or(DEFAULT_SIZE.height),
         });
-        let of_path = settings.vfov_of(size.width, size.height).map(f64::to_degrees);
-        let vfov_deg = picture.vfov.or(of_path).unwrap_or(DEFAULT_VFOV_DEG);
-        let vfov_rad = in_range("--vfov", vfov_deg, 1.0, 170.0, "degrees from 1 to 170")?.to_radians();
+        let of_path = settings.vfov_of(size.width, size.height);
+        let vfov_rad = checks::vfov_rad(picture, of_path, size)?;
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let (asked, rays) = checks::technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
-        let (facet_px, samples) = match picture.quality {
+        let (facet_px, samples) = match picture.quality.unwrap_or(self.usual_quality) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for what sampling loses.
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
+            Quality::Finest => (Layout::finest_facet_px(world, [size.width, size.height]), 4),
         };
         let r_z_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
@@ -384,7 +384,9 @@ impl<'a> Draft<'a> {
         let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
-        let layout = Layout::for_run(world, resources.memory.0, texels).map_err(|error| match error {
+        let layout = Layout::for_run(world, resources.memory.0, texels);
+        let layout = layout.map(|layout| layout.for_picture(world, [size.width, size.height], r_z_px));
+        let layout = layout.map_err(|error| match error {
             ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
                 "--memory {}: the tile pools of this world need at least {}",
                 bytes_for_people(resources.memory.0),
@@ -485,6 +487,7 @@ impl<'a> Draft<'a> {
             notes: self.notes,
             warnings,
             is_quiet: resources.quiet,
+            asks_for_samples: picture.samples.is_some() || picture.quality.is_some(),
             database,
             destination: self.destination,
             restarts: RestartRules::NONE,

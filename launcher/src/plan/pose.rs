@@ -1,0 +1,163 @@
+//! A pose that a person gave: where the camera stands and looks, in the world's CRS.
+
+use super::checks::in_range;
+use crate::cli::pose::PoseArgs;
+use crate::cli::values::Place;
+use crate::failure::Failure;
+use crate::ground::{self, CLEARANCE_M};
+use crate::path::crs::{Georeference, Transform};
+use crate::path::{Ground, Pose};
+use anyhow::anyhow;
+use glam::{DVec2, DVec3};
+
+/// How heights and coordinates of a pose are read.
+#[derive(Clone, Copy)]
+pub(super) struct PoseContext<'a> {
+    /// The world's CRS.
+    pub(super) georeference: &'a Georeference,
+    /// The ground, as it is drawn.
+    pub(super) ground: &'a dyn Ground,
+    /// Whether Z is above the ground.
+    pub(super) is_agl: bool,
+}
+
+/// The pose, and a warning if the camera had to be lifted out of the ground.
+///
+/// # Errors
+/// Bad input: too little or too much is said, or a place has no ground.
+pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose, Option<String>), Failure> {
+    let bad = |text: String| Err(Failure::bad_input(anyhow!(text)));
+    const ANGLE: &str = "degrees from -1000000 to 1000000";
+    let roll_rad = in_range("--roll", args.roll.unwrap_or(0.0), -1e6, 1e6, ANGLE)?.to_radians();
+    let places = Places::new(args, context)?;
+    let direction = args.heading.map(|_| "--heading").or(args.pitch.map(|_| "--pitch"));
+    let (mut pose, target) = match (args.eye, args.look_at, args.from) {
+        (Some(eye), None, None) => {
+            let (Some(heading), Some(pitch)) = (args.heading, args.pitch) else {
+                return bad("--eye: where does the camera look? give --look-at X,Y, or --heading and --pitch".into());
+            };
+            let heading_rad = places.heading(eye, in_range("--heading", heading, -1e6, 1e6, ANGLE)?)?;
+            let pitch_rad = in_range("--pitch", pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians();
+            (Pose { position: places.eye(eye)?, heading_rad, pitch_rad, roll_rad }, None)
+        }
+        (Some(_) | None, Some(_), _) if direction.is_some() => {
+            return bad(format!(
+                "{}: --look-at says where the camera looks; leave one out",
+                direction.unwrap_or_default()
+            ));
+        }
+        (Some(eye), Some(target), None) => {
+            let (eye, target) = (places.eye(eye)?, places.target(target)?);
+            if eye.distance(target) < 1e-3 {
+                return bad("--look-at is the place of --eye: a camera cannot look at itself".into());
+            }
+            (towards(eye, target, roll_rad), Some(target))
+        }
+        (None, Some(target), Some(from)) => {
+            let [azimuth, elevation, distance] = from.0;
+            in_range("--from: the azimuth", azimuth, -1e6, 1e6, ANGLE)?;
+            let elevation = in_range("--from: the elevation", elevation, -90.0, 90.0, "degrees from -90 to 90")?;
+            in_range("--from: the distance", distance, 1e-3, 1e9, "metres, more than 0")?;
+            let azimuth = places.heading(target, azimuth)?;
+            let target = places.target(target)?;
+            let (sin, cos) = elevation.to_radians().sin_cos();
+            let eye = target + DVec3::new(azimuth.sin() * cos, azimuth.cos() * cos, sin) * distance;
+            // Straight down the direction alone would not tell what is up in the picture.
+            let heading_rad = azimuth + std::f64::consts::PI;
+            (Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target))
+        }
+        (None, Some(_), None) => {
+            return bad("--look-at: from where? give --from AZIMUTH,ELEVATION,DISTANCE or --eye X,Y,Z".into());
+        }
+        (Some(_), _, Some(_)) => return bad("--from and --eye both say where the camera is: leave one out".into()),
+        (None, None, _) => {
+            return bad(
+                "no pose is given: expected --eye with --heading and --pitch, --eye with --look-at, or --look-at with \
+                 --from AZIMUTH,ELEVATION,DISTANCE"
+                    .into(),
+            );
+        }
+    };
+    let before = pose.position.z;
+    if !ground::lift(&mut pose, context.ground) {
+        return Ok((pose, None));
+    }
+    let lifted = pose.position.z - before;
+    if let Some(target) = target {
+        pose = Pose { roll_rad, ..towards(pose.position, target, roll_rad) };
+    }
+    let warning =
+        format!("the camera would be in the ground there: it was lifted by {lifted:.1} m, to {CLEARANCE_M} m above it");
+    Ok((pose, (lifted > 0.01).then_some(warning)))
+}
+
+/// A camera that looks at a place; straight down it has north at the top.
+fn towards(eye: DVec3, target: DVec3, roll_rad: f64) -> Pose {
+    let sight = target - eye;
+    let level = sight.truncate().length();
+    let heading_rad = if level > 1e-6 { sight.x.atan2(sight.y) } else { 0.0 };
+    Pose { position: eye, heading_rad, pitch_rad: sight.z.atan2(level), roll_rad }
+}
+
+/// Places as given, brought into the world's CRS.
+struct Places<'a> {
+    context: PoseContext<'a>,
+    transform: Option<Transform>,
+}
+
+impl<'a> Places<'a> {
+    fn new(args: &PoseArgs, context: PoseContext<'a>) -> Result<Self, Failure> {
+        let transform =
+            args.lonlat.then(|| context.georeference.from_lonlat()).transpose().map_err(Failure::bad_input)?;
+        Ok(Self { context, transform })
+    }
+
+    /// Where it is in the world's CRS.
+    fn level(&self, place: Place) -> Result<DVec2, Failure> {
+        match &self.transform {
+            Some(transform) => transform.position(place.x, place.y).map_err(Failure::bad_input),
+            None => Ok(DVec2::new(place.x, place.y)),
+        }
+    }
+
+    /// A direction at a place, in radians from grid north.
+    fn heading(&self, place: Place, degrees: f64) -> Result<f64, Failure> {
+        match &self.transform {
+            Some(transform) => transform.heading(place.x, place.y, degrees.to_radians()).map_err(Failure::bad_input),
+            None => Ok(degrees.to_radians()),
+        }
+    }
+
+    fn eye(&self, place: Place) -> Result<DVec3, Failure> {
+        let level = self.level(place)?;
+        let height = match place.z {
+            Some(z) if !self.context.is_agl => z,
+            Some(z) => self.ground("--eye", level)? + z,
+            None => self.ground("--eye", level)? + CLEARANCE_M,
+        };
+        Ok(level.extend(height))
+    }
+
+    fn target(&self, place: Place) -> Result<DVec3, Failure> {
+        let level = self.level(place)?;
+        let height = match place.z {
+            Some(z) if !self.context.is_agl => z,
+            other => self.ground("--look-at", level)? + other.unwrap_or(0.0),
+        };
+        Ok(level.extend(height))
+    }
+
+    fn ground(&self, flag: &str, level: DVec2) -> Result<f64, Failure> {
+        self.context.ground.height_m(level.x, level.y).ok_or_else(|| {
+            Failure::bad_input(anyhow!(
+                "{flag}: the world has no ground at {:.1}, {:.1} ({}): expected a place in it, or a height without --agl",
+                level.x,
+                level.y,
+                self.context.georeference.name()
+            ))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
