@@ -113,21 +113,23 @@ fn the_renderer_treats_signals_as_the_other_stages_do() {
     for stage in ["renderer", "preparer"] {
         let folder = TestFolder::new("signals");
         let out = folder.join("a/");
-        let mut flight = fly(&["--path", "orbit", "--frames", "0..60", "-o"]).arg(&out).spawn();
+        let mut flight = fly(&["--path", "orbit", "--frames", "0..200", "-o"]).arg(&out).spawn();
+        let pid = flight.stage(stage);
         flight.until("a frame", |_| out.join("frame-000001.png").exists().then_some(()));
         for signal in [Signal::INT, Signal::HUP] {
-            signal_process(flight.stage(stage), signal);
+            signal_process(pid, signal);
         }
         let finished = flight.wait();
         finished.assert_code(0);
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 60, "{stage}");
+        assert_eq!(fs::read_dir(&out).unwrap().count(), 200, "{stage}");
 
         let folder = TestFolder::new("signals-term");
         let out = folder.join("a/");
         let mut flight = fly(&["--path", "orbit", "--quality", "best", "-o"]).arg(&out).spawn();
+        let pid = flight.stage(stage);
         flight.until("a frame", |_| out.join("frame-000001.png").exists().then_some(()));
         let all = pids(&flight);
-        signal_process(flight.stage(stage), Signal::TERM);
+        signal_process(pid, Signal::TERM);
         let finished = flight.wait();
         assert_over(&finished, &all);
         let told = format!("the {stage} was killed by signal 15 (TERM)");

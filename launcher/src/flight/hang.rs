@@ -132,7 +132,7 @@ impl HangWatch {
     fn silent(&self, is_output_blocked: &dyn Fn() -> bool) -> Option<Hang> {
         let after = self.rules.after;
         let is_silent = |pulse: &&Pulse| {
-            let least = if pulse.beats < 2 { after.max(START_PATIENCE) } else { after };
+            let least = if pulse.is_starting() { after.max(START_PATIENCE) } else { after };
             pulse.is_running
                 && pulse.silence >= least
                 && pulse.silence >= pulse.patience(least, pulse.silence, pulse.silence_mark)
@@ -145,6 +145,11 @@ impl HangWatch {
 
     /// The stage for which all others wait, and which does not move.
     fn stuck(&self, control: &Control, is_output_blocked: &dyn Fn() -> bool) -> Option<Hang> {
+        // What a stage noted before it fell silent says nothing of now, and its silence began after the last thing that was
+        // done: whether it hangs is soon known of itself, and nobody who waits for it is blamed before.
+        if self.pulses.iter().any(|pulse| pulse.is_falling_silent(self.rules.after)) {
+            return None;
+        }
         // Whatever hangs, in the end the renderer gets nothing.
         let mut chain = vec![Stage::Renderer];
         loop {
@@ -153,7 +158,8 @@ impl HangWatch {
             if pulse.still < self.rules.after {
                 return None;
             }
-            let activity = control.activity_of(stage);
+            // A process that starts has noted nothing yet: what stands there is of the one before.
+            let activity = if pulse.is_starting() { Activity::Works } else { control.activity_of(stage) };
             let (patience, what) = match activity {
                 Activity::Awaits(next) if self.pulses.iter().any(|pulse| pulse.stage == next && !pulse.is_running) => {
                     (self.rules.after, format!("while it waited for the {next}, which has ended"))
@@ -261,6 +267,16 @@ impl Pulse {
         }
     }
 
+    /// It opens a device or a database.
+    fn is_starting(&self) -> bool {
+        self.beats < 2
+    }
+
+    /// It has given no sign of life for a good part of the time after which it hangs.
+    fn is_falling_silent(&self, after: Duration) -> bool {
+        self.is_running && !self.is_starting() && self.silence >= after / 2
+    }
+
     /// How long it may be still: longer while it is busy, or when it is known to be slow.
     fn patience(&self, least: Duration, still: Duration, mark: Option<Mark>) -> Duration {
         let known = least.max(self.slowest.saturating_mul(SLOWEST));
@@ -271,7 +287,7 @@ impl Pulse {
     }
 
     fn still_patience(&self, least: Duration) -> Duration {
-        let least = if self.beats < 2 { least.max(START_PATIENCE) } else { least };
+        let least = if self.is_starting() { least.max(START_PATIENCE) } else { least };
         self.patience(least, self.still, self.still_mark)
     }
 }
