@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use terravision_common::shm::{PoseSender, SharedFrame, SharedName};
 use terravision_tests::flight::Pose;
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{left_of, reader, record, sender, shared_name, step};
+use terravision_tests::live::{end, left_of, reader, record, sender, shared_name, step};
 use terravision_tests::process::{
     Finished, Running, Terravision, binary, is_alive, segments_of_launcher, signal_process,
 };
@@ -111,17 +111,21 @@ fn segments_of_a_run_that_are_cut_are_told() {
 #[test]
 fn the_renderer_treats_signals_as_the_other_stages_do() {
     for stage in ["renderer", "preparer"] {
-        let folder = TestFolder::new("signals");
-        let out = folder.join("a/");
-        let mut flight = fly(&["--path", "orbit", "--frames", "0..200", "-o"]).arg(&out).spawn();
+        // Of poses, it lasts until it is ended, however fast it is drawn.
+        let name = shared_name("signals");
+        let mut flight = fly(&["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
+        let (poses, mut ring, mut shared) =
+            (sender(&mut flight, &name), reader(&mut flight, &name), SharedFrame::default());
+        step(&mut flight, &poses, &mut ring, &mut shared, &pose(0));
         let pid = flight.stage(stage);
-        flight.until("a frame", |_| out.join("frame-000001.png").exists().then_some(()));
         for signal in [Signal::INT, Signal::HUP] {
             signal_process(pid, signal);
         }
-        let finished = flight.wait();
-        finished.assert_code(0);
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 200, "{stage}");
+        for k in 1..4 {
+            step(&mut flight, &poses, &mut ring, &mut shared, &pose(k));
+        }
+        end(&poses);
+        flight.wait().assert_code(0);
 
         let folder = TestFolder::new("signals-term");
         let out = folder.join("a/");

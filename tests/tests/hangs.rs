@@ -20,9 +20,13 @@ const STAGES: [&str; 4] = ["generator", "preparer", "renderer", "prefetcher"];
 const HANG_AFTER: &str = "6";
 
 fn fly(arguments: &[&str]) -> Terravision {
+    fly_with_patience(HANG_AFTER, arguments)
+}
+
+fn fly_with_patience(hang_after: &str, arguments: &[&str]) -> Terravision {
     Terravision::verb("fly")
         .arg(synth_world(1024).database())
-        .args(["--size", "320x180", "--hang-after", HANG_AFTER])
+        .args(["--size", "320x180", "--hang-after", hang_after])
         .args(arguments)
         .deadline(Duration::from_secs(240))
 }
@@ -87,12 +91,12 @@ fn a_stage_that_is_stopped_is_started_again_where_restarts_are_on() {
 fn a_flight_that_is_stopped_as_a_whole_goes_on_afterwards() {
     let folder = TestFolder::new("hang-paused");
     let out = folder.join("a/");
-    let mut running = fly(&["--path", "orbit", "--frames", "0..40", "--hang-after", "1", "-o"]).arg(&out).spawn();
+    let mut running = fly_with_patience("3", &["--path", "orbit", "--frames", "0..40", "-o"]).arg(&out).spawn();
     running.until("the third frame", |_| Path::exists(&out.join("frame-000002.png")).then_some(()));
     // As Ctrl-Z does it: the whole group, longer than a stage may hang.
     let all: Vec<u32> = pids(&running).into_iter().chain([running.pid()]).collect();
     all.iter().rev().for_each(|pid| signal_process(*pid, Signal::STOP));
-    std::thread::sleep(Duration::from_secs(4));
+    std::thread::sleep(Duration::from_secs(7));
     all.iter().for_each(|pid| signal_process(*pid, Signal::CONT));
     let finished = running.wait();
     finished.assert_code(0);
@@ -190,13 +194,13 @@ fn stages_that_wait_for_each_other_are_told() {
 fn a_sender_that_rests_longer_than_a_stage_may_hang_ends_nothing() {
     let name = shared_name("hang-rest");
     let mut flight =
-        fly(&["--hang-after", "1", "--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
+        fly_with_patience("3", &["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
     let (poses, mut ring, mut shared) =
         (sender(&mut flight, &name), reader(&mut flight, &name), SharedFrame::default());
     for k in 0..3 {
         let pose = Pose::new(synth_world(1024).above(0.35, 0.4, 500.0), 15.0 * f64::from(k), -20.0);
         step(&mut flight, &poses, &mut ring, &mut shared, &record(&pose, f64::from(k)));
-        std::thread::sleep(Duration::from_secs(3));
+        std::thread::sleep(Duration::from_secs(5));
     }
     terravision_tests::live::end(&poses);
     flight.wait().assert_code(0);
