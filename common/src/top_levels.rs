@@ -7,7 +7,8 @@ use crate::world::World;
 /// Nodes of the top levels: two levels below a root, 1 + 4 + 16.
 const LOCKED_NODES: u64 = 21;
 
-/// Tiles of the top levels, coarse to fine, and the level below them; that is -1 when the world has no more.
+/// Tiles of the top levels, coarse to fine, and the level below them; that is -1 when the world has no more. Sparse levels are
+/// not among them.
 #[must_use]
 pub fn top_levels(world: &World) -> (Vec<Tile>, i32) {
     let mut tiles = Vec::new();
@@ -15,7 +16,8 @@ pub fn top_levels(world: &World) -> (Vec<Tile>, i32) {
     for q in (0..world.levels()).rev() {
         let [columns, rows] = world.nodes_at(q);
         count += u64::from(columns) * u64::from(rows);
-        if count > LOCKED_NODES {
+        // Of a sparse level a world without its index does not know what there is.
+        if count > LOCKED_NODES || q < world.complete_level() {
             return (tiles, i32::from(q));
         }
         for node in (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))) {
@@ -62,5 +64,8 @@ mod tests {
         // Colour ends at level 5 of 7.
         let (tiles, first) = top_levels(&world([256, 256], 7, 5));
         assert_eq!((tiles.len(), first), (21 + 5, 3));
+        // Only the root and the level below it are everywhere.
+        let (tiles, first) = top_levels(&world([256, 256], 7, 0).with_complete_level(5));
+        assert_eq!((tiles.len(), first), (10, 4));
     }
 }

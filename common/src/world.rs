@@ -30,6 +30,8 @@ pub struct World {
     has_validity: bool,
     /// Likewise.
     has_holes: bool,
+    /// The finest level of which, and of all coarser ones, every node has its tiles.
+    complete_level: u8,
 }
 
 /// The numbers that a [`World`] is made of, as the manifest has them, unchecked.
@@ -116,7 +118,7 @@ impl World {
                 "at most log2(elevation_tile) levels above the finest colour level",
             );
         }
-        Ok(Self { fields, has_validity: false, has_holes: false })
+        Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0 })
     }
 
     /// The same world with planes of validity beside its heights ([`crate::validity`]); `has_holes`: some of it is not ground.
@@ -147,6 +149,19 @@ impl World {
     #[must_use]
     pub fn elevation_values(&self) -> usize {
         self.elevation_planes() * (self.elevation_posts() as usize).pow(2)
+    }
+
+    /// The same world with sparse levels: only at level `q` and above every node has its tiles.
+    #[must_use]
+    pub fn with_complete_level(self, q: u8) -> Self {
+        Self { complete_level: q.min(self.fields.levels - 1), ..self }
+    }
+
+    /// The finest level of which, and of all coarser ones, every node has its tiles; 0 for a world without sparse levels.
+    /// Which nodes of finer levels have some, the database's [`crate::database::NodeRanges`] tell.
+    #[must_use]
+    pub fn complete_level(&self) -> u8 {
+        self.complete_level
     }
 
     /// The numbers it is made of.

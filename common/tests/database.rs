@@ -83,6 +83,7 @@ fn write_database(folder: &Path) {
         format: String::new(),
         format_version: FORMAT_VERSION,
         features: Vec::new(),
+        complete_level: None,
         written_by: "a test".to_owned(),
         name: "test".to_owned(),
         crs: Crs { name: "plane".to_owned(), epsg: None, wkt: "LOCAL_CS[\"plane\"]".to_owned(), proj4: None },
@@ -262,8 +263,10 @@ fn a_newer_version_is_told_from_damage() {
     let error = Manifest::parse(&newer).unwrap_err();
     assert!(matches!(error, ManifestError::Version { expected: FEATURES_VERSION, found: 7 }));
     assert!(error.to_string().contains("version 7") && error.to_string().contains("up to 2"));
-    let strange =
-        text.replace("\"format_version\": 1", "\"format_version\": 2, \"features\": [\"validity\", \"curvature\"]");
+    let strange = text.replace(
+        "\"format_version\": 1",
+        "\"format_version\": 2, \"features\": [\"validity\", \"sparse-levels\", \"curvature\"]",
+    );
     let error = Manifest::parse(&strange).unwrap_err();
     assert!(matches!(&error, ManifestError::Feature { found } if found == "curvature"));
     assert!(error.to_string().contains("\"curvature\""), "{error}");
@@ -407,7 +410,7 @@ fn height_ranges_of_a_world_too_large_are_refused_before_room_is_made() {
     let text = fs::read_to_string(folder.join(MANIFEST_FILE)).unwrap();
     let mut manifest = Manifest::parse(&text).unwrap();
     manifest.world = WorldFields { extent: [1 << 28; 2], levels: 25, elevation_tile: 16, ..manifest.world };
-    manifest.nodes.bytes = NodeRanges::file_bytes(&World::new(manifest.world).unwrap());
+    manifest.nodes.bytes = *NodeRanges::file_bytes(&World::new(manifest.world).unwrap(), false).end();
     assert!(manifest.nodes.bytes > 3_000_000_000_000_000);
     fs::write(folder.join(MANIFEST_FILE), manifest.to_text().unwrap()).unwrap();
     // The file is as long as it is said to be; not all file systems have files of petabytes.
@@ -498,7 +501,7 @@ fn forge(folder: &Path, file: usize, at: prop::sample::Index, bytes: &[u8], numb
             if let Ok(world) = World::new(manifest.world) {
                 // Told as the world needs it, where it is not the claim itself that is wrong.
                 if at.index(14) < 9 {
-                    manifest.nodes.bytes = NodeRanges::file_bytes(&world);
+                    manifest.nodes.bytes = *NodeRanges::file_bytes(&world, false).end();
                 }
             }
         }

@@ -1,11 +1,13 @@
 //! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along the Hilbert curve.
 
 use crate::IngestError;
+use crate::nested::Nodes;
 use crate::pyramid::validity::Shares;
 use crate::store::{Level, Rect, Rgb};
 use crate::work::Work;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use pmtiles::{CallerKey, Compression, PmTilesStreamWriter, PmTilesWriter, TileCoord, TileId, TileType};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -44,17 +46,22 @@ fn pmtiles_error(path: &Path) -> impl Fn(pmtiles::PmtError) -> IngestError + Cop
 }
 
 /// Runs of tiles of a level, in order along the curve: for each its first column and row (from the south).
-fn runs(world: &World, q: u8) -> Vec<[u32; 2]> {
+fn runs(world: &World, q: u8, nodes: Option<&Nodes>) -> Vec<[u32; 2]> {
     let [columns, rows] = world.nodes_at(q);
-    let mut runs = Vec::new();
-    for n in (0..rows).step_by(RUN as usize) {
-        for m in (0..columns).step_by(RUN as usize) {
-            let id = |m, n| tile_id(world, m, n, q).map_or(u64::MAX, |(_, id)| id);
-            // The curve enters and leaves an aligned square at corners.
-            let last = RUN - 1;
-            let least = [id(m, n), id(m + last, n), id(m, n + last), id(m + last, n + last)].into_iter().min();
-            runs.push((least, [m, n]));
+    let firsts: BTreeSet<[u32; 2]> = match nodes {
+        Some(nodes) => nodes.of_level(q).into_iter().map(|node| [node.m(), node.n()].map(|v| v / RUN * RUN)).collect(),
+        None => {
+            let firsts = (0..rows).step_by(RUN as usize);
+            firsts.flat_map(|n| (0..columns).step_by(RUN as usize).map(move |m| [m, n])).collect()
         }
+    };
+    let mut runs = Vec::new();
+    for [m, n] in firsts {
+        let id = |m, n| tile_id(world, m, n, q).map_or(u64::MAX, |(_, id)| id);
+        // The curve enters and leaves an aligned square at corners.
+        let last = RUN - 1;
+        let least = [id(m, n), id(m + last, n), id(m, n + last), id(m + last, n + last)].into_iter().min();
+        runs.push((least, [m, n]));
     }
     runs.sort_unstable();
     runs.into_iter().map(|(_, at)| at).collect()
@@ -66,12 +73,13 @@ fn tile_id(world: &World, m: u32, n: u32, q: u8) -> Option<(TileCoord, u64)> {
 }
 
 /// Tiles of a run that exist: column and row within the level, in order along the curve.
-fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2]) -> Vec<Place> {
+fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2], nodes: Option<&Nodes>) -> Vec<Place> {
     let [columns, rows] = world.nodes_at(q);
     let mut tiles = Vec::new();
     for n in n0..(n0 + RUN).min(rows) {
         for m in m0..(m0 + RUN).min(columns) {
-            tiles.extend(tile_id(world, m, n, q).map(|(coord, id)| (id, coord, [m, n])));
+            let exists = nodes.is_none_or(|nodes| NodeId::new(m, n, q).is_some_and(|node| nodes.has(node)));
+            tiles.extend(tile_id(world, m, n, q).filter(|_| exists).map(|(coord, id)| (id, coord, [m, n])));
         }
     }
     tiles.sort_unstable_by_key(|(id, ..)| *id);
@@ -86,6 +94,7 @@ pub(crate) fn write(
     tile_type: TileType,
     world: &World,
     finest: u8,
+    nodes: Option<&Nodes>,
     info: &ArchiveInfo,
     work: &Work,
     make: impl Fn(u8, [u32; 2], Vec<Place>) -> io::Result<Vec<Tile>> + Sync,
@@ -108,12 +117,12 @@ pub(crate) fn write(
         .map_err(fail)?;
     let mut count = 0;
     for q in (finest..=top).rev() {
-        let runs = runs(world, q);
+        let runs = runs(world, q, nodes);
         work.in_order(
             what,
             runs.len(),
             || Ok(()),
-            |(), index| make(q, runs[index], tiles_of_run(world, q, runs[index])).map_err(output(path)),
+            |(), index| make(q, runs[index], tiles_of_run(world, q, runs[index], nodes)).map_err(output(path)),
             |tiles| {
                 for (coord, bytes, key) in tiles {
                     writer.add_tile(coord, &bytes, key).map_err(fail)?;
@@ -131,21 +140,23 @@ pub(crate) fn write(
 }
 
 /// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids; `validity[k]` has the shares
-/// of its posts, where there were some.
+/// of its posts, where there were some; of
+/// `nodes`, or of all.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
-pub fn write_elevation(
+pub(crate) fn write_elevation(
     path: &Path,
     world: &World,
     levels: &[Level<f32>],
+    nodes: Option<&Nodes>,
     validity: &[Level<Shares>],
     info: &ArchiveInfo,
     work: &Work,
 ) -> Result<ArchiveRecord, IngestError> {
     let finest = world.finest_elevation_level();
     let (side, posts) = (world.elevation_tile() as usize, world.elevation_posts() as usize);
-    write(path, "elevation tiles", TileType::Unknown, world, finest, info, work, |q, run, tiles| {
+    write(path, "elevation tiles", TileType::Unknown, world, finest, nodes, info, work, |q, run, tiles| {
         let origin = run.map(|v| i64::from(v) * side as i64);
         let rect = Rect::new(origin, tiles_size(&tiles, run).map(|n| n * side + 1));
         let heights = levels[usize::from(q - finest)].read(rect)?;
@@ -188,21 +199,22 @@ fn tiles_size(tiles: &[Place], run: [u32; 2]) -> [usize; 2] {
     [0, 1].map(|a| tiles.iter().map(|(_, _, at)| (at[a] - run[a]) as usize + 1).max().unwrap_or(0))
 }
 
-/// Writes the colour archive. `levels[k]` is level `finest_color_level + k`.
+/// Writes the colour archive. `levels[k]` is level `finest_color_level + k`; of `nodes`, or of all.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
-pub fn write_color(
+pub(crate) fn write_color(
     path: &Path,
     world: &World,
     levels: &[Level<Rgb>],
+    nodes: Option<&Nodes>,
     quality: u8,
     info: &ArchiveInfo,
     work: &Work,
 ) -> Result<ArchiveRecord, IngestError> {
     let finest = world.finest_color_level();
     let (side, stored, border) = (world.color_tile() as usize, world.color_stored() as usize, COLOR_BORDER as usize);
-    write(path, "colour tiles", TileType::Jpeg, world, finest, info, work, |q, run, tiles| {
+    write(path, "colour tiles", TileType::Jpeg, world, finest, nodes, info, work, |q, run, tiles| {
         let origin = run.map(|v| i64::from(v) * side as i64 - border as i64);
         let rect = Rect::new(origin, tiles_size(&tiles, run).map(|n| n * side + 2 * border));
         let texels = levels[usize::from(q - finest)].read(rect)?;
@@ -302,7 +314,8 @@ mod tests {
         for extent in [[4 * 40, 4 * 23], [4, 4 * 31], [4 * 64, 4 * 64]] {
             let world = world(extent, 7);
             for q in 0..7 {
-                let tiles: Vec<_> = runs(&world, q).into_iter().flat_map(|run| tiles_of_run(&world, q, run)).collect();
+                let tiles: Vec<_> =
+                    runs(&world, q, None).into_iter().flat_map(|run| tiles_of_run(&world, q, run, None)).collect();
                 let [columns, rows] = world.nodes_at(q);
                 assert_eq!(tiles.len() as u32, columns * rows);
                 assert!(tiles.windows(2).all(|pair| pair[0].0 < pair[1].0));

@@ -42,6 +42,12 @@ pub struct Plan {
     pub elevation_bounds: Vec<Bounds>,
     /// Where the colour sources lie.
     pub color_bounds: Vec<Bounds>,
+    /// The level that is about as fine as each elevation source.
+    pub elevation_levels: Vec<u8>,
+    /// The level that is about as fine as each colour source.
+    pub color_levels: Vec<u8>,
+    /// Whether the finest levels are only made where the data are.
+    pub is_nested: bool,
 }
 
 /// What a source is in the database's CRS.
@@ -206,6 +212,44 @@ fn post_lattice(prints: &[Footprint], wanted: Option<f64>) -> Result<(f64, [f64;
     Ok((spacing, origin, intervals))
 }
 
+/// Below this share of the world, data that are finer than the rest get levels of their own.
+const MOST_NESTED: f64 = 0.75;
+/// Places along a side at which it is looked which sources cover the world.
+const PROBES: usize = 64;
+
+/// The level for a source whose spacing is so many times that of the finest level: at most 7 % coarser than the source.
+fn own_level(world: &World, ratio: f64, finest: u8) -> u8 {
+    let above = (ratio.log2() + 0.1).floor().max(0.0) as u8;
+    finest.saturating_add(above).min(world.root().q())
+}
+
+/// Whether data of the finest levels cover so little of the world that these levels are only made there.
+fn is_nested(world: &World, elevation: (&[Footprint], &[u8]), color: (&[Footprint], &[u8])) -> bool {
+    let (origin, size) = (world.fields().origin, world.extent_m());
+    let share = |prints: &[&Footprint]| {
+        let place = |k: usize, axis: usize| origin[axis] + size[axis] * (k as f64 + 0.5) / PROBES as f64;
+        let covers = |k: &usize| {
+            let at = [place(k % PROBES, 0), place(k / PROBES, 1)];
+            prints.iter().any(|p| (0..2).all(|a| p.low[a] - p.spacing <= at[a] && at[a] <= p.high[a] + p.spacing))
+        };
+        (0..PROBES * PROBES).filter(covers).count() as f64 / (PROBES * PROBES) as f64
+    };
+    let finest_of = |(prints, levels): (&[Footprint], &[u8]), finest: u8| -> Vec<Footprint> {
+        prints.iter().zip(levels).filter(|(_, level)| **level == finest).map(|(print, _)| *print).collect()
+    };
+    let is_mixed = |levels: &[u8], finest: u8| levels.iter().any(|level| *level > finest);
+    let [z, c] = [world.finest_elevation_level(), world.finest_color_level()];
+    let (fine_z, fine_c) = (finest_of(elevation, z), finest_of(color, c));
+    // Where no elevation is as fine as the finest level, colour that is much finer wants it.
+    let wants: Vec<&Footprint> = if fine_z.is_empty() { fine_c.iter().collect() } else { fine_z.iter().collect() };
+    let is_elevation_nested = is_mixed(elevation.1, z) && share(&wants) < MOST_NESTED;
+    let is_above_tint = i32::from(c) < i32::from(z) + world.elevation_over_color_levels();
+    let is_color_mixed = is_mixed(color.1, c) || is_above_tint || is_mixed(elevation.1, z);
+    let has_color = !color.0.is_empty();
+    let is_color_nested = has_color && is_color_mixed && share(&fine_c.iter().collect::<Vec<_>>()) < MOST_NESTED;
+    is_elevation_nested || is_color_nested
+}
+
 impl Plan {
     /// Plans the world of these sources.
     ///
@@ -292,7 +336,15 @@ impl Plan {
         let world = World::new(fields)
             .map_err(|e| IngestError::usage(format!("the data make no world that can be stored: {e}")))?;
         let cell = world.color_spacing_m(world.finest_color_level());
+        let elevation_levels: Vec<u8> =
+            prints.iter().map(|p| own_level(&world, p.spacing / spacing, world.finest_elevation_level())).collect();
+        let color_levels: Vec<u8> =
+            color_prints.iter().map(|p| own_level(&world, p.spacing / cell, world.finest_color_level())).collect();
+        let is_nested = is_nested(&world, (&prints, &elevation_levels), (&color_prints, &color_levels));
         Ok(Self {
+            elevation_levels,
+            color_levels,
+            is_nested,
             world,
             elevation: Lattice { first: origin, step: spacing },
             color: Lattice { first: origin.map(|v| v + 0.5 * cell), step: cell },
@@ -317,10 +369,30 @@ impl Plan {
     /// Bytes that the levels need on disk while the database is made, and the database itself at most.
     #[must_use]
     pub fn disk_bytes(&self) -> u64 {
+        if self.is_nested {
+            let bytes = |bounds: &[Bounds], each: f64| -> f64 {
+                bounds.iter().map(|b| each * samples(b).iter().product::<f64>()).sum()
+            };
+            // A tint as fine as the elevation.
+            let elevation = bytes(&self.elevation_bounds, 4.0 + 2.0 + 3.0 + 1.0);
+            return ((elevation + bytes(&self.color_bounds, 3.0 + 1.0)) * 4.0 / 3.0) as u64;
+        }
         let area = |size: [u64; 2]| size[0].saturating_mul(size[1]);
         let elevation = area(self.elevation_size(self.world.finest_elevation_level())).saturating_mul(4 + 2);
         let color = area(self.color_size(self.world.finest_color_level())).saturating_mul(3 + 1);
         elevation.saturating_add(color).saturating_mul(4) / 3
+    }
+
+    /// Tiles of both layers, about, when the finest levels are only made where the data are.
+    #[must_use]
+    pub fn nested_nodes(&self) -> u64 {
+        // Half a tile more on each side, and the rim of coarser nodes around.
+        let nodes = |bounds: &[Bounds], side: f64| -> f64 {
+            bounds.iter().map(|b| samples(b).iter().map(|n| n / side + 4.0).product::<f64>()).sum()
+        };
+        let elevation = nodes(&self.elevation_bounds, f64::from(self.world.elevation_tile()));
+        let color = nodes(&self.color_bounds, f64::from(self.world.color_tile()));
+        (2.0 * (elevation + color)) as u64
     }
 
     /// Whether a source's samples are copied, not resampled, to a finest level.
@@ -339,6 +411,11 @@ impl Plan {
             && is_on(x0, dx, lattice.first[0])
             && is_on(y0, dy, lattice.first[1])
     }
+}
+
+/// Samples of a source, about, columns and rows.
+fn samples(bounds: &Bounds) -> [f64; 2] {
+    [0, 1].map(|a| (bounds.high[a] - bounds.low[a]) / bounds.pixel + 1.0)
 }
 
 #[cfg(test)]

@@ -140,8 +140,16 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     };
     let world = World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))?;
     let lattice = Lattice { first: fields.origin, step: SPACING_M };
-    let plan =
-        Plan { world, elevation: lattice, color: lattice, elevation_bounds: Vec::new(), color_bounds: Vec::new() };
+    let plan = Plan {
+        world,
+        elevation: lattice,
+        color: lattice,
+        elevation_bounds: Vec::new(),
+        color_bounds: Vec::new(),
+        elevation_levels: Vec::new(),
+        color_levels: Vec::new(),
+        is_nested: false,
+    };
     let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
     let bulk = match options.is_bulk {
         true => Some(Bulk::new(world.color_stored(), QUALITY)),
@@ -152,10 +160,17 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     let content = Content { side: f64::from(detailed * elevation_tile), bulk };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
-        let elevation =
-            archive::write(&paths[0], "elevation tiles", TileType::Unknown, &world, 0, &info, work, |q, _, tiles| {
-                Ok(elevation_tiles(&world, &content, q, &tiles))
-            })?;
+        let elevation = archive::write(
+            &paths[0],
+            "elevation tiles",
+            TileType::Unknown,
+            &world,
+            0,
+            None,
+            &info,
+            work,
+            |q, _, tiles| Ok(elevation_tiles(&world, &content, q, &tiles)),
+        )?;
         let finest_color = world.finest_color_level();
         let color = archive::write(
             &paths[1],
@@ -163,6 +178,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
             TileType::Jpeg,
             &world,
             finest_color,
+            None,
             &info,
             work,
             |q, _, tiles| match options.is_named {

@@ -159,8 +159,8 @@ impl<'a> Tint<'a> {
     }
 
     /// How bright a post is: light from the north west, 45 degrees high; flat ground is 1.
-    fn shade(&self, heights: &[f32], width: usize, at: usize) -> f32 {
-        let scale = self.relief / (2.0 * self.spacing_m as f32);
+    fn shade(&self, spacing_m: f64, heights: &[f32], width: usize, at: usize) -> f32 {
+        let scale = self.relief / (2.0 * spacing_m as f32);
         let dx = (heights[at + 1] - heights[at - 1]) * scale;
         let dy = (heights[at + width] - heights[at - width]) * scale;
         // Unit vector to the light: (-1/2, 1/2, 1/sqrt 2); normal: (-dx, -dy, 1).
@@ -173,17 +173,26 @@ impl<'a> Tint<'a> {
     /// # Errors
     /// What the file system says.
     pub fn block(&self, block: Rect) -> io::Result<Vec<Rgb>> {
+        self.block_of(self.posts, self.spacing_m, self.ratio * self.spacing_m, block)
+    }
+
+    /// Colours of a block of texels of `texel_m`, from posts that are `spacing_m` apart.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn block_of(&self, posts: &Level<f32>, spacing_m: f64, texel_m: f64, block: Rect) -> io::Result<Vec<Rgb>> {
         // Texel centres lie (i + 1/2)·ratio posts from the origin.
-        let place = |i: i64| (i as f64 + 0.5) * self.ratio;
+        let ratio = texel_m / spacing_m;
+        let place = |i: i64| (i as f64 + 0.5) * ratio;
         let first = block.origin.map(|v| place(v).floor() as i64 - 1);
         let last = [0, 1].map(|a| place(block.origin[a] + block.size[a] as i64 - 1).floor() as i64 + 3);
         let rect = Rect::new(first, [0, 1].map(|a| (last[a] - first[a]) as usize));
-        let heights = self.posts.read(rect)?;
+        let heights = posts.read(rect)?;
         let width = rect.size[0];
         let mut shades = vec![1.0f32; heights.len()];
         for row in 1..rect.size[1] - 1 {
             let inside = row * width + 1..(row + 1) * width - 1;
-            let shade = |at| self.shade(&heights, width, at);
+            let shade = |at| self.shade(spacing_m, &heights, width, at);
             inside.clone().map(shade).zip(&mut shades[inside]).for_each(|(value, shade)| *shade = value);
         }
         let mut out = Vec::with_capacity(block.area());

@@ -7,7 +7,7 @@ mod support;
 use gdal::raster::GdalType;
 use std::path::PathBuf;
 use support::{TestFolder, Tiff, colors, is_near, job, run};
-use terravision_common::database::{Database, TileScratch, TileSource, color_tile_bytes};
+use terravision_common::database::{Database, Layer, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::node::NodeId;
 use terravision_ingest::source::Note;
 
@@ -194,5 +194,12 @@ fn colour_much_finer_than_elevation_keeps_its_resolution() {
     let world = database.world();
     assert!(world.finest_elevation_level() > 0 && world.finest_color_level() == 0);
     assert!(database.manifest().color.spacing_m <= 5.4, "{}", database.manifest().color.spacing_m);
-    assert!(database.ranges().range(NodeId::new(0, 0, 0).unwrap()).is_some());
+    let node_at = |easting: f64, northing: f64| {
+        let origin = world.fields().origin;
+        let index = [easting - origin[0], northing - origin[1]].map(|v| (v / world.node_side_m(0)) as u32);
+        NodeId::new(index[0], index[1], 0).unwrap()
+    };
+    // The picture is small: only there the finest level is made.
+    assert!(database.ranges().has_tile(Layer::Color, node_at(500_200.0, 4_999_800.0)));
+    assert!(database.ranges().range(node_at(501_500.0, 4_998_900.0)).is_none());
 }

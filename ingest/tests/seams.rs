@@ -60,7 +60,7 @@ fn sheets_side_by_side_are_filtered_as_one_corners_too() {
         .collect();
     // A little coarser, finer, and so coarse that the kernel averages.
     for (name, spacing_m) in [("near", 10.4), ("finer", 7.0), ("coarse", 31.0)] {
-        let one = resampled(&folder, &format!("{name}-one.tv"), &[whole.clone()], spacing_m, None);
+        let one = resampled(&folder, &format!("{name}-one.tv"), std::slice::from_ref(&whole), spacing_m, None);
         let four = resampled(&folder, &format!("{name}-four.tv"), &quarters, spacing_m, None);
         assert_same(&one, &four);
     }

@@ -5,7 +5,7 @@ use crate::path::{Ground, Pose};
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use terravision_common::database::{GroundPoint, NodeRanges, TileScratch, TileSource};
+use terravision_common::database::{GroundPoint, Layer, NodeRanges, TileScratch, TileSource};
 use terravision_common::facet::facet_linear;
 use terravision_common::node::NodeId;
 use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
@@ -124,7 +124,10 @@ impl<'a> WorldGround<'a> {
     pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
         let place = self.place(x, y)?;
         // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
-        let ground = (self.level..self.world.levels()).find_map(|q| self.ground_in(self.node_at(place, q)?, place))?;
+        let ground = (self.level..self.world.levels())
+            .filter_map(|q| self.node_at(place, q))
+            .filter(|node| self.ranges.is_none_or(|ranges| ranges.has_tile(Layer::Elevation, *node)))
+            .find_map(|node| self.ground_in(node, place))?;
         Some(GroundPoint { height_m: ground.height_m * self.exaggeration, ..ground })
     }
 }
@@ -140,8 +143,11 @@ impl Ground for WorldGround<'_> {
     }
 
     fn bound_m(&self, x: f64, y: f64) -> Option<f64> {
-        let node = self.node_at(self.place(x, y)?, self.level)?;
-        Some(f64::from(self.ranges?.range(node)?[1]) * self.exaggeration)
+        let (place, ranges) = (self.place(x, y)?, self.ranges?);
+        // Where the finest levels are not there, the ground is that of a coarser one.
+        let nodes = (self.level..self.world.levels()).filter_map(|q| self.node_at(place, q));
+        let range = nodes.into_iter().find_map(|node| ranges.range(node))?;
+        Some(f64::from(range[1]) * self.exaggeration)
     }
 }
 

@@ -12,7 +12,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
-use terravision_common::database::Tile;
+use terravision_common::database::{Layer, Tile};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{TileOutcome, layer_number};
@@ -274,6 +274,10 @@ struct SharedRanges(Arc<Store>);
 impl HeightRanges for SharedRanges {
     fn range(&self, node: NodeId) -> Option<[f32; 2]> {
         self.0.ranges().range(node)
+    }
+
+    fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        self.0.ranges().has_children(layer, node)
     }
 }
 

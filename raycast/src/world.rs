@@ -8,7 +8,7 @@ use crate::color::{ColorLayout, ColorPlace};
 use crate::ground::{Filter, Ground, GroundError, GroundShape, TileSpec};
 use std::collections::HashMap;
 use terravision_common::camera::Camera;
-use terravision_common::database::{TileError, TileScratch, TileSource, color_tile_bytes};
+use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::level::{LevelFunction, WorldBox};
 use terravision_common::node::NodeId;
 use terravision_common::traversal::{Frustum, HeightRanges, node_box};
@@ -100,7 +100,8 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
                 continue;
             }
             let is_too_coarse = f64::from(node.q()) > level.elevation_bound(&bounds).max(0.0);
-            if is_too_coarse && node.q() > self.world.finest_elevation_level() {
+            let is_above = node.q() > self.world.finest_elevation_level();
+            if is_too_coarse && is_above && self.ranges.has_children(Layer::Elevation, node) {
                 open.extend((0..4).filter_map(|n| node.child(n)));
                 continue;
             }
@@ -120,7 +121,14 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
     ) -> Result<(), FillError> {
         let world = self.world;
         let wanted = level.color_bound(bounds).floor().max(f64::from(node.q())) as u8;
-        let color_node = node.ancestor(wanted.clamp(world.finest_color_level().max(node.q()), world.root().q()));
+        let mut color_node = node.ancestor(wanted.clamp(world.finest_color_level().max(node.q()), world.root().q()));
+        // Colour may end above elevation.
+        if let Some(coarsest_without) = (color_node.q()..world.root().q())
+            .rev()
+            .find(|q| !self.ranges.has_children(Layer::Color, color_node.ancestor(q + 1)))
+        {
+            color_node = color_node.ancestor(coarsest_without + 1);
+        }
         let color_origin = world.node_origin(color_node).map(|v| v as u32);
         let layer = self.layer_of(color_node)?;
         let posts = world.elevation_posts();

@@ -245,7 +245,7 @@ fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::
 /// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and no more than can be held. Nothing is read
 /// or allocated before.
 fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
-    NodeRanges::checked_bytes(&open.world, &open.manifest.nodes).map_err(|error| {
+    NodeRanges::checked_bytes(&open.world, &open.manifest.nodes, open.manifest.is_sparse()).map_err(|error| {
         let why = match error {
             RangesError::Length { expected, found } => {
                 format!("the manifest says that it has {found} bytes, and its world needs {expected}")

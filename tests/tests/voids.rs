@@ -27,11 +27,20 @@ fn is_gap(i: usize, j: usize) -> bool {
     (70..=95).contains(&i) && (60..=80).contains(&j)
 }
 
-/// A plain with both.
-fn ingest(folder: &TestFolder, voids: &str) -> (std::path::PathBuf, String) {
-    let posts: Vec<f32> = (0..POSTS * POSTS)
-        .map(|k| if is_rim(k % POSTS, k / POSTS) || is_gap(k % POSTS, k / POSTS) { f32::NAN } else { HEIGHT_M })
-        .collect();
+fn plain(_: usize, _: usize) -> f32 {
+    HEIGHT_M
+}
+
+fn rough(i: usize, j: usize) -> f32 {
+    let noise = (i * 7919 + j * 104_729) % 997;
+    HEIGHT_M + 60.0 * ((i as f32 * 0.11).sin() * (j as f32 * 0.07).cos()) + 0.012 * noise as f32
+}
+
+/// Ground with both.
+fn ingest(folder: &TestFolder, voids: &str, height: fn(usize, usize) -> f32) -> (std::path::PathBuf, String) {
+    let is_void = |i: usize, j: usize| is_rim(i, j) || is_gap(i, j);
+    let post = |i: usize, j: usize| if is_void(i, j) { f32::NAN } else { height(i, j) };
+    let posts: Vec<f32> = (0..POSTS * POSTS).map(|k| post(k % POSTS, k / POSTS)).collect();
     write_heights(&folder.join("dem.tif"), POSTS, POSTS, ORIGIN, SPACING_M, &posts);
     let world = folder.join(format!("{voids}.tv"));
     let said = Terravision::verb("ingest")
@@ -87,14 +96,17 @@ struct Taken {
     ground: Vec<Vec<f64>>,
 }
 
+/// From above, with the finest posts: those of coarser levels round the corners of holes off.
 fn still(folder: &TestFolder, world: &std::path::Path, more: &[&str]) -> Taken {
+    still_from(folder, world, pose(), &[&["--facet-px=1"], more].concat())
+}
+
+fn still_from(folder: &TestFolder, world: &std::path::Path, pose: Pose, more: &[&str]) -> Taken {
     let [picture, depth, ground] = ["a.png", "depth.tif", "ground.tif"].map(|name| folder.join(name));
     Terravision::verb("still")
         .arg(world)
-        .args(pose().arguments())
+        .args(pose.arguments())
         .args([format!("--size={SIDE}x{SIDE}"), "--sky=255,0,255".to_owned(), "--vfov=60".to_owned()])
-        // The finest posts: those of coarser levels round the corners off.
-        .arg("--facet-px=1")
         .args(more)
         .arg("-o")
         .arg(&picture)
@@ -127,7 +139,7 @@ fn what_was_made_up_is_told_from_what_was_measured_and_holes_are_sky() {
         ("keep", "left without ground", &both, &nothing),
         ("clip", "border of the world", &rim, &gap),
     ] {
-        let (world, stderr) = ingest(&folder, voids);
+        let (world, stderr) = ingest(&folder, voids, plain);
         assert!(stderr.contains(said), "{stderr}");
         let info = String::from_utf8(Terravision::verb("info").arg(&world).succeed().stdout).unwrap();
         assert!(info.contains("without data") && info.contains(&format!("--voids {voids}")), "{info}");
@@ -168,7 +180,7 @@ fn what_was_made_up_is_told_from_what_was_measured_and_holes_are_sky() {
 #[test]
 fn shared_frames_tell_what_was_made_up() {
     let (folder, name) = (TestFolder::new("shared-voids"), shared_name("voids"));
-    let (world, _) = ingest(&folder, "clip");
+    let (world, _) = ingest(&folder, "clip", plain);
     write_path(&folder.join("path.json"), &[pose()], [SIDE as u32; 2], 60.0);
     let mut flight = Terravision::verb("fly")
         .arg(&world)
@@ -184,4 +196,42 @@ fn shared_frames_tell_what_was_made_up() {
     assert!(shared.rgba.chunks_exact(4).all(|texel| texel[3] >= 254));
     let has_depth: Vec<bool> = shared.depth.iter().map(|depth| depth.is_finite()).collect();
     assert!(is_made_up.iter().zip(&has_depth).all(|(is_made_up, has_depth)| !is_made_up || *has_depth));
+}
+
+/// Facets of ten pixels, of several levels in one picture: nothing opens but at holes, where they are within a facet's size.
+#[test]
+fn no_sky_is_seen_away_from_holes() {
+    let folder = TestFolder::new("void-cracks");
+    let [filled, holed] = ["fill", "keep"].map(|voids| ingest(&folder, voids, rough).0);
+    let at = |x: f64, y: f64, z: f64| [ORIGIN[0] + x, ORIGIN[1] + y, f64::from(HEIGHT_M) + z];
+    let poses = [
+        Pose::new(at(640.0, 150.0, 420.0), 10.0, -35.0),
+        Pose::new(at(900.0, 200.0, 110.0), 350.0, -8.0),
+        Pose { roll: 40.0, ..Pose::new(at(1100.0, 900.0, 260.0), 230.0, -25.0) },
+    ];
+    let distance_m = |x: f64, y: f64| {
+        let (i, j) = ((x - ORIGIN[0]) / SPACING_M, (y - ORIGIN[1]) / SPACING_M);
+        let void = |k: usize| is_rim(k % POSTS, k / POSTS) || is_gap(k % POSTS, k / POSTS);
+        let voids = (0..POSTS * POSTS).filter(|k| void(*k));
+        voids.map(|k| ((k % POSTS) as f64 - i).hypot((k / POSTS) as f64 - j)).fold(f64::INFINITY, f64::min) * SPACING_M
+    };
+    for pose in poses {
+        for technique in [&["--technique=mesh"][..], &["--rays=mipmap"], &["--rays=compute"]] {
+            let [whole, holed] = [(&filled, "--made-up=mark"), (&holed, "--made-up=nan")]
+                .map(|(world, made_up)| still_from(&folder, world, pose, &[technique, &[made_up]].concat()));
+            let opened: Vec<usize> = (0..SIDE * SIDE).filter(|k| holed.is_sky[*k] && !whole.is_sky[*k]).collect();
+            // Facets reach 10 pixels, and far ones are larger; a diagonal more.
+            let is_away = |k: &&usize| {
+                let reach_m = (2.0 * 10.0 * whole.depth[0][**k] * 2.0 * 30f64.to_radians().tan() / SIDE as f64)
+                    .max(2.0 * SPACING_M);
+                distance_m(whole.ground[0][**k], whole.ground[1][**k]) > reach_m
+            };
+            let cracks = opened.iter().filter(is_away).count();
+            assert!(
+                opened.len() > 150 && cracks == 0,
+                "{pose:?} {technique:?}: {cracks} of {} are cracks",
+                opened.len()
+            );
+        }
+    }
 }

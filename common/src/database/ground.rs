@@ -14,7 +14,7 @@ pub struct GroundPoint {
     pub validity: Validity,
 }
 
-/// The ground at a point in world coordinates: facet-linear on the finest elevation level, as it is drawn close by (cells are
+/// The ground at a point in world coordinates: facet-linear on the finest elevation level that is there, as it is drawn close by (cells are
 /// split along their SW-NE diagonal). `None` outside the extent. Blocks on storage.
 ///
 /// # Errors
@@ -30,15 +30,22 @@ pub fn ground_at(
     if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
         return Ok(None);
     }
-    let q = world.finest_elevation_level();
-    let side_m = world.node_side_m(q);
-    let [columns, rows] = world.nodes_at(q);
-    let index = |v: f64, count: u32| ((v / side_m) as u32).min(count - 1);
-    let (m, n) = (index(x, columns), index(y, rows));
-    let Some(node) = NodeId::new(m, n, q) else { return Ok(None) };
     let posts = world.elevation_posts() as usize;
     let mut values = vec![0f32; world.elevation_values()];
-    source.read_elevation(node, &mut values, scratch)?;
+    let mut q = world.finest_elevation_level();
+    let (m, n) = loop {
+        let (side_m, [columns, rows]) = (world.node_side_m(q), world.nodes_at(q));
+        let index = |v: f64, count: u32| ((v / side_m) as u32).min(count - 1);
+        let (m, n) = (index(x, columns), index(y, rows));
+        let Some(node) = NodeId::new(m, n, q) else { return Ok(None) };
+        match source.read_elevation(node, &mut values, scratch) {
+            Ok(()) => break (m, n),
+            // A sparse level that is not there.
+            Err(TileError::Missing { .. }) if q < world.complete_level() => q += 1,
+            Err(error) => return Err(error),
+        }
+    };
+    let side_m = world.node_side_m(q);
     let cell = |v: f64, index: u32| {
         let at = (v - f64::from(index) * side_m) / world.elevation_spacing_m(q);
         let whole = at.floor().clamp(0.0, (posts - 2) as f64);

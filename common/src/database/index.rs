@@ -28,7 +28,7 @@ impl Index {
     /// Reads what belongs to a manifest that has been read.
     pub(super) fn of_manifest(path: &Path, manifest: Manifest, world: World) -> Result<Self, DatabaseError> {
         let nodes_path = path.join(NODES_FILE);
-        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.nodes)
+        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.nodes, manifest.is_sparse())
             .map_err(|source| DatabaseError::Ranges { source, path: nodes_path })?;
         Ok(Self { path: path.to_owned(), manifest, world, ranges })
     }

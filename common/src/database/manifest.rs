@@ -14,8 +14,10 @@ pub const FORMAT_VERSION: u32 = 1;
 pub const FEATURES_VERSION: u32 = 2;
 /// The feature of a database whose elevation tiles say which posts are ground and which were measured ([`crate::validity`]).
 pub const FEATURE_VALIDITY: &str = "validity";
+/// The feature of a database whose finest levels are only where the data are.
+pub const FEATURE_SPARSE_LEVELS: &str = "sparse-levels";
 /// The features that this build knows.
-const FEATURES: &[&str] = &[FEATURE_VALIDITY];
+const FEATURES: &[&str] = &[FEATURE_VALIDITY, FEATURE_SPARSE_LEVELS];
 const FORMAT: &str = "terravision-database";
 /// No manifest is larger: it lists source files.
 pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
@@ -39,7 +41,7 @@ pub enum ManifestError {
     },
     /// It needs something of its reader that this build does not know.
     #[error(
-        "the database has the feature \"{}\", which this program does not know; use the TerraVision that wrote it, or ingest again",
+        "the database has the feature \"{}\", which this program does not know; use a newer TerraVision, or ingest again",
         found.escape_default()
     )]
     Feature {
@@ -219,6 +221,9 @@ pub struct Manifest {
     /// What a reader has to know to read it rightly, beyond version 1.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub features: Vec<String>,
+    /// The finest level of which, and of all coarser ones, every node has its tiles; absent without sparse levels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub complete_level: Option<u8>,
     /// The program that wrote it.
     pub written_by: String,
     /// The database's name: its folder's, without ".tv".
@@ -344,12 +349,22 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// The geometry of the database, with what its tiles hold.
+    /// Whether the finest levels are only where the data are.
+    #[must_use]
+    pub fn is_sparse(&self) -> bool {
+        self.has_feature(FEATURE_SPARSE_LEVELS)
+    }
+
+    /// The geometry of the database, with what its tiles hold and from which level on all nodes have some.
     ///
     /// # Errors
     /// [`WorldError`] for numbers that make no world.
     pub fn geometry(&self) -> Result<World, WorldError> {
         let world = World::new(self.world)?;
+        let world = match self.complete_level.filter(|_| self.is_sparse()) {
+            Some(level) => world.with_complete_level(level),
+            None => world,
+        };
         if !self.has_feature(FEATURE_VALIDITY) {
             return Ok(world);
         }

@@ -25,6 +25,7 @@ mod index;
 mod leaves;
 mod manifest;
 mod ranges;
+mod sparse_ranges;
 mod tile;
 
 pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
@@ -40,10 +41,10 @@ pub use ground::{GroundPoint, ground_at, ground_height};
 pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
-    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION,
-    MOST_MANIFEST_BYTES, Manifest, ManifestError, NodesRecord, Source, Voids, VoidsRecord,
+    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FEATURES_VERSION,
+    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, NodesRecord, Source, Voids, VoidsRecord,
 };
-pub use ranges::{MOST_NODES_BYTES, NodeRanges, RangesError};
+pub use ranges::{Layers, MOST_NODES_BYTES, NodeRange, NodeRanges, RangesError};
 pub use tile::Tile;
 
 use crate::files::kind_of;
@@ -335,7 +336,8 @@ impl Database {
             ArchiveError::Read { source } => TileError::Read { layer, node, source },
             reason => TileError::Corrupt { layer, node, reason: reason.into() },
         };
-        let tile = tile_place(self.world(), layer, node).ok_or(TileError::Missing { layer, node })?;
+        let place = tile_place(self.world(), layer, node).filter(|_| self.ranges().has_tile(layer, node));
+        let tile = place.ok_or(TileError::Missing { layer, node })?;
         match archive.read(tile, max_payload_bytes(self.world(), layer), out).map_err(damaged)? {
             true => Ok(()),
             false => Err(TileError::Missing { layer, node }),

@@ -1,14 +1,21 @@
 //! Lowest and highest ground under every node: what makes bounding boxes.
 
+use super::Layer;
 use super::manifest::NodesRecord;
+use super::sparse_ranges::{self, NODE_BYTES, SparseLevel};
 use crate::files::open_regular;
 use crate::node::NodeId;
 use crate::world::World;
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek, Write};
+use std::ops::RangeInclusive;
 use std::path::Path;
 
+pub use super::sparse_ranges::{Layers, NodeRange};
+
 const MAGIC: &[u8; 8] = b"TVnodes1";
+/// Of worlds with sparse levels.
+const SPARSE_MAGIC: &[u8; 8] = b"TVnodes2";
 /// No file of ranges is larger: 134 million nodes, of some terabytes of colour. All of it is held in memory.
 pub const MOST_NODES_BYTES: u64 = 1 << 30;
 
@@ -53,6 +60,28 @@ pub enum RangesError {
         /// What it has.
         found: u64,
     },
+    /// It names a node that the world does not have.
+    #[error("level {level} has a node in column {} and row {}, which the world does not have", place[0], place[1])]
+    NoNode {
+        /// The level.
+        level: u8,
+        /// Column and row.
+        place: [u32; 2],
+    },
+    /// The nodes do not make a tree.
+    #[error("node {node} does not fit the nodes around it")]
+    Order {
+        /// The node.
+        node: NodeId,
+    },
+    /// The manifest says another level from which on all nodes exist.
+    #[error("all nodes exist from level {found} on, and the manifest says from level {expected}")]
+    Complete {
+        /// What the manifest says.
+        expected: u8,
+        /// What the nodes are.
+        found: u8,
+    },
     /// A range is none.
     #[error("the range of node {node} is {} to {}", range[0], range[1])]
     Range {
@@ -81,7 +110,15 @@ impl From<io::Error> for RangesError {
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodeRanges {
     world: World,
-    levels: Vec<Vec<[f32; 2]>>,
+    levels: Levels,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Levels {
+    /// Of every node, by row, then column.
+    All(Vec<Vec<[f32; 2]>>),
+    /// Of those that exist.
+    Sparse(Vec<SparseLevel>),
 }
 
 impl NodeRanges {
@@ -107,7 +144,49 @@ impl NodeRanges {
                 return Err(RangesError::Range { node, range: ranges[at] });
             }
         }
-        Ok(Self { world: *world, levels })
+        Ok(Self { world: *world, levels: Levels::All(levels) })
+    }
+
+    /// Ranges of a world whose finest levels are sparse, in any order.
+    ///
+    /// # Errors
+    /// [`RangesError`] when a range is empty or not finite, or the nodes do not make a tree that can be searched: each with its parent,
+    /// all of its siblings, and, where it has elevation below it, nodes all around.
+    pub fn from_nodes(world: &World, nodes: Vec<NodeRange>) -> Result<Self, RangesError> {
+        let levels = sparse_ranges::levels_of(world, nodes)?;
+        let world = world.with_complete_level(sparse_ranges::complete_level(world, &levels));
+        Ok(Self { world, levels: Levels::Sparse(levels) })
+    }
+
+    /// The world that they are of; it knows from which level on all nodes exist.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Whether a node has a tile of a layer.
+    #[must_use]
+    pub fn has_tile(&self, layer: Layer, node: NodeId) -> bool {
+        match &self.levels {
+            Levels::Sparse(levels) => {
+                let level = levels.get(usize::from(node.q()));
+                level.and_then(|level| level.find(node)).is_some_and(|(_, layers)| layers.has(layer))
+            }
+            Levels::All(_) => match layer {
+                Layer::Elevation => self.world.has_elevation(node),
+                Layer::Color => self.world.has_color(node),
+            },
+        }
+    }
+
+    /// Whether the children of a node have tiles of a layer that its world has at their level: all that exist, or none.
+    #[must_use]
+    pub fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        match &self.levels {
+            // The one in the south west is there whenever the node is.
+            Levels::Sparse(_) => node.child(0).is_some_and(|child| self.has_tile(layer, child)),
+            Levels::All(_) => true,
+        }
     }
 
     /// Lowest and highest ground under a node, metres; `None` when the node does not exist.
@@ -116,15 +195,26 @@ impl NodeRanges {
         if !self.world.contains(node) {
             return None;
         }
-        let columns = self.world.nodes_at(node.q())[0] as usize;
-        self.levels[usize::from(node.q())].get(node.n() as usize * columns + node.m() as usize).copied()
+        match &self.levels {
+            Levels::All(levels) => {
+                let columns = self.world.nodes_at(node.q())[0] as usize;
+                levels[usize::from(node.q())].get(node.n() as usize * columns + node.m() as usize).copied()
+            }
+            Levels::Sparse(levels) => levels[usize::from(node.q())].find(node).map(|(range, _)| range),
+        }
     }
 
-    /// Bytes of the file of this world's ranges.
+    /// Bytes that the file of a world's ranges may have: as many as its nodes need, or, with sparse levels, at most as many as all of
+    /// them would.
     #[must_use]
-    pub fn file_bytes(world: &World) -> u64 {
+    pub fn file_bytes(world: &World, is_sparse: bool) -> RangeInclusive<u64> {
         let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
-        MAGIC.len() as u64 + 8 * nodes
+        let magic = MAGIC.len() as u64;
+        if is_sparse {
+            let counts = magic + 8 * u64::from(world.levels());
+            return counts..=counts.saturating_add(NODE_BYTES.saturating_mul(nodes));
+        }
+        magic + 8 * nodes..=magic + 8 * nodes
     }
 
     /// Bytes of the file of a world's ranges, checked against what its manifest says and against what may be held: before anything of it
@@ -132,8 +222,9 @@ impl NodeRanges {
     ///
     /// # Errors
     /// [`RangesError::TooLarge`], [`RangesError::Length`].
-    pub fn checked_bytes(world: &World, record: &NodesRecord) -> Result<u64, RangesError> {
-        let bytes = Self::file_bytes(world);
+    pub fn checked_bytes(world: &World, record: &NodesRecord, is_sparse: bool) -> Result<u64, RangesError> {
+        let needed = Self::file_bytes(world, is_sparse);
+        let bytes = record.bytes.clamp(*needed.start(), *needed.end());
         if bytes > MOST_NODES_BYTES {
             return Err(RangesError::TooLarge { most: MOST_NODES_BYTES, found: bytes });
         }
@@ -154,25 +245,37 @@ impl NodeRanges {
             hasher.update(bytes);
             file.write_all(bytes)
         };
-        put(MAGIC)?;
-        let mut buffer = Vec::new();
-        for part in self.levels.iter().flat_map(|level| level.chunks(4096)) {
-            buffer.clear();
-            buffer.extend(part.iter().flatten().flat_map(|v| v.to_le_bytes()));
-            put(&buffer)?;
+        match &self.levels {
+            Levels::All(levels) => {
+                put(MAGIC)?;
+                let mut buffer = Vec::new();
+                for part in levels.iter().flat_map(|level| level.chunks(4096)) {
+                    buffer.clear();
+                    buffer.extend(part.iter().flatten().flat_map(|v| v.to_le_bytes()));
+                    put(&buffer)?;
+                }
+            }
+            Levels::Sparse(levels) => {
+                put(SPARSE_MAGIC)?;
+                sparse_ranges::encode(levels, put)?;
+            }
         }
         file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        Ok(NodesRecord { bytes: Self::file_bytes(&self.world), crc32: hasher.finalize() })
+        let bytes = match &self.levels {
+            Levels::All(_) => *Self::file_bytes(&self.world, false).end(),
+            Levels::Sparse(levels) => SPARSE_MAGIC.len() as u64 + sparse_ranges::encoded_bytes(levels),
+        };
+        Ok(NodesRecord { bytes, crc32: hasher.finalize() })
     }
 
-    /// Reads the file and checks it against the world and the manifest.
+    /// Reads the file and checks it against the world and the manifest, which says whether the finest levels are sparse.
     ///
     /// # Errors
     /// [`RangesError`].
-    pub fn read(path: &Path, world: &World, record: &NodesRecord) -> Result<Self, RangesError> {
+    pub fn read(path: &Path, world: &World, record: &NodesRecord, is_sparse: bool) -> Result<Self, RangesError> {
         let mut file = open_regular(path)?;
         let found = file.metadata()?.len();
-        let expected = Self::checked_bytes(world, record)?;
+        let expected = Self::checked_bytes(world, record, is_sparse)?;
         // Before anything is allocated: the file is as long as the world needs.
         if found != expected {
             return Err(RangesError::Length { expected, found });
@@ -180,10 +283,13 @@ impl NodeRanges {
         let mut hasher = crc32fast::Hasher::new();
         let mut magic = [0; MAGIC.len()];
         file.read_exact(&mut magic)?;
-        if &magic != MAGIC {
+        if &magic != if is_sparse { SPARSE_MAGIC } else { MAGIC } {
             return Err(RangesError::NotRanges);
         }
         hasher.update(&magic);
+        if is_sparse {
+            return Self::read_sparse(file, world, record, hasher);
+        }
         let mut levels = Vec::with_capacity(usize::from(world.levels()));
         for q in 0..world.levels() {
             let count = world.nodes_at(q).map(|c| c as usize).iter().product::<usize>();
@@ -203,5 +309,34 @@ impl NodeRanges {
             return Err(RangesError::Checksum { expected: record.crc32, found });
         }
         Self::from_parts(world, levels)
+    }
+
+    fn read_sparse(
+        file: File,
+        world: &World,
+        record: &NodesRecord,
+        mut hasher: crc32fast::Hasher,
+    ) -> Result<Self, RangesError> {
+        // First the checksum: then what is wrong with the nodes was written so.
+        let mut file = io::BufReader::with_capacity(1 << 16, file);
+        let mut part = [0; 1 << 14];
+        loop {
+            match file.read(&mut part)? {
+                0 => break,
+                count => hasher.update(&part[..count]),
+            }
+        }
+        let found = hasher.finalize();
+        if found != record.crc32 {
+            return Err(RangesError::Checksum { expected: record.crc32, found });
+        }
+        let magic = SPARSE_MAGIC.len() as u64;
+        file.seek(io::SeekFrom::Start(magic))?;
+        let levels = sparse_ranges::decode(world, &mut file, record.bytes.saturating_sub(magic))?;
+        let (expected, found) = (world.complete_level(), sparse_ranges::complete_level(world, &levels));
+        if expected != found {
+            return Err(RangesError::Complete { expected, found });
+        }
+        Ok(Self { world: *world, levels: Levels::Sparse(levels) })
     }
 }

@@ -1,6 +1,7 @@
 //! The found nodes as the flat tree of [`crate::tree`].
 
 use super::{Found, HeightRanges, Traversal, TreeStats, View};
+use crate::database::Layer;
 use crate::node::NodeId;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use crate::world::World;
@@ -32,7 +33,8 @@ impl Traversal {
                 continue;
             }
             let color_bound = parent.bound + view.level.color_minus_elevation() + view.coarser;
-            let is_color_fine = f64::from(parent.id.q()) <= color_bound;
+            // Where colour ends above elevation, it is fine enough: there is no finer one.
+            let is_color_fine = f64::from(parent.id.q()) <= color_bound || !view.has_children(Layer::Color, parent.id);
             let node = &mut out[pending.out as usize];
             let inherited = if is_color_fine { COLOR_FROM_ANCESTOR } else { node.flags & COLOR_FROM_ANCESTOR };
             node.flags &= !COLOR_LEAF;

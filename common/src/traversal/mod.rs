@@ -8,6 +8,9 @@
 //! 4. **Output.** Nodes of which nothing turned out to be visible are left out; the rest is written depth first, the
 //!    children of a node nearest to the eye first, which for a grid is truly front to back.
 //!
+//! Where levels are sparse, a node is split only when its children have tiles of the layer that it is split for. Elevation ends
+//! so that the tree can be restricted: all around a node that has children, there are nodes of its level.
+//!
 //! A tree that would not fit is searched again with both wanted levels one coarser, and again until it fits: it stays
 //! restricted and complete, only coarser. Everything is allocated once, in [`Traversal::new`].
 
@@ -17,6 +20,7 @@ mod view;
 pub use view::{Frustum, HeightRanges, node_box};
 
 use crate::camera::Camera;
+use crate::database::Layer;
 use crate::level::{LevelFunction, WorldBox};
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
@@ -111,6 +115,10 @@ impl<'a, R: HeightRanges> View<'a, R> {
         }
         self.frustum.may_see(&seen)
     }
+
+    fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        self.ranges.has_children(layer, node)
+    }
 }
 
 impl Traversal {
@@ -159,7 +167,9 @@ impl Traversal {
         let mut at = 0;
         while at < self.found.len() {
             let Found { id, bound, .. } = self.found[at];
-            if f64::from(id.q()) > bound + view.coarser && id.q() > self.world.finest_elevation_level() {
+            let is_too_coarse = f64::from(id.q()) > bound + view.coarser;
+            if is_too_coarse && id.q() > self.world.finest_elevation_level() && view.has_children(Layer::Elevation, id)
+            {
                 self.split(view, at, capacity)?;
             }
             at += 1;
@@ -230,7 +240,8 @@ impl Traversal {
                     break found as usize;
                 }
             };
-            if self.found[covering].is_split {
+            // Sparse levels end so that a neighbour is never missing; a damaged index may say otherwise.
+            if self.found[covering].is_split || !view.has_children(Layer::Elevation, self.found[covering].id) {
                 return Ok(());
             }
             self.split(view, covering, capacity)?;
@@ -254,7 +265,8 @@ impl Traversal {
             let mut at = leaf;
             loop {
                 let Found { id, bound, .. } = self.found[at];
-                if id.q() > finest && f64::from(id.q()) > bound + color_minus_elevation + view.coarser {
+                let is_too_coarse = f64::from(id.q()) > bound + color_minus_elevation + view.coarser;
+                if id.q() > finest && is_too_coarse && view.has_children(Layer::Color, id) {
                     self.split(view, at, capacity)?;
                 }
                 if next >= self.found.len() {

@@ -1,7 +1,7 @@
 //! What may be seen of a node: its box, and the view frustum.
 
 use crate::camera::Camera;
-use crate::database::NodeRanges;
+use crate::database::{Layer, NodeRanges};
 use crate::level::WorldBox;
 use crate::node::NodeId;
 use crate::world::World;
@@ -11,17 +11,32 @@ use glam::DVec3;
 pub trait HeightRanges {
     /// The range of a node, `None` when the node does not exist.
     fn range(&self, node: NodeId) -> Option<[f32; 2]>;
+
+    /// Whether the children of a node have tiles of a layer: all that exist, or none. Asked for layers and levels of which a world
+    /// has tiles at all; in worlds without sparse levels they always have.
+    fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        let _ = (layer, node);
+        true
+    }
 }
 
 impl HeightRanges for NodeRanges {
     fn range(&self, node: NodeId) -> Option<[f32; 2]> {
         NodeRanges::range(self, node)
     }
+
+    fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        NodeRanges::has_children(self, layer, node)
+    }
 }
 
 impl<R: HeightRanges + ?Sized> HeightRanges for &R {
     fn range(&self, node: NodeId) -> Option<[f32; 2]> {
         (**self).range(node)
+    }
+
+    fn has_children(&self, layer: Layer, node: NodeId) -> bool {
+        (**self).has_children(layer, node)
     }
 }
 

@@ -8,6 +8,7 @@ pub use summary::summary;
 
 use crate::archive;
 use crate::error::IngestError;
+use crate::nested::Sources;
 use crate::plan::{Plan, PlanOptions};
 use crate::pyramid::{self, validity, voids as fill};
 use crate::sample;
@@ -165,7 +166,10 @@ impl Job {
 
     fn check_memory(&self, plan: &Plan) -> Result<(), IngestError> {
         let world = &plan.world;
-        let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
+        let nodes: u64 = match plan.is_nested {
+            true => plan.nested_nodes(),
+            false => (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum(),
+        };
         // A quarter of the memory is GDAL's cache, at least another what the threads work in.
         let needed = LEAST_MEMORY_BYTES.max(2 * nodes * NODE_BYTES);
         if needed > self.memory_bytes {
@@ -190,6 +194,11 @@ impl Job {
         note: &mut dyn FnMut(Note),
     ) -> Result<Manifest, IngestError> {
         let (world, folder) = (&plan.world, output.folder());
+        if plan.is_nested {
+            let place = place_of(plan, target);
+            let sources = Sources { plan, target, elevation, color, place, folder, work };
+            return self.build_nested(&sources, output, note);
+        }
         let Elevation { levels, summary, validity, holes } =
             elevation_levels(plan, target, elevation, self.voids, folder, work)?;
         let post_area = plan.elevation.step.powi(2);
@@ -204,7 +213,7 @@ impl Job {
             (summary.voids > 0).then_some(VoidsRecord { mode: self.voids, hole_area_m2: holes as f64 * post_area });
         let info = record::archive_info(plan, target, &self.name(), voids_record.is_some());
         let path = output.part(ELEVATION_FILE);
-        let elevation_record = archive::write_elevation(&path, world, &levels, &validity, &info.0, work)?;
+        let elevation_record = archive::write_elevation(&path, world, &levels, None, &validity, &info.0, work)?;
         drop(validity);
         let ranges = crate::ranges::compute(world, &levels, folder, work)?;
         let nodes_path = output.part(NODES_FILE);
@@ -219,13 +228,10 @@ impl Job {
             return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
         }
         if !color.is_empty() && voids > 0 {
-            note(Note::Info(format!(
-                "colour has no data for {:.1} % of the world: a tint of the elevation is shown there",
-                100.0 * voids as f64 / texels as f64
-            )));
+            note(Note::Info(tint_note(voids as f64 / texels as f64)));
         }
         let path = output.part(COLOR_FILE);
-        let color_record = archive::write_color(&path, world, &colors, self.color_quality, &info.1, work)?;
+        let color_record = archive::write_color(&path, world, &colors, None, self.color_quality, &info.1, work)?;
         Ok(record::manifest(record::Parts {
             name: self.name(),
             plan,
@@ -240,6 +246,70 @@ impl Job {
             archives: [elevation_record, color_record],
             nodes,
             lonlat: lonlat_table(plan, target, note),
+            complete_level: None,
+        }))
+    }
+
+    /// The same where the finest levels are only made where the data are.
+    fn build_nested(
+        &self,
+        sources: &Sources<'_>,
+        output: &Output,
+        note: &mut dyn FnMut(Note),
+    ) -> Result<Manifest, IngestError> {
+        let Sources { plan, target, elevation, color, folder, work, .. } = *sources;
+        let world = &plan.world;
+        let nested = sources.levels(note)?;
+        let [void_m2, tint_m2] = nested.void_areas_m2;
+        let area_m2 = world.extent_m().iter().product::<f64>();
+        if void_m2 > 0.0 {
+            note(Note::Info(record::about_voids(Voids::Fill, [void_m2 / 1e6, 0.0], void_m2 / area_m2)));
+            if self.voids != Voids::Fill {
+                note(Note::Warning(
+                    "a world of sources of several spacings has no holes, and does not tell filled ground from measured: \
+                     --voids keep and clip want sources of one spacing (--spacing makes it so)"
+                        .to_owned(),
+                ));
+            }
+        }
+        if !color.is_empty() && tint_m2 >= area_m2 {
+            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+        }
+        if !color.is_empty() && tint_m2 > 0.0 {
+            note(Note::Info(tint_note(tint_m2 / area_m2)));
+        }
+        let source_range = told_source_range(&nested.summary, plan, note);
+        let info = record::archive_info(plan, target, &self.name(), false);
+        let is_whole = nested.elevation_nodes.is_whole() && nested.color_nodes.is_whole();
+        let ranges = match is_whole {
+            true => crate::ranges::compute(world, &nested.elevation, folder, work)?,
+            false => {
+                let nodes = [&nested.elevation_nodes, &nested.color_nodes];
+                crate::ranges::compute_nested(world, &nested.elevation, nodes, folder, work)?
+            }
+        };
+        let nodes_path = output.part(NODES_FILE);
+        let nodes = ranges.write(&nodes_path).map_err(|source| IngestError::Output { source, path: nodes_path })?;
+        let path = output.part(ELEVATION_FILE);
+        let exist = Some(&nested.elevation_nodes);
+        let elevation_record = archive::write_elevation(&path, world, &nested.elevation, exist, &[], &info.0, work)?;
+        let (path, exist) = (output.part(COLOR_FILE), Some(&nested.color_nodes));
+        let color_record = archive::write_color(&path, world, &nested.color, exist, self.color_quality, &info.1, work)?;
+        Ok(record::manifest(record::Parts {
+            name: self.name(),
+            plan,
+            target,
+            elevation,
+            color,
+            range: nested.summary.range,
+            source_range,
+            void_areas_m2: nested.void_areas_m2,
+            voids: None,
+            quality: self.color_quality,
+            archives: [elevation_record, color_record],
+            nodes,
+            lonlat: lonlat_table(plan, target, note),
+            complete_level: (!is_whole).then(|| ranges.world().complete_level()),
         }))
     }
 
@@ -258,8 +328,7 @@ impl Job {
         let overview = elevation.iter().position(is_small).unwrap_or(elevation.len() - 1);
         let overview_m = plan.elevation.step * f64::from(1u32 << overview);
         let overview = (&elevation[overview], overview_m);
-        let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
-        let place = Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) };
+        let place = place_of(plan, target);
         let tint = Tint::new(&elevation[0], plan.elevation.step, plan.color.step, overview, place)
             .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
         let (finest, voids) = sample::color::sample(plan, target, color, &tint, folder, work)?;
@@ -276,6 +345,18 @@ impl Job {
         let name = self.output.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         name.strip_suffix(".tv").unwrap_or(&name).to_owned()
     }
+}
+
+/// What a tint has to know of the place.
+fn place_of<'a>(plan: &Plan, target: &'a TargetCrs) -> Place<'a> {
+    let world = &plan.world;
+    let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+    Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) }
+}
+
+fn tint_note(share: f64) -> String {
+    let percent = 100.0 * share;
+    format!("colour has no data for {percent:.1} % of the world: a tint of the elevation is shown there")
 }
 
 /// The elevation pyramid.
@@ -345,7 +426,10 @@ fn elevation_levels(
         let mut filled: Vec<Level<f32>> = Vec::with_capacity(levels.len());
         for level in levels.into_iter().rev() {
             let level = match filled.last() {
-                Some(coarser) => fill::fill(level, coarser, folder, work)?,
+                Some(coarser) => {
+                    let all: Vec<usize> = (0..level.blocks(pyramid::BLOCK).count()).collect();
+                    fill::fill(level, coarser, &all, folder, work)?
+                }
                 None => {
                     fill::fill_coarsest(&level, middle)
                         .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
@@ -417,6 +501,7 @@ pub(crate) fn record_of(
         archives,
         nodes,
         lonlat: crate::lonlat::table(target, &plan.world),
+        complete_level: None,
     })
 }
 

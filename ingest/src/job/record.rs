@@ -8,7 +8,7 @@ use crate::source::{Raster, TargetCrs};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
-    ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_VALIDITY, FEATURES_VERSION, FORMAT_VERSION, Manifest,
+    ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FORMAT_VERSION, Manifest,
     NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
@@ -29,6 +29,8 @@ pub(super) struct Parts<'a> {
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    /// With sparse levels: from which level on all nodes exist.
+    pub(super) complete_level: Option<u8>,
     pub(super) lonlat: Option<LonLatTable>,
 }
 
@@ -49,6 +51,12 @@ pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f6
     format!("elevation has no data for {void_km2:.3} km² ({:.1} %): {became}", 100.0 * share)
 }
 
+/// What a program has to know to read the database.
+fn features(has_validity: bool, is_sparse: bool) -> Vec<String> {
+    let all = [(FEATURE_VALIDITY, has_validity), (FEATURE_SPARSE_LEVELS, is_sparse)];
+    all.into_iter().filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect()
+}
+
 pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let Parts { plan, target, .. } = parts;
     let source = |raster: &Raster, is_exact: bool| Source {
@@ -63,8 +71,9 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
     Manifest {
         format: String::new(),
-        format_version: if parts.voids.is_some() { FEATURES_VERSION } else { FORMAT_VERSION },
-        features: parts.voids.iter().map(|_| FEATURE_VALIDITY.to_owned()).collect(),
+        format_version: FORMAT_VERSION,
+        features: features(parts.voids.is_some(), parts.complete_level.is_some()),
+        complete_level: parts.complete_level,
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
         crs: target.crs.clone(),
@@ -142,7 +151,8 @@ pub(super) fn archive_info(
             "name": format!("{name} {layer}"),
             "description": format!("{layer} tiles of a TerraVision terrain database"),
             "type": "overlay",
-            "version": FORMAT_VERSION.to_string(),
+            // Of this object.
+            "version": "1",
             "format": format,
             "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
             // Zooms and rows count as in web maps, but the root is a square of this CRS, not the globe.

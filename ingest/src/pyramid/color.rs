@@ -12,7 +12,7 @@ use std::path::Path;
 /// Taps on one side of the middle, 256ths: both sides sum to 256.
 const TAPS: [i32; 4] = [111, 30, -11, -2];
 /// How far the filter reaches beyond the two texels that it covers.
-const REACH: usize = 3;
+pub(crate) const REACH: usize = 3;
 
 /// Makes the next coarser level of `size` texels.
 ///
@@ -36,7 +36,7 @@ pub fn coarser(finer: &Level<Rgb>, size: [u64; 2], folder: &Path, work: &Work) -
     Ok(level)
 }
 
-fn filter(fine: &[Rgb], width: usize, [columns, rows]: [usize; 2]) -> Vec<Rgb> {
+pub(crate) fn filter(fine: &[Rgb], width: usize, [columns, rows]: [usize; 2]) -> Vec<Rgb> {
     let height = fine.len() / width;
     let mut across = Vec::with_capacity(columns * height);
     for line in fine.chunks_exact(width) {

@@ -15,7 +15,7 @@ use crate::work::Work;
 use std::path::Path;
 
 /// Distance that the filter reaches, posts of the finer level.
-const REACH: usize = 7;
+pub(crate) const REACH: usize = 7;
 /// The filter by distance from its middle, 4096ths. It is the impulse response of `(1 + cos w) / (1.5 + 0.5 cos 2w)`, cut
 /// where it falls below 1/1000 and rounded so that the sum is 4096 (a plane stays), and with alternating signs 0 (what
 /// is finer than the coarser level can have goes).
@@ -50,7 +50,7 @@ pub fn coarser(finer: &Level<f32>, size: [u64; 2], folder: &Path, work: &Work) -
 }
 
 /// Filters a block of the finer level, `REACH` posts wider than the coarser one on each side.
-fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) -> Vec<f32> {
+pub(crate) fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) -> Vec<f32> {
     let height = fine.len() / width;
     // Rows first: every row of the finer block, the columns of the coarser one. A void makes NaN of all it is in.
     let mut across = Vec::with_capacity(columns * height);

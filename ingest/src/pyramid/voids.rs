@@ -27,21 +27,27 @@ pub fn fill_coarsest(level: &Level<f32>, otherwise: f32) -> std::io::Result<()> 
     level.write(all, &heights)
 }
 
-/// A level with its voids filled from the next coarser level, which has none.
+/// A level with its voids filled from the next coarser level, which has none; only of these of its blocks.
 ///
 /// # Errors
 /// [`IngestError`].
-pub fn fill(level: Level<f32>, coarser: &Level<f32>, folder: &Path, work: &Work) -> Result<Level<f32>, IngestError> {
+pub fn fill(
+    level: Level<f32>,
+    coarser: &Level<f32>,
+    numbers: &[usize],
+    folder: &Path,
+    work: &Work,
+) -> Result<Level<f32>, IngestError> {
     let fail = |source| IngestError::Output { source, path: folder.to_owned() };
     // Into a new level: a block sees its neighbours with their voids, whichever is filled first.
     let out = Level::create(folder, level.size()).map_err(fail)?;
     let blocks = level.blocks(BLOCK);
     work.each(
         "voids",
-        blocks.count(),
+        numbers.len(),
         || Ok(()),
         |(), index| {
-            let block = blocks.rect(index);
+            let block = blocks.rect(numbers[index]);
             let mut heights = level.read(block).map_err(fail)?;
             if heights.iter().any(|h| h.is_nan()) {
                 let around = block.grown(ROUNDS);
@@ -123,7 +129,8 @@ mod tests {
         let coarse = Level::create(&folder, [151, 36]).unwrap();
         let below: Vec<f32> = (0..151 * 36).map(|k| 2.0 * plane(k % 151, k / 151)).collect();
         coarse.write(Rect::new([0, 0], [151, 36]), &below).unwrap();
-        let filled = fill(fine, &coarse, &folder, &Work::quiet(2)).unwrap();
+        let all: Vec<usize> = (0..fine.blocks(BLOCK).count()).collect();
+        let filled = fill(fine, &coarse, &all, &folder, &Work::quiet(2)).unwrap();
         let out = filled.read(Rect::new([0, 0], [w, h])).unwrap();
         assert!((0..w * h).all(|k| (out[k] - plane(k % w, k / w)).abs() < 0.02));
     }

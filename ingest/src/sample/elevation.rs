@@ -24,9 +24,9 @@ pub struct Summary {
     pub source_range: [f32; 2],
 }
 
-const EMPTY: [f32; 2] = [f32::MAX, f32::MIN];
+pub(crate) const EMPTY: [f32; 2] = [f32::MAX, f32::MIN];
 
-fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+pub(crate) fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 

@@ -37,13 +37,10 @@ impl Sampler {
     /// A sampler of a source that has these neighbours, itself among them.
     #[must_use]
     pub fn new(mapper: Mapper, kernel: Kernel, neighbors: Vec<Neighbor>) -> Self {
-        let mut limits = [[i64::MAX; 2], [i64::MIN; 2]];
-        for Neighbor { place, .. } in &neighbors {
-            for axis in 0..2 {
-                limits[0][axis] = limits[0][axis].min(place.origin[axis]);
-                limits[1][axis] = limits[1][axis].max(place.origin[axis] + place.size[axis] as i64 - 1);
-            }
-        }
+        let first = |axis: usize| neighbors.iter().map(|n| n.place.origin[axis]).min().unwrap_or(0);
+        let end = |n: &Neighbor, axis: usize| n.place.origin[axis] + n.place.size[axis] as i64;
+        let last = |axis: usize| neighbors.iter().map(|n| end(n, axis) - 1).max().unwrap_or(0);
+        let limits = [[0, 1].map(first), [0, 1].map(last)];
         Self { mapper, kernel, neighbors, limits }
     }
 

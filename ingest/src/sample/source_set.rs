@@ -39,6 +39,9 @@ impl<T> Kept<T> {
     }
 }
 
+/// The number of the source that has data at a place, and its value.
+type Sampled<const C: usize> = Option<(usize, [f32; C])>;
+
 /// How a file is opened.
 type Open<'a, V, R> = fn(&'a Raster, &'a V) -> Result<R, IngestError>;
 
@@ -85,16 +88,34 @@ impl<'a, V, R> SourceSet<'a, V, R> {
     where
         R: Reader<C>,
     {
+        let found = self.sample_where(block, &|_| true, &|_| false)?;
+        Ok(found.into_iter().map(|sample| sample.map(|(_, value)| value)).collect())
+    }
+
+    /// Samples a block from the sources that are `wanted`, where it is not `left_out`: the number of the first source that has data at
+    /// each place and its value.
+    ///
+    /// # Errors
+    /// [`IngestError::Source`] when a source cannot be read.
+    pub fn sample_where<const C: usize>(
+        &mut self,
+        block: Rect,
+        is_wanted: &dyn Fn(usize) -> bool,
+        is_left_out: &dyn Fn(usize) -> bool,
+    ) -> Result<Vec<Sampled<C>>, IngestError>
+    where
+        R: Reader<C>,
+    {
         let values = RefCell::new(vec![None; block.area()]);
-        for index in 0..self.sources.len() {
+        for index in (0..self.sources.len()).filter(|index| is_wanted(*index)) {
             if !self.bounds[index].meets(&self.lattice, block) {
                 continue;
             }
-            let is_done = |at: usize| values.borrow()[at].is_some();
+            let is_done = |at: usize| is_left_out(at) || values.borrow()[at].is_some();
             if (0..block.area()).all(is_done) {
                 break;
             }
-            let mut put = |at: usize, value| values.borrow_mut()[at] = Some(value);
+            let mut put = |at: usize, value| values.borrow_mut()[at] = Some((index, value));
             self.sample_one::<C>(index, block, &is_done, &mut put)?;
         }
         Ok(values.into_inner())

@@ -63,7 +63,7 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
         Some(Some(metres)) => Some(in_range("--agl", metres, 1.0, 1e6, "metres from 1 to 1000000")?),
         None => None,
     };
-    let ground = WorldGround::finest(database, database.world(), exaggeration);
+    let ground = WorldGround::finest(database, database.world(), exaggeration).bounded(database.ranges());
     let options = CourseOptions { agl_m, keeps_rests: args.rests == Rests::Keep };
     let mut remarks = Remarks::default();
     let georeference = georeference(database);
@@ -108,7 +108,7 @@ pub(super) fn pose(
     database: &Store,
     exaggeration: f64,
 ) -> Result<(Pose, Vec<String>), Failure> {
-    let ground = WorldGround::finest(database, database.world(), exaggeration);
+    let ground = WorldGround::finest(database, database.world(), exaggeration).bounded(database.ranges());
     let georeference = georeference(database);
     let context = PoseContext { georeference: &georeference, ground: &ground, is_agl };
     let (pose, warning) = super::pose::resolve(args, context)?;
@@ -127,7 +127,7 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
     }
     let world = database.world();
     let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
-    let coarse = WorldGround::coarse(database, world, exaggeration, spacing);
+    let coarse = WorldGround::coarse(database, world, exaggeration, spacing).bounded(database.ranges());
     let extent = coarse.extent();
     let georeference = georeference(database);
     let around = args.orbit.around.map(|Pair([x, y])| match args.pose.lonlat {
@@ -160,7 +160,7 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         post_spacing_m: world.elevation_spacing_m(world.finest_elevation_level()),
     };
     // A place that was asked for is the ground as it is drawn.
-    let finest = WorldGround::finest(database, world, exaggeration);
+    let finest = WorldGround::finest(database, world, exaggeration).bounded(database.ranges());
     let ground: &WorldGround<'_> = if around.is_some() { &finest } else { &coarse };
     let Orbit { path, note } = orbit::orbit(&extent, ground, &wishes);
     Ok(LoadedPath { path, notes: vec![note], warnings: georeference.take_doubts() })
