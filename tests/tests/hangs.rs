@@ -7,10 +7,10 @@ use std::fs::{self, OpenOptions};
 use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
-use terravision_common::shm::SharedFrame;
+use terravision_common::shm::{FrameRingReader, PoseRecord, PoseSender, SharedFrame, SharedName};
 use terravision_tests::flight::Pose;
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{left_of, reader, record, sender, shared_name, step};
+use terravision_tests::live::{end, left_of, reader, record, sender, shared_name, step};
 use terravision_tests::process::{Finished, Running, Terravision, is_alive, segments_of_launcher, signal_process};
 use terravision_tests::shot::read_report;
 use terravision_tests::worlds::synth_world;
@@ -69,39 +69,58 @@ fn a_stage_that_is_stopped_ends_an_exact_flight_with_its_name() {
     }
 }
 
+/// A flight of poses, which lasts until it is ended, however fast it is drawn; its third frame is there.
+fn flight_of_poses(name: &SharedName, hang_after: &str, more: &[&str]) -> (Running, PoseSender, FrameRingReader) {
+    let (camera, out) = (format!("shm:{name}"), format!("shared:{name}"));
+    let arguments = [&["--camera", &camera, "-o", &out], more].concat();
+    let mut flight = fly_with_patience(hang_after, &arguments).spawn();
+    let (poses, mut ring) = (sender(&mut flight, name), reader(&mut flight, name));
+    for k in 0..3 {
+        step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &pose(k));
+    }
+    (flight, poses, ring)
+}
+
+fn pose(k: u64) -> PoseRecord {
+    let eye = synth_world(1024).above(0.35 + 0.02 * k as f64, 0.4, 500.0);
+    record(&Pose::new(eye, 15.0 * k as f64, -20.0), k as f64)
+}
+
 #[test]
 fn a_stage_that_is_stopped_is_started_again_where_restarts_are_on() {
-    let folder = TestFolder::new("hang-again");
-    let out = folder.join("a/");
-    let mut running = fly(&["--path", "orbit", "--frames", "0..40", "--restarts", "3", "-o"])
-        .arg(&out)
-        .arg("--report")
-        .arg(folder.join("report.json"))
-        .spawn();
-    running.until("the third frame", |_| Path::exists(&out.join("frame-000002.png")).then_some(()));
-    signal_process(running.stage("preparer"), Signal::STOP);
-    let finished = running.wait();
+    let (folder, name) = (TestFolder::new("hang-again"), shared_name("hang-again"));
+    let report = folder.join("report.json").display().to_string();
+    let (mut flight, poses, mut ring) = flight_of_poses(&name, HANG_AFTER, &["--restarts", "3", "--report", &report]);
+    signal_process(flight.stage("preparer"), Signal::STOP);
+    for k in 3..6 {
+        step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &pose(k));
+    }
+    end(&poses);
+    let finished = flight.wait();
     finished.assert_code(0);
     assert!(finished.stderr.contains("the preparer gave no sign of life for"), "{}", finished.stderr);
-    assert_eq!(read_report(&folder)["restarts"]["preparer"], 1);
-    assert_eq!(fs::read_dir(&out).unwrap().count(), 40);
+    let report = read_report(&folder);
+    assert_eq!(report["restarts"], serde_json::json!({ "preparer": 1 }));
+    assert_eq!(report["frames"], 6);
 }
 
 #[test]
 fn a_flight_that_is_stopped_as_a_whole_goes_on_afterwards() {
-    let folder = TestFolder::new("hang-paused");
-    let out = folder.join("a/");
-    let mut running = fly_with_patience("3", &["--path", "orbit", "--frames", "0..40", "-o"]).arg(&out).spawn();
-    running.until("the third frame", |_| Path::exists(&out.join("frame-000002.png")).then_some(()));
-    // As Ctrl-Z does it: the whole group, longer than a stage may hang.
-    let all: Vec<u32> = pids(&running).into_iter().chain([running.pid()]).collect();
+    let name = shared_name("hang-paused");
+    let (mut flight, poses, mut ring) = flight_of_poses(&name, "3", &[]);
+    // As Ctrl-Z does it: the whole group, with work to do, longer than a stage may hang.
+    let all: Vec<u32> = pids(&flight).into_iter().chain([flight.pid()]).collect();
     all.iter().rev().for_each(|pid| signal_process(*pid, Signal::STOP));
+    poses.send(&pose(3));
     std::thread::sleep(Duration::from_secs(7));
     all.iter().for_each(|pid| signal_process(*pid, Signal::CONT));
-    let finished = running.wait();
+    for k in 4..6 {
+        step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &pose(k));
+    }
+    end(&poses);
+    let finished = flight.wait();
     finished.assert_code(0);
     assert!(!finished.stderr.contains("no sign of life"), "{}", finished.stderr);
-    assert_eq!(fs::read_dir(&out).unwrap().count(), 40);
 }
 
 /// A folder with a program of this name.
@@ -155,16 +174,8 @@ fn stages_that_wait_for_each_other_are_told() {
     const WRITTEN: u64 = 256;
     const GIVEN_BACK: u64 = WRITTEN + 128;
     let name = shared_name("hang-scribble");
-    let mut flight = fly(&["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
-    let (poses, mut ring, mut shared) =
-        (sender(&mut flight, &name), reader(&mut flight, &name), SharedFrame::default());
-    let pose = |k: u64| {
-        let pose = Pose::new(synth_world(1024).above(0.35 + 0.02 * k as f64, 0.4, 500.0), 15.0 * k as f64, -20.0);
-        record(&pose, k as f64)
-    };
-    for k in 0..3 {
-        step(&mut flight, &poses, &mut ring, &mut shared, &pose(k));
-    }
+    let (mut flight, poses, mut ring) = flight_of_poses(&name, HANG_AFTER, &[]);
+    let mut shared = SharedFrame::default();
     let segments = segments_of_launcher(flight.pid());
     let buffer = segments.iter().find(|name| name.ends_with("ping-pong")).unwrap();
     let file = OpenOptions::new().read(true).write(true).open(Path::new("/dev/shm").join(buffer)).unwrap();
@@ -193,15 +204,11 @@ fn stages_that_wait_for_each_other_are_told() {
 #[test]
 fn a_sender_that_rests_longer_than_a_stage_may_hang_ends_nothing() {
     let name = shared_name("hang-rest");
-    let mut flight =
-        fly_with_patience("3", &["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
-    let (poses, mut ring, mut shared) =
-        (sender(&mut flight, &name), reader(&mut flight, &name), SharedFrame::default());
-    for k in 0..3 {
-        let pose = Pose::new(synth_world(1024).above(0.35, 0.4, 500.0), 15.0 * f64::from(k), -20.0);
-        step(&mut flight, &poses, &mut ring, &mut shared, &record(&pose, f64::from(k)));
+    let (mut flight, poses, mut ring) = flight_of_poses(&name, "3", &[]);
+    for k in 3..6 {
         std::thread::sleep(Duration::from_secs(5));
+        step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &pose(k));
     }
-    terravision_tests::live::end(&poses);
+    end(&poses);
     flight.wait().assert_code(0);
 }
