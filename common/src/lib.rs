@@ -11,7 +11,7 @@
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
-//! * [`run`]: what the launcher tells each stage about the run that it is part of.
+//! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
 
 pub mod bug;
 pub mod camera;
@@ -35,6 +35,7 @@ pub mod sync;
 pub mod synthetic;
 pub mod terminal;
 pub mod texels;
+pub mod threads;
 pub mod top_levels;
 pub mod traversal;
 pub mod tree;

@@ -3,7 +3,7 @@
 //! A stage is started by the launcher as `terravision-<stage> --run -`, with the run as JSON on its standard input: what it says may be secret (the
 //! password in a database's URL), and everybody can read a command line (`/proc/PID/cmdline`), while a pipe is nobody else's, leaves no copy in
 //! an environment that children would inherit, and has no limit. `--run JSON` does, too. It ends by itself after the last frame, or
-//! when a wait tells it that the run is over. SIGINT is left to the launcher, which the terminal tells as well; SIGTERM
+//! when a wait tells it that the run is over. SIGINT and SIGHUP are left to the launcher, which the terminal tells as well; SIGTERM
 //! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
 
 use crate::bug::report_panics;
@@ -185,11 +185,26 @@ fn fail(error: &dyn std::error::Error, code: u8) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// The kernel ends this process when the launcher dies, and SIGINT is noted but ends nothing: the launcher decides.
-fn set_up_process() -> Result<(), std::io::Error> {
+/// The kernel ends this process when the launcher dies; SIGINT and SIGHUP, which a terminal sends to the launcher too, are
+/// noted but end nothing: the launcher decides. See also [`note_file_limit`].
+///
+/// # Errors
+/// The system refuses.
+pub fn set_up_process() -> Result<(), std::io::Error> {
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
-    signal_hook::flag::register(signal_hook::consts::SIGINT, Arc::new(AtomicBool::new(false)))?;
-    Ok(())
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))?;
+    }
+    note_file_limit()
+}
+
+/// A write beyond the limit of a file's size (`ulimit -f`) is an error with a sentence from now on, and not the signal SIGXFSZ,
+/// which ends a process without a word. Programs that this one starts do not inherit it.
+///
+/// # Errors
+/// The system refuses.
+pub fn note_file_limit() -> Result<(), std::io::Error> {
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
 }
 
 /// Where a stage tells the launcher what it did. Never waits: an event that finds the ring full is dropped and counted.

@@ -179,6 +179,7 @@ impl<R: HeightRanges> Generator<R> {
         };
         half.publish(&header).map_err(WaitError::from)?;
         cameras.give_back(cameras.position());
+        control.progress();
         let finished_nanos = events.span(control, SpanName::Generate, frame, started_nanos);
         if self.config.realtime.is_some() {
             self.pace.generated(finished_nanos - started_nanos);

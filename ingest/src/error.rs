@@ -52,6 +52,12 @@ pub enum IngestError {
         /// The folder.
         path: PathBuf,
     },
+    /// No thread can be started.
+    #[error("cannot start a thread: {source}; too many threads or processes run here (ulimit -u says how many may)")]
+    Threads {
+        /// The system's reason.
+        source: std::io::Error,
+    },
     /// Ctrl-C.
     #[error("interrupted: nothing was left in {}; the same command can be run again", path.display())]
     Interrupted {
@@ -76,7 +82,7 @@ impl IngestError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Source { .. } | Self::Usage { .. } | Self::Place { .. } => 2,
-            Self::Output { .. } | Self::DiskSpace { .. } => 1,
+            Self::Output { .. } | Self::DiskSpace { .. } | Self::Threads { .. } => 1,
             Self::Interrupted { .. } => 130,
         }
     }

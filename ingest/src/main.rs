@@ -40,6 +40,8 @@ fn main() -> ExitCode {
     let flag = Arc::clone(&stop);
     // Without a handler an interrupt simply kills us, and the next run cleans up.
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).ok();
+    // Without it, too, a file that grows beyond its limit just ends us.
+    terravision_common::stage::note_file_limit().ok();
     let result = match cli.verb {
         Verb::Ingest(args) => {
             let wants_json = args.json;

@@ -143,11 +143,19 @@ impl Work {
         };
         let outcome = std::thread::scope(|scope| {
             let _guard = PanicGuard(&is_over, &changed);
-            for _ in 0..self.threads.min(count) {
-                scope.spawn(worker);
-            }
             let mut outcome = Ok(());
+            for thread in 0..self.threads.min(count) {
+                // With fewer threads it takes longer, and comes to the same.
+                match std::thread::Builder::new().spawn_scoped(scope, worker) {
+                    Ok(_) => {}
+                    Err(source) if thread == 0 => outcome = Err(IngestError::Threads { source }),
+                    Err(_enough) => break,
+                }
+            }
             for index in 0..count {
+                if outcome.is_err() {
+                    break;
+                }
                 let mut guard = lock(&results);
                 let result = loop {
                     if let Some(result) = guard.1.remove(&index) {

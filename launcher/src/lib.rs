@@ -33,6 +33,7 @@ pub mod plan;
 pub mod realtime_report;
 pub mod report;
 pub mod stream;
+pub mod thread;
 pub mod trace;
 pub mod world;
 
@@ -49,6 +50,8 @@ use terravision_common::terminal::complain;
 #[must_use]
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let started_nanos = monotonic_nanos();
+    // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
+    terravision_common::stage::note_file_limit().ok();
     let result = match parse(arguments.into_iter().collect()) {
         Ok(cli) => dispatch(cli.command, started_nanos),
         Err(error) => usage(&error),

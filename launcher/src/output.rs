@@ -1,11 +1,14 @@
 //! Where results go: written under a temporary name beside the final one, and renamed when all is well, so that an
 //! interrupted run leaves no half film.
 
-use rustix::fs::{FlockOperation, flock};
+use crate::flight::interrupt;
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 use terravision_common::database::MANIFEST_FILE;
@@ -15,6 +18,8 @@ use terravision_common::shm::RunId;
 const LOCK_PATIENCE: Duration = Duration::from_secs(2);
 /// Between two tries.
 const LOCK_TICK: Duration = Duration::from_millis(5);
+/// How long a reader of a FIFO is waited for.
+const READER_PATIENCE: Duration = Duration::from_secs(30);
 
 /// Why a result cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -119,6 +124,12 @@ impl TemporaryFile {
         &self.temporary
     }
 
+    /// What is to be removed when the run fails; `None` of a device or a pipe, which was there before.
+    #[must_use]
+    pub fn to_remove(&self) -> Option<&Path> {
+        (!self.is_finished).then_some(self.temporary.as_path())
+    }
+
     /// The final name.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -147,11 +158,44 @@ impl TemporaryFile {
         write: impl FnOnce(&mut io::BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), OutputError> {
         let fail = |source| OutputError::Write { path: self.path.clone(), source };
-        let file = OpenOptions::new().write(true).truncate(!self.is_finished).open(&self.temporary).map_err(fail)?;
+        let file = open(&self.temporary, !self.is_finished).map_err(fail)?;
         let mut writer = io::BufWriter::new(file);
         write(&mut writer).and_then(|()| writer.flush()).map_err(fail)?;
         drop(writer);
         self.finish()
+    }
+}
+
+/// Whether standard output was closed when this program was started (`>&-`), or leads nowhere. A Rust program finds the null device
+/// in place of one that is closed, open for reading and writing, as nobody opens it to write.
+#[must_use]
+pub fn is_stdout_closed() -> bool {
+    let stdout = io::stdout();
+    let is_null = rustix::fs::fstat(&stdout).is_ok_and(|found| found.st_rdev == rustix::fs::makedev(1, 3));
+    is_null && rustix::fs::fcntl_getfl(&stdout).is_ok_and(|flags| flags.contains(OFlags::RDWR))
+}
+
+/// Opens a file to be written. A FIFO that nobody reads is waited for, but not for ever.
+fn open(path: &Path, is_truncated: bool) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).truncate(is_truncated);
+    if !path.metadata()?.file_type().is_fifo() {
+        return options.open(path);
+    }
+    let end = Instant::now() + READER_PATIENCE;
+    loop {
+        match options.clone().custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path) {
+            Ok(file) => {
+                // Who reads slowly is waited for.
+                rustix::fs::fcntl_setfl(&file, OFlags::empty())?;
+                return Ok(file);
+            }
+            Err(error) if error.raw_os_error() != Some(Errno::NXIO.raw_os_error()) => return Err(error),
+            Err(_nobody) if Instant::now() >= end || interrupt::is_interrupted() => {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "it is a FIFO, and nobody reads it"));
+            }
+            Err(_nobody) => std::thread::sleep(Duration::from_millis(20)),
+        }
     }
 }
 

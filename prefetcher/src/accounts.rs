@@ -31,6 +31,10 @@ impl Accounts {
         ] {
             control.count(counter, now.saturating_sub(told));
         }
+        // A request was made, or a part of an answer came: what is slow does not hang.
+        if (now.requests, now.bytes) != (told.requests, told.bytes) {
+            control.progress();
+        }
         self.figures = now;
         let Some(errors) = source.errors() else { return };
         let counts = errors.counts();

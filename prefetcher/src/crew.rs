@@ -13,6 +13,7 @@ use terravision_common::database::{
 use terravision_common::event::monotonic_nanos;
 use terravision_common::shm::{FillGuard, WantBell};
 use terravision_common::texels::{TexelFormat, compress_tile};
+use terravision_common::threads::ensure;
 use terravision_common::world::World;
 use tokio::runtime::Runtime;
 use tokio::task::AbortHandle;
@@ -178,6 +179,8 @@ impl<S: PayloadSource> Workers<S> {
     /// # Errors
     /// [`CrewError`].
     pub fn new(source: S, world: &World, texels: TexelFormat, threads: u32, bell: WantBell) -> Result<Self, CrewError> {
+        // The runtime panics without them.
+        ensure(REQUEST_THREADS + FILE_THREADS + threads.max(1) as usize)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(REQUEST_THREADS)
             .max_blocking_threads(FILE_THREADS)

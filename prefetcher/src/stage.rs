@@ -151,9 +151,13 @@ pub fn serve<S: PayloadSource>(
             // One that finds the ring full is told again for a later list.
             outcomes.try_push(outcome).ok();
         }
+        if !desk.news.is_empty() {
+            control.progress();
+        }
         for news in desk.news.drain(..) {
             tell(&control, events, news);
         }
+        control.awaits(desk.activity());
         let bound = Duration::from_nanos(cycle_end.saturating_sub(monotonic_nanos()));
         wants.wait(&control, bound, &has_ended)?;
         Ok(true)

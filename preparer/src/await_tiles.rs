@@ -100,6 +100,8 @@ impl TileWait {
         let root = self.world.root();
         loop {
             loader.drain()?;
+            // Its own clock ends this wait.
+            control.progress();
             let (mut is_root_there, mut is_over) = (true, true);
             // All of them are wanted, whatever the first is.
             for tile in &self.locked {
@@ -117,6 +119,14 @@ impl TileWait {
             }
             loader.wait(control)?;
         }
+    }
+
+    /// The first of the root's tiles that is not there: without them there is no picture. Called when the top levels are
+    /// settled; does not block.
+    pub fn missing_of_root(&mut self, loader: &mut impl TileLoader, control: &Control) -> Option<Tile> {
+        let root = self.world.root();
+        let mut of_root = self.locked.iter().filter(|tile| tile.node == root);
+        of_root.find(|tile| loader.want(**tile, 0, 0, control) != TileState::Resident).copied()
     }
 
     /// Waits until each wanted tile is resident, and returns how many are unavailable instead.
@@ -147,7 +157,7 @@ impl TileWait {
         let mut unavailable = 0;
         loop {
             let completed = control.completed_sequence();
-            let mut without_room = None;
+            let (mut without_room, before) = (None, self.pending.len());
             loader.drain()?;
             self.pending.retain(|tile| match loader.want(*tile, frame, sequence, control) {
                 TileState::Resident => false,
@@ -164,6 +174,9 @@ impl TileWait {
             loader.ask(frame, sequence);
             if self.pending.is_empty() {
                 return Ok(unavailable);
+            }
+            if self.pending.len() < before {
+                control.progress();
             }
             match without_room {
                 Some(layer) if loader.in_flight() == 0 => {

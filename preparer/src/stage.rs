@@ -174,6 +174,11 @@ impl<L: TileLoader> Preparer<L> {
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
         }
+        // Also of frames that show nothing but sky: where no height is known, the camera itself may be anywhere.
+        if let Some(tile) = preparer.wait.missing_of_root(&mut preparer.loader, &ports.control) {
+            let (frame, source) = (preparer.next_frame, RootMissing { tile });
+            return Err(PreparerError::RootMissing { frame, source, advice: advice(config) });
+        }
         Ok(preparer)
     }
 
@@ -257,6 +262,7 @@ impl<L: TileLoader> Preparer<L> {
             },
         );
         control.count(Counter::TilesWanted, counts.wanted.into());
+        control.progress();
         control.heartbeat(Stage::Preparer);
         Ok(counts)
     }

@@ -4,12 +4,10 @@
 use anyhow::{Context, bail};
 use std::io::Write;
 use std::process::ExitCode;
-use std::sync::Arc;
 use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
-use terravision_common::run::{OPEN_END, RaysChoice, RunConfig, SinkConfig};
-use terravision_common::shm::{Control, RunState};
-use terravision_common::stage::{BAD_USAGE, StageRun, UsageError};
+use terravision_common::run::{RaysChoice, RunConfig, SinkConfig};
+use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
 use terravision_renderer::bench::floor;
 use terravision_renderer::engine::EngineOptions;
@@ -92,15 +90,12 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
 }
 
 fn render(run_text: &str) -> anyhow::Result<()> {
-    // A launcher that dies takes its stages along.
-    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
-        .context("the signal of the launcher's death cannot be set")?;
     let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
+    set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
     let world = *Index::open(&config.world)?.world();
     let mut source =
         LiveSource::open(&run_id, world, config.texels, config.frames)?.with_gaps(config.realtime.is_some());
-    stop_on_signals(Arc::clone(source.control()), config.frames[1] == OPEN_END)?;
     if !matches!(config.render.samples, 1 | 4) {
         bail!("{} samples per pixel are not possible, 1 or 4 are", config.render.samples);
     }
@@ -151,17 +146,6 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         &mut |_finished| {},
     )?;
     Ok(())
-}
-
-/// Ctrl-C and TERM reach all processes of a terminal; the run is then stopping, whoever heard it first. They are the usual
-/// end of a flight without a known one, which the launcher brings to its end in order.
-fn stop_on_signals(control: Arc<Control>, is_open: bool) -> anyhow::Result<()> {
-    let stop = move || {
-        if !is_open {
-            control.set_state(RunState::Stopping);
-        }
-    };
-    ctrlc::set_handler(stop).context("signals cannot be handled")
 }
 
 /// The sinks of a run, one for each lane. So many frames were written by renderers before this one.

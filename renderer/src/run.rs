@@ -13,7 +13,7 @@ use std::time::Duration;
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::rate::FrameTiming;
 use terravision_common::run::OPEN_END;
-use terravision_common::shm::{Counter, WaitError};
+use terravision_common::shm::{Activity, Counter, WaitError};
 
 /// How long the loop waits for the device or a sink before it looks at everything else again.
 const TICK: Duration = Duration::from_millis(2);
@@ -133,6 +133,7 @@ pub fn run(
     }
     let is_cut_short = looped.reader.remaining() > 0 && looped.source.is_over();
     let FrameLoop { engine, lanes, summary, source, shape, .. } = looped;
+    source.awaits(Activity::AwaitsSink);
     lanes.finish()?;
     if is_cut_short {
         // The pictures of the last frames went with a renderer that was killed; the sink has repeated the one before.
@@ -281,6 +282,7 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::SlotsRejected, 1);
         }
         self.tell_of_recording(started, submitted?);
+        self.source.progress();
         Ok(())
     }
 
@@ -296,10 +298,12 @@ impl<'a> FrameLoop<'a> {
             self.source.check()?;
             if self.engine.has_room() {
                 // Only the sinks can help.
+                self.source.awaits(Activity::AwaitsSink);
                 if let Some(written) = self.lanes.wait_written(TICK)? {
                     self.take_back(written)?;
                 }
             } else {
+                self.source.awaits(Activity::AwaitsDevice);
                 self.collect(TICK, observe)?;
             }
         }
@@ -325,12 +329,18 @@ impl<'a> FrameLoop<'a> {
                 return Ok(());
             }
             self.source.check()?;
+            self.await_device_or_sink();
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
             } else if let Some(written) = self.lanes.wait_written(TICK)? {
                 self.take_back(written)?;
             }
         }
+    }
+
+    fn await_device_or_sink(&mut self) {
+        let activity = if self.engine.is_busy() { Activity::AwaitsDevice } else { Activity::AwaitsSink };
+        self.source.awaits(activity);
     }
 
     /// Takes finished frames from the device (the oldest within `timeout`) and written ones from the lanes.
@@ -347,6 +357,7 @@ impl<'a> FrameLoop<'a> {
     }
 
     fn finish(&mut self, mut finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
+        self.source.progress();
         if let Some(border) = self.borders.pop_front().flatten() {
             border.draw(&mut finished.pixels, self.options.samples);
         }
@@ -399,6 +410,7 @@ impl<'a> FrameLoop<'a> {
 
     fn take_back(&mut self, written: Written) -> Result<(), RunError> {
         self.with_lanes -= 1;
+        self.source.progress();
         if let Some((_, is_written)) = self.unwritten.iter_mut().find(|(done, _)| done.sequence == written.sequence) {
             *is_written = true;
         }
@@ -466,6 +478,7 @@ impl<'a> FrameLoop<'a> {
                 Err(error) if !error.is_finished() => return Err(error),
                 _goes_on => {}
             }
+            self.await_device_or_sink();
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
             } else if let Some(written) = self.lanes.wait_written(TICK)? {

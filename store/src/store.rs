@@ -20,6 +20,7 @@ use terravision_common::database::{
 };
 use terravision_common::files::read_bounded;
 use terravision_common::node::NodeId;
+use terravision_common::threads::ensure;
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 use tokio::runtime::{Builder, Runtime};
@@ -200,6 +201,8 @@ impl Elsewhere {
         log: &Arc<ErrorLog>,
         on_progress: OnProgress<'_>,
     ) -> Result<Self, StoreError> {
+        // The runtime panics without them.
+        ensure(NETWORK_THREADS + DISK_THREADS).map_err(|source| StoreError::Threads { source })?;
         let runtime = Builder::new_multi_thread()
             .worker_threads(NETWORK_THREADS)
             .max_blocking_threads(DISK_THREADS)

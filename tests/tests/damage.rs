@@ -85,6 +85,33 @@ fn corrupt_tiles_are_listed_and_their_parents_drawn() {
     }
 }
 
+/// Without any elevation there is no picture: not of a still, and not of a flight that would see nothing but sky.
+#[test]
+fn elevation_that_cannot_be_read_at_all_ends_still_and_flight_alike() {
+    let world = synth_world(1024);
+    let folder = TestFolder::new("no-elevation");
+    let database = copy_of(&world, &folder);
+    let path = database.join("elevation.pmtiles");
+    let mut bytes = fs::read(&path).unwrap();
+    let data = tile_data(&bytes);
+    bytes[data].iter_mut().for_each(|byte| *byte ^= 0x5a);
+    fs::write(&path, bytes).unwrap();
+    still(&database, &world, &folder).assert_told(1);
+    for mode in ["exact", "realtime"] {
+        let film = folder.join("a.mp4");
+        let flight = Terravision::verb("fly")
+            .arg(&database)
+            .args(["--path", "orbit", "--frames", "0..5", "--size", "320x180", "--mode", mode, "-o"])
+            .arg(&film)
+            .run();
+        flight.assert_told(1);
+        assert!(flight.stderr.contains("elevation tile of the root"), "{mode}: {}", flight.stderr);
+        assert!(!film.exists(), "{mode}");
+    }
+    let left = fs::read_dir(folder.path()).unwrap().flatten().filter(|entry| entry.file_name() != "copy.tv");
+    assert_eq!(left.count(), 0);
+}
+
 /// One flipped bit at places all over each file: the picture is unchanged, or the program says what is wrong.
 #[test]
 fn a_flipped_bit_anywhere_never_passes_unnoticed_and_never_panics() {

@@ -1,5 +1,6 @@
 //! The control block: how the run stands, who lives, which frames are done; and how every wait ends.
 
+use super::activity::Activity;
 use super::bell::{Bell, Slept};
 use super::control_words::{CAMERA_WORDS, COUNTERS, ControlWords, TIMING_WORDS};
 pub use super::control_words::{Counter, FAILURE_CAUSES, Gauge, RunState};
@@ -47,7 +48,7 @@ impl Control {
         Ok(Self { segment: Arc::clone(segment), launcher: Watch::of(launcher)?, own: AtomicU32::new(0) })
     }
 
-    fn words(&self) -> &ControlWords {
+    pub(super) fn words(&self) -> &ControlWords {
         self.segment.words()
     }
 
@@ -131,6 +132,8 @@ impl Control {
         let words = &self.words().stages[stage as usize];
         words.start_time.store(own.start_time, Ordering::Relaxed);
         words.generation.fetch_add(1, Ordering::Relaxed);
+        // Of the process before this one.
+        words.activity.store(0, Ordering::Relaxed);
         // Release: SYNC control.stage, the start time comes before.
         words.pid.store(own.pid.into(), Ordering::Release);
         // Relaxed: told to this process alone.
@@ -165,10 +168,15 @@ impl Control {
         self.words().stages[stage as usize].heartbeat_nanos.store(monotonic_nanos(), Ordering::Relaxed);
     }
 
+    /// The stage that this process is, if it is one.
+    pub(super) fn own_stage(&self) -> Option<Stage> {
+        let own = self.own.load(Ordering::Relaxed);
+        Stage::ALL.into_iter().find(|stage| *stage as u32 + 1 == own)
+    }
+
     /// The stage that this process is, if it is one, gives a sign of life.
     fn beat(&self) {
-        let own = self.own.load(Ordering::Relaxed);
-        if let Some(stage) = Stage::ALL.into_iter().find(|stage| *stage as u32 + 1 == own) {
+        if let Some(stage) = self.own_stage() {
             self.heartbeat(stage);
         }
     }
@@ -260,8 +268,10 @@ impl Control {
             if let Some(camera) = newest
                 && (camera.timestamp_nanos >= made_nanos || now >= deadline_nanos)
             {
+                self.progress();
                 return Ok(camera);
             }
+            self.awaits(Activity::AwaitsCamera);
             let rest = Duration::from_nanos(deadline_nanos.saturating_sub(now));
             let bound = if rest.is_zero() { WAIT_BOUND } else { rest.min(WAIT_BOUND) };
             self.beat();
@@ -294,7 +304,8 @@ impl Control {
     /// # Errors
     /// The run ended.
     pub fn wait_clock_start(&self) -> Result<u64, WaitError> {
-        self.wait_for(&self.words().camera_bell.0, None, || Ok(self.clock_start()))
+        // It starts with the first picture.
+        self.wait_for(&self.words().camera_bell.0, Some(Stage::Renderer), || Ok(self.clock_start()))
     }
 
     /// A frame is finished: replaces what is told of the one before. One process (the renderer) does this.
@@ -423,9 +434,23 @@ impl Control {
         while !backoff.is_completed() {
             backoff.snooze();
             if let Some(found) = attempt()? {
+                self.progress();
                 return Ok(found);
             }
         }
+        self.awaits(peer.map_or(Activity::AwaitsCamera, Activity::Awaits));
+        let found = self.sleep_until(bell, peer, attempt)?;
+        self.progress();
+        Ok(found)
+    }
+
+    /// The sleeps of [`Control::wait_for`].
+    fn sleep_until<R>(
+        &self,
+        bell: &Bell,
+        peer: Option<Stage>,
+        mut attempt: impl FnMut() -> Result<Option<R>, ShmError>,
+    ) -> Result<R, WaitError> {
         let mut sleeps_with_dead_peer = 0;
         loop {
             self.check_running()?;

@@ -152,6 +152,10 @@ pub(crate) struct StageWords {
     pub(crate) heartbeat_nanos: AtomicU64,
     /// How often a process took this place: a restarted stage is told from a slow one.
     pub(crate) generation: AtomicU64,
+    /// How often it got something done.
+    pub(crate) progress: AtomicU64,
+    /// What it has waited for since ([`super::activity::Activity`]).
+    pub(crate) activity: AtomicU32,
 }
 
 /// The control block. Words that different processes write lie on different cache lines.

@@ -79,6 +79,16 @@ pub enum ShmError {
         /// Bytes that are mapped.
         found: u64,
     },
+    /// Another program has cut the file of a segment short, or made it longer.
+    #[error("/dev/shm/{name} was cut by another program: it has {found} bytes, expected {expected}")]
+    CutShort {
+        /// Its name below `/dev/shm`.
+        name: String,
+        /// Bytes that it has.
+        found: u64,
+        /// Bytes that it was made with.
+        expected: u64,
+    },
     /// A number in the segment is not one that a healthy peer writes.
     #[error("segment {name} is corrupt: {field} is {found}, expected {expected}")]
     Corrupt {

@@ -6,6 +6,37 @@
 
 use crate::sync::{AtomicU64, Ordering, fence};
 
+/// Where the writer's words go: into a file, of which it holds no mapping (a peer that cuts the file short must not kill it), or
+/// into words under the model checker.
+pub(crate) trait Outlet {
+    /// Why a word cannot be written.
+    type Error;
+
+    /// Stores a slot's sequence, relaxed.
+    fn sequence(&mut self, value: u64) -> Result<(), Self::Error>;
+
+    /// Stores the number of the newest publication, relaxed.
+    fn newest(&mut self, number: u64) -> Result<(), Self::Error>;
+}
+
+/// Publication `number` begins; the words may be stored (relaxed) from here on. One writer at a time.
+pub(crate) fn begin<O: Outlet>(out: &mut O, number: u64) -> Result<(), O::Error> {
+    out.sequence(number.wrapping_mul(2).wrapping_sub(1))?;
+    // Whoever loads one of the new words, and then fences, sees the odd sequence.
+    fence(Ordering::Release); // SYNC frame.begin
+    Ok(())
+}
+
+/// Publication `number` is whole, and the newest.
+pub(crate) fn publish<O: Outlet>(out: &mut O, number: u64) -> Result<(), O::Error> {
+    // The words come before. For who goes by `newest`, the fence below would do.
+    fence(Ordering::Release); // SYNC frame.end
+    out.sequence(number.wrapping_mul(2))?;
+    // The sequence comes before.
+    fence(Ordering::Release); // SYNC frame.newest
+    out.newest(number)
+}
+
 /// Borrowed words of a slot.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FrameSlot<'a> {
@@ -14,21 +45,6 @@ pub(crate) struct FrameSlot<'a> {
 }
 
 impl FrameSlot<'_> {
-    /// Publication `number` begins; the words may be stored (relaxed) from here on. One writer at a time.
-    pub(crate) fn begin(&self, number: u64) {
-        self.sequence.store(number.wrapping_mul(2).wrapping_sub(1), Ordering::Relaxed);
-        // SYNC frame.begin: whoever loads one of the new words, and then fences, sees the odd sequence.
-        fence(Ordering::Release);
-    }
-
-    /// Publication `number` is whole, and the newest.
-    pub(crate) fn publish(&self, number: u64, newest: &AtomicU64) {
-        // Release: SYNC frame.end, the words come before. For who goes by `newest`, its Release would do.
-        self.sequence.store(number.wrapping_mul(2), Ordering::Release);
-        // Release: SYNC frame.newest, the sequence comes before.
-        newest.store(number, Ordering::Release);
-    }
-
     /// What `copy` makes of the words (relaxed loads), if they were those of publication `number` from first to last.
     /// What it made of others is dropped: it must be able to take any words.
     pub(crate) fn copy<R>(&self, number: u64, copy: impl FnOnce(&[AtomicU64]) -> R) -> Option<R> {

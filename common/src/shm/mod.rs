@@ -23,7 +23,9 @@
 //! write. Nothing that it wrote makes this side read out of bounds, wait for ever or panic: positions, counts and indices
 //! are read once and checked, and what cannot be is [`ShmError::Corrupt`]. A thing becomes visible by one store, the last
 //! of its write, so that a killed writer publishes nothing half; its successor goes on from the last published position.
-//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers (SIGBUS).
+//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers (SIGBUS). So what programs outside of
+//! the run may open is not mapped here, but read and written as a file ([`public_file`]); of a stage that dies of it in the run's own
+//! segments the launcher says why ([`RunSegments::cut_short`]), and of itself, too ([`end_on_bus_error`]).
 //!
 //! # Waiting
 //! Blocking calls take the [`Control`] of the run. They back off for a few microseconds, then sleep on a futex that the
@@ -63,6 +65,10 @@ mod slot_words;
 mod want_core;
 
 #[cfg(not(loom))]
+mod activity;
+#[cfg(not(loom))]
+mod bus_guard;
+#[cfg(not(loom))]
 mod control;
 #[cfg(not(loom))]
 mod control_words;
@@ -83,6 +89,8 @@ mod pool;
 #[cfg(not(loom))]
 mod poses;
 #[cfg(not(loom))]
+mod public_file;
+#[cfg(not(loom))]
 mod region;
 #[cfg(not(loom))]
 mod ring;
@@ -98,6 +106,10 @@ mod loom_tests;
 #[cfg(not(loom))]
 mod tests;
 
+#[cfg(not(loom))]
+pub use activity::Activity;
+#[cfg(not(loom))]
+pub use bus_guard::end_on_bus_error;
 #[cfg(not(loom))]
 pub use control::{Control, Counter, FAILURE_CAUSES, Gauge, RunState, WAIT_BOUND};
 #[cfg(not(loom))]

@@ -6,14 +6,16 @@
 //! start removes it.
 
 use super::error::ShmError;
+use super::public_file::PublicFile;
 use super::region::{Region, SharedWords};
 use super::segments::{SHM_FOLDER, free_bytes, is_named, open_own, reserve};
-use crate::sync::{AtomicU32, AtomicU64, Ordering};
+use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
 use memmap2::MmapOptions;
 use rustix::fd::{AsRawFd, OwnedFd};
 use rustix::fs::{AtFlags, CWD, FileType, FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What names of such segments begin with.
@@ -81,6 +83,8 @@ pub(crate) struct NamedHeader {
 
 const _: () = assert!(size_of::<NamedHeader>() == 64);
 
+const STATE_OFFSET: u64 = std::mem::offset_of!(NamedHeader, state) as u64;
+
 // SAFETY: atomics alone, repr(C), aligned to 8.
 unsafe impl SharedWords for NamedHeader {}
 // SAFETY: an atomic, aligned to 8.
@@ -101,10 +105,8 @@ pub(crate) const CAMERA: NamedKind = NamedKind { magic: *b"TVCAMERA", version: 1
 /// A segment that this process has made. Dropped, it is marked as ended and its name is removed.
 #[derive(Debug)]
 pub(crate) struct NamedSegment {
-    pub(crate) region: std::sync::Arc<Region>,
-    name: String,
     /// Locked as long as this lives.
-    file: OwnedFd,
+    pub(crate) file: Arc<PublicFile>,
 }
 
 impl NamedSegment {
@@ -131,6 +133,7 @@ impl NamedSegment {
             source => os("reserve the memory of")(source),
         })?;
         rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(os("lock"))?;
+        // As long as it has no name, nobody else has it.
         let region = map(&file, name, true)?;
         fill(&region);
         let header: &NamedHeader = region.words(0);
@@ -140,10 +143,11 @@ impl NamedSegment {
         header.pid.store(std::process::id(), Ordering::Relaxed);
         header.total_bytes.store(bytes, Ordering::Relaxed);
         header.state.store(LIVE, Ordering::Relaxed);
+        drop(region);
         for attempt in 1..=TRIES {
             let unnamed = format!("/proc/self/fd/{}", file.as_raw_fd());
             match rustix::fs::linkat(CWD, &unnamed, CWD, path(name), AtFlags::SYMLINK_FOLLOW) {
-                Ok(()) => return Ok(Self { region: std::sync::Arc::new(region), name: name.to_owned(), file }),
+                Ok(()) => return Ok(Self { file: Arc::new(PublicFile::new(file, name, bytes)) }),
                 Err(Errno::EXIST) => match remove_dead(name) {
                     Ok(_) => {}
                     // Another start may hold the lock for a moment, to remove what is dead.
@@ -160,22 +164,23 @@ impl NamedSegment {
 impl NamedSegment {
     /// Its name below `/dev/shm`.
     pub(crate) fn name(&self) -> &str {
-        &self.name
+        self.file.name()
     }
 }
 
 impl Drop for NamedSegment {
     fn drop(&mut self) {
-        // Release: SYNC named.ended, all that was written comes before.
-        self.region.words::<NamedHeader>(0).state.store(ENDED, Ordering::Release);
-        if is_named(&self.file, &self.name) {
-            // Nobody is left to tell.
-            rustix::fs::unlink(path(&self.name)).ok();
+        // SYNC named.ended: all that was written comes before.
+        fence(Ordering::Release);
+        // Nobody is left to tell.
+        self.file.write_at(STATE_OFFSET, &ENDED.to_ne_bytes()).ok();
+        if is_named(self.file.file(), self.name()) {
+            rustix::fs::unlink(path(self.name())).ok();
         }
     }
 }
 
-fn path(name: &str) -> String {
+pub(crate) fn path(name: &str) -> String {
     format!("{SHM_FOLDER}/{name}")
 }
 
@@ -190,9 +195,30 @@ fn map(file: &OwnedFd, name: &str, is_writable: bool) -> Result<Region, ShmError
     Region::file(mapped.map_err(failed)?, name)
 }
 
-/// Opens a segment and checks its header. With `is_writable` unset it is mapped for reading alone, and must not be
-/// stored to.
+/// Opens a segment, maps it and checks its header: for other programs, which take the risk that it is cut. With `is_writable` unset
+/// it is mapped for reading alone, and must not be stored to.
 pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Region, ShmError> {
+    let (file, size) = open_file(name, is_writable)?;
+    let region = map(&file, name, is_writable)?;
+    check_header(&region, name, kind, size)?;
+    Ok(region)
+}
+
+/// Opens a segment for reading and writing as a file, and checks its header. Also returns the first `head` bytes, as they are now.
+pub(crate) fn open_unmapped(name: &str, kind: NamedKind, head: usize) -> Result<(PublicFile, Region), ShmError> {
+    let (file, size) = open_file(name, true)?;
+    let file = PublicFile::new(file, name, size);
+    let mut bytes = vec![0; head];
+    file.read_at(0, &mut bytes)?;
+    let region = Region::heap(head as u64)?;
+    // SAFETY: nobody else has this memory yet.
+    unsafe { region.slice_mut::<u8>(0, head as u64) }.copy_from_slice(&bytes);
+    check_header(&region, name, kind, size)?;
+    Ok((file, region))
+}
+
+/// The file of a segment, and its length.
+fn open_file(name: &str, is_writable: bool) -> Result<(OwnedFd, u64), ShmError> {
     let os = |action| move |source| ShmError::Os { action, name: name.to_owned(), source };
     let access = if is_writable { OFlags::RDWR } else { OFlags::RDONLY };
     let flags = access | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
@@ -203,7 +229,11 @@ pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Reg
     if FileType::from_raw_mode(found.st_mode) != FileType::RegularFile || size < least {
         return Err(ShmError::TooSmall { name: name.to_owned(), needed: least, found: size });
     }
-    let region = map(&file, name, is_writable)?;
+    Ok((file, size))
+}
+
+/// Whether this is the header of a segment of this kind, in a file of this size.
+fn check_header(region: &Region, name: &str, kind: NamedKind, size: u64) -> Result<(), ShmError> {
     let header: &NamedHeader = region.words(0);
     let (found, expected) = (header.magic.load(Ordering::Relaxed), u64::from_ne_bytes(kind.magic));
     if found != expected {
@@ -214,11 +244,11 @@ pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Reg
         return Err(ShmError::VersionMismatch { name: name.to_owned(), ours: kind.version, theirs });
     }
     let total = header.total_bytes.load(Ordering::Relaxed);
-    if total != region.len() {
+    if total != size {
         let (name, field, expected) = (name.to_owned(), "the layout size", "the size of the file");
         return Err(ShmError::Corrupt { name, field, found: total, expected });
     }
-    Ok(region)
+    Ok(())
 }
 
 /// Whether the run that made the segment has ended in order. A launcher that was killed says nothing: see
@@ -309,7 +339,7 @@ mod tests {
         let name = unique("dead");
         let left = NamedSegment::create(&name, FRAMES, 4096, |_| {}).unwrap();
         // As a kill does it: the lock goes, the name stays.
-        rustix::fs::flock(&left.file, FlockOperation::Unlock).unwrap();
+        rustix::fs::flock(left.file.file(), FlockOperation::Unlock).unwrap();
         let next = NamedSegment::create(&name, FRAMES, 8192, |_| {}).unwrap();
         assert_eq!(open(&name, FRAMES, false).unwrap().len(), 8192);
         // The name is another's now: it must not be removed with the old segment.

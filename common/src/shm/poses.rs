@@ -7,7 +7,7 @@ use super::error::ShmError;
 use super::named::{self, CAMERA, NamedSegment, SharedName};
 use super::region::{Region, SharedWords};
 use super::seqlock::SeqLock;
-use crate::sync::{AtomicU64, Ordering};
+use crate::sync::{AtomicU64, Ordering, fence};
 
 const RECORD_OFFSET: u64 = 64;
 const ANSWERS_OFFSET: u64 = 256;
@@ -94,25 +94,40 @@ impl PoseInbox {
         self.segment.name()
     }
 
-    /// The newest record, if it was not seen yet. Does not wait.
-    pub fn read(&mut self) -> Option<PoseRecord> {
-        let record: &SeqLock<WORDS> = self.segment.region.words(RECORD_OFFSET);
-        if record.counter() == self.seen {
-            return None;
+    /// The newest record, if it was not seen yet, and none is being written. Does not wait.
+    ///
+    /// # Errors
+    /// [`ShmError::CutShort`]: another program has cut the file.
+    pub fn read(&mut self) -> Result<Option<PoseRecord>, ShmError> {
+        // The sequence lock of [`SeqLock::read_numbered`], its loads made by the kernel.
+        let file = &self.segment.file;
+        let [before] = file.read_words(RECORD_OFFSET)?;
+        if before == self.seen || !before.is_multiple_of(2) {
+            return Ok(None);
         }
-        let (counter, words) = record.read_numbered()?;
-        self.seen = counter;
-        Some(PoseRecord::of(words))
+        // SYNC seqlock.end: the words of the record come after its counter.
+        fence(Ordering::Acquire);
+        let words = file.read_words::<WORDS>(RECORD_OFFSET + 8)?;
+        // SYNC seqlock.begin.
+        fence(Ordering::Acquire);
+        if file.read_words(RECORD_OFFSET)? != [before] {
+            return Ok(None);
+        }
+        self.seen = before;
+        Ok(Some(PoseRecord::of(words)))
     }
 
     /// Tells the sender what became of what it sent.
-    pub fn answer(&self, accepted: u64, refused: u64) {
-        let words: &[AtomicU64] = self.segment.region.words_slice(ANSWERS_OFFSET, 3);
-        let [accepted_word, refused_word, looked_at] = words else { return };
-        accepted_word.store(accepted, Ordering::Relaxed);
-        refused_word.store(refused, Ordering::Relaxed);
-        // Release: SYNC poses.answers, the counts come before.
-        looked_at.store(self.seen, Ordering::Release);
+    ///
+    /// # Errors
+    /// [`ShmError::CutShort`]: another program has cut the file.
+    pub fn answer(&self, accepted: u64, refused: u64) -> Result<(), ShmError> {
+        let file = &self.segment.file;
+        file.write_words(ANSWERS_OFFSET, &[accepted, refused])?;
+        // SYNC poses.answers: the counts come before.
+        fence(Ordering::Release);
+        file.write_words(ANSWERS_OFFSET + 16, &[self.seen])?;
+        file.check_len()
     }
 }
 
@@ -168,7 +183,7 @@ mod tests {
     fn the_newest_record_is_read_once_and_answered() {
         let name = SharedName::parse(&format!("unit-poses-{}", std::process::id())).unwrap();
         let mut inbox = PoseInbox::create(&name).unwrap();
-        assert_eq!(inbox.read(), None);
+        assert_eq!(inbox.read().unwrap(), None);
         let sender = PoseSender::open(&name).unwrap();
         let mut record = PoseRecord {
             position: [1.0, 2.0, 3.0],
@@ -182,16 +197,32 @@ mod tests {
         sender.send(&record);
         record.time_s = 8.0;
         let counter = sender.send(&record);
-        assert_eq!(inbox.read(), Some(record));
-        assert_eq!(inbox.read(), None);
-        inbox.answer(1, 0);
+        assert_eq!(inbox.read().unwrap(), Some(record));
+        assert_eq!(inbox.read().unwrap(), None);
+        inbox.answer(1, 0).unwrap();
         assert_eq!(sender.answers(), PoseAnswers { accepted: 1, refused: 0, looked_at: counter });
         record.is_end = true;
         // Another sender goes on.
         PoseSender::open(&name).unwrap().send(&record);
-        assert_eq!(inbox.read(), Some(record));
+        assert_eq!(inbox.read().unwrap(), Some(record));
         assert!(!sender.is_ended());
         drop(inbox);
         assert!(sender.is_ended() && PoseSender::open(&name).is_err());
+    }
+
+    /// A mapping of the file would end the process here.
+    #[test]
+    fn an_inbox_that_is_cut_is_an_error() {
+        let name = SharedName::parse(&format!("unit-poses-cut-{}", std::process::id())).unwrap();
+        let mut inbox = PoseInbox::create(&name).unwrap();
+        let path = format!("/dev/shm/{}", inbox.file());
+        let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+        file.set_len(70).unwrap();
+        assert!(matches!(inbox.read(), Err(ShmError::CutShort { found: 70, expected: TOTAL_BYTES, .. })));
+        file.set_len(0).unwrap();
+        assert!(matches!(inbox.read(), Err(ShmError::CutShort { found: 0, .. })));
+        assert!(matches!(inbox.answer(1, 2), Err(ShmError::CutShort { .. })));
+        drop(inbox);
+        assert!(!std::path::Path::new(&path).exists());
     }
 }

@@ -14,6 +14,7 @@ use rustix::fs::{FallocateFlags, FileType, FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use rustix::shm;
 use shared_memory::{ShmemConf, ShmemError};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -30,7 +31,7 @@ pub struct RunSegments {
     segments: Vec<Arc<Segment>>,
     /// Locked for as long as the launcher lives, also where its process id means nothing (containers that share
     /// /dev/shm): nobody takes these for the segments of a dead run.
-    _locks: Vec<OwnedFd>,
+    locks: Vec<OwnedFd>,
 }
 
 impl RunSegments {
@@ -44,7 +45,7 @@ impl RunSegments {
         if available < needed {
             return Err(ShmError::NotEnoughSpace { needed, available });
         }
-        let mut made = Self { run: *run, segments: Vec::new(), _locks: Vec::new() };
+        let mut made = Self { run: *run, segments: Vec::new(), locks: Vec::new() };
         // The control block last: it is what stages open first.
         for &kind in SegmentKind::ALL.iter().rev() {
             made.create_one(kind, layout)?;
@@ -76,7 +77,7 @@ impl RunSegments {
         rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(os("lock"))?;
         let segment = Segment::create(Region::mapping(shmem, &name)?, geometry)?;
         self.segments.push(Arc::new(segment));
-        self._locks.push(file);
+        self.locks.push(file);
         Ok(())
     }
 
@@ -84,6 +85,23 @@ impl RunSegments {
     #[must_use]
     pub fn run(&self) -> &RunId {
         &self.run
+    }
+
+    /// The files of the segments.
+    #[must_use]
+    pub fn paths(&self) -> Vec<PathBuf> {
+        let names = self.segments.iter().map(|segment| self.run.segment_name(segment.kind()));
+        names.map(|name| Path::new(SHM_FOLDER).join(name)).collect()
+    }
+
+    /// Name below `/dev/shm` of a segment whose file another process has cut short: who maps it dies of the signal SIGBUS.
+    #[must_use]
+    pub fn cut_short(&self) -> Option<String> {
+        let is_cut = |file: &OwnedFd, segment: &Segment| {
+            rustix::fs::fstat(file).is_ok_and(|found| found.st_size.unsigned_abs() < segment.geometry().total_bytes)
+        };
+        let mut all = self.locks.iter().zip(&self.segments);
+        all.find(|(file, segment)| is_cut(file, segment)).map(|(_, segment)| self.run.segment_name(segment.kind()))
     }
 
     /// Bytes of shared memory that the run takes.

@@ -10,6 +10,7 @@
 //! SIGKILL leaves segments; the next start removes them.
 
 pub mod collector;
+pub mod hang;
 pub mod interrupt;
 pub mod kept;
 pub mod memory;
@@ -18,6 +19,7 @@ pub mod progress;
 pub mod restart;
 pub mod stage;
 pub mod supervisor;
+pub(crate) mod vitals;
 
 use crate::data_set::FlownFrame;
 use crate::failure::{ExitStatus, Failure};
@@ -26,6 +28,7 @@ use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences, main
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
 use crate::report::{Report, RunFigures};
+use crate::stream::hang::EncoderWatch;
 use crate::stream::{StreamError, StreamKeeper};
 use crate::trace::{self, Phase};
 use anyhow::{Context, anyhow};
@@ -43,7 +46,8 @@ use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
 use terravision_common::run::{RaysChoice, RunConfig, TechniqueChoice};
 use terravision_common::shm::{
-    Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, reap_dead_runs,
+    Consumer, Control, Counter, FrameRing, FrameShape, RunSegments, SharedName, ShmError, Stage, end_on_bus_error,
+    reap_dead_runs,
 };
 use terravision_store::Cause;
 
@@ -78,6 +82,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
 
     let ring = frame_ring(&plan)?;
     let segments = RunSegments::create(&plan.run, &plan.layout).map_err(no_segments)?;
+    guard_against_truncation(&plan, &segments, ring.as_ref());
     let mut run = Run::open(&plan, ring)?;
     run.phases.push(Phase::own("plan", started_nanos, planned_nanos));
     run.phases.push(Phase::own("set up", planned_nanos, monotonic_nanos()));
@@ -87,14 +92,24 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     }
     if let Some(socket) = plan.metrics.take() {
         progress.say(&format!("figures of the run: http://{}/metrics", socket.address()));
+        socket.warning().iter().for_each(|warning| progress.warn(warning));
         let tally = Arc::new(Mutex::new(FrameTally::new(&plan.config)));
         run.metrics = Some(Metrics::start(socket, &plan, tally).map_err(Failure::failed)?);
     }
-    let ending = run.fly(&mut plan, &progress)?;
+    let ending = match run.fly(&mut plan, &progress) {
+        Ok(ending) => ending,
+        Err(failure) => {
+            // All stages have ended, and with them whoever they had started.
+            supervisor::end_orphans();
+            remove_partials(&plan, &run.pids);
+            return Err(failure);
+        }
+    };
     let figures = run.close(&plan, started_nanos);
     for sentence in failure_sentences(&figures) {
         progress.warn(&sentence);
     }
+    let cut = segments.cut_short();
     if figures.trees_cut_short > 0 && plan.config.realtime.is_none() {
         progress.warn(&format!(
             "{} of {} frames need more of the terrain's tree than there is room for: their facets and colours are coarser than \
@@ -106,7 +121,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     drop(segments);
     supervisor::end_orphans();
     if ending != Ending::Finished || !figures.restarts.is_empty() {
-        remove_partials(&plan, &figures);
+        remove_partials(&plan, &figures.pids);
     }
     progress.finish();
     let kept = Kept::of(&plan);
@@ -127,6 +142,11 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         }
         Ending::Died { stage, how, words, is_bad_input, restarts } => {
             let mut sentence = restart::sentence(stage, &how, &words);
+            if let Some(name) = cut {
+                sentence += &format!(" (its shared memory, /dev/shm/{name}, was truncated by another program)");
+            } else if how.contains("bus error") {
+                sentence += " (is /dev/shm full, or was its shared memory truncated?)";
+            }
             let rest = kept.clause(&plan);
             if let Some(why) = main_failure(&figures).filter(|_| stage == Stage::Preparer && !is_bad_input) {
                 sentence += &format!(" ({why})");
@@ -146,6 +166,19 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
         }
     }
     conclude(plan, &figures, &progress)
+}
+
+/// A launcher that dies of segments that were truncated under it leaves a sentence, and nothing else.
+fn guard_against_truncation(plan: &FlightPlan, segments: &RunSegments, ring: Option<&FrameRing>) {
+    const SENTENCE: &str = "terravision: the flight is broken off: a file of its shared memory, /dev/shm/tv-…, was truncated by \
+                            another program (bus error)";
+    let mut files = segments.paths();
+    files.extend(ring.map(FrameRing::path));
+    files.extend(plan.live.as_ref().and_then(|live| live.input.shared_file()));
+    let temporary = plan.files.iter().chain(&plan.report).chain(&plan.trace);
+    files.extend(temporary.filter_map(TemporaryFile::to_remove).map(Path::to_owned));
+    // Where the system refuses, it dies without a sentence, and the next start removes what it left.
+    end_on_bus_error(SENTENCE, files, ExitStatus::Failed as u8).ok();
 }
 
 /// Gives the results their names, writes report and trace, says how it went.
@@ -189,10 +222,10 @@ fn conclude(plan: FlightPlan, figures: &RunFigures, progress: &Progress) -> Resu
 }
 
 /// Removes half files of stages that were killed.
-fn remove_partials(plan: &FlightPlan, figures: &RunFigures) {
+fn remove_partials(plan: &FlightPlan, pids: &[(Stage, u32)]) {
     let folders = plan.files.iter().map(TemporaryFile::folder).chain(kept::folders(plan).map(FrameFolder::path));
     for folder in folders {
-        figures.pids.iter().for_each(|(_, pid)| output::remove_partials(folder, *pid));
+        pids.iter().for_each(|(_, pid)| output::remove_partials(folder, *pid));
     }
 }
 
@@ -317,9 +350,14 @@ impl Run {
         // The pilot ends a live flight in order at the first Ctrl-C.
         let is_interrupted = || interrupt::count() > u32::from(is_live);
         let has_stream_failed = || stream.as_ref().is_some_and(StreamKeeper::has_failed);
-        let is_broken_off = || is_interrupted() || has_stream_failed();
+        let is_broken_off = || is_interrupted() || has_stream_failed() || pilot.failure().is_some();
+        let is_output_blocked = || stream.as_ref().is_some_and(StreamKeeper::is_blocked);
+        let mut encoder_watch = EncoderWatch::new(plan.restarts.hang.after);
         let encoder = stream.as_ref().and_then(StreamKeeper::encoder_pid);
-        let ending = supervisor::watch(&mut stages, control, &is_broken_off, &mut restarts, &mut |stages| {
+        let look = &mut |stages: &[StageProcess]| {
+            if let Some(stream) = &stream {
+                encoder_watch.look(stream, false);
+            }
             drain(events, collector, metrics.as_ref(), control);
             may_tell_of_rays = may_tell_of_rays && !tell_of_rays(collector, samples, progress);
             if let Some(Ok(words)) = collector.rays().filter(|_| may_tell_of_choice) {
@@ -331,7 +369,8 @@ impl Run {
             window.sample(control);
             progress.show(control.written_frames());
             pilot.words().for_each(|sentence| progress.warn(&sentence));
-        });
+        };
+        let ending = supervisor::watch(&mut stages, control, &is_broken_off, &is_output_blocked, &mut restarts, look);
         self.restarts = restarts.counts().clone();
         let landed_nanos = monotonic_nanos();
         self.phases.push(Phase::own("fly", flying_nanos, landed_nanos));
@@ -340,7 +379,7 @@ impl Run {
         if ending == Ending::Finished {
             control.set_state(terravision_common::shm::RunState::Stopping);
         }
-        let (Flown { frames: flown, poses }, words) = pilot.join();
+        let (Flown { frames: flown, poses }, words, pilot_failure) = pilot.join();
         words.iter().for_each(|sentence| progress.warn(sentence));
         drain(&mut self.events, &mut self.collector, self.metrics.as_ref(), &self.control);
         if may_tell_of_rays {
@@ -364,8 +403,11 @@ impl Run {
                 }
             }
         }
+        if let Some(error) = pilot_failure {
+            return Err(Failure::failed(error));
+        }
         if let Some(stream) = stream.filter(|_| ending == Ending::Finished || has_stream_failed) {
-            let finished = stream.finish(&is_interrupted);
+            let finished = stream.finish(&is_interrupted, &mut encoder_watch);
             let completed_nanos = monotonic_nanos();
             self.phases.push(Phase::own("complete", landed_nanos, completed_nanos));
             self.phases.extend(encoder.map(|pid| Phase::encoder(pid, begun_nanos, completed_nanos)));

@@ -8,7 +8,9 @@ use crate::ground::WorldGround;
 use crate::input::{Incoming, LiveCamera};
 use crate::path::MAX_FRAMES;
 use crate::plan::FlightPlan;
+use crate::thread::in_thread;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
@@ -38,6 +40,7 @@ const CUT: f64 = 8.0;
 pub struct Pilot {
     thread: JoinHandle<Flown>,
     words: Receiver<String>,
+    failure: Arc<OnceLock<ShmError>>,
 }
 
 /// What a pilot has flown of poses that another program sent.
@@ -58,6 +61,8 @@ struct Cockpit {
     times: Option<PoseTimes>,
     /// Where the cameras to come are told, for a prefetcher that shall know them.
     path: Option<Producer<CameraRecord>>,
+    /// Why no pose can come any more.
+    failure: Arc<OnceLock<ShmError>>,
 }
 
 impl Pilot {
@@ -65,23 +70,25 @@ impl Pilot {
     /// out of the plan.
     ///
     /// # Errors
-    /// [`ShmError`] when the ring or the control block does not open.
-    pub fn start(plan: &mut FlightPlan, times: Option<PoseTimes>) -> Result<Self, ShmError> {
+    /// The ring or the control block does not open, or there is no thread for it.
+    pub fn start(plan: &mut FlightPlan, times: Option<PoseTimes>) -> anyhow::Result<Self> {
         let control = Control::open(&plan.run)?;
         let ring = Producer::open(&plan.run, SegmentKind::CameraRing)?;
         let is_told = plan.config.prefetch.prediction == Prediction::Oracle;
         let path = is_told.then(|| Producer::open(&plan.run, SegmentKind::PathRing)).transpose()?;
-        let cockpit = Cockpit { control, ring, first: plan.config.frames[0], times, path };
+        let failure = Arc::new(OnceLock::new());
+        let first = plan.config.frames[0];
+        let cockpit = Cockpit { control, ring, first, times, path, failure: Arc::clone(&failure) };
         let (tell, words) = channel();
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
         let thread = match plan.live.take() {
             Some(live) => {
                 let is_realtime = period_nanos.is_some();
-                std::thread::spawn(move || cockpit.fly_live(live, is_realtime, &tell))
+                in_thread("pilot", move || cockpit.fly_live(live, is_realtime, &tell))
             }
             None => {
                 let cameras = plan.cameras.clone();
-                std::thread::spawn(move || {
+                in_thread("pilot", move || {
                     match period_nanos {
                         Some(period_nanos) => {
                             let foretold = cockpit.path.map(|ring| Foretold::new(ring, period_nanos));
@@ -92,8 +99,14 @@ impl Pilot {
                     Flown::default()
                 })
             }
-        };
-        Ok(Self { thread, words })
+        }?;
+        Ok(Self { thread, words, failure })
+    }
+
+    /// Why no pose can come any more, if none can: the run is to be broken off.
+    #[must_use]
+    pub fn failure(&self) -> Option<&ShmError> {
+        self.failure.get()
     }
 
     /// What it has to say since it was asked last.
@@ -102,11 +115,11 @@ impl Pilot {
     }
 
     /// Waits for its end, which comes with the last camera or the end of the run. Of a live input: what it has flown; and
-    /// its last words.
-    pub fn join(self) -> (Flown, Vec<String>) {
+    /// its last words. Also why no pose could come any more, if that broke it off.
+    pub fn join(self) -> (Flown, Vec<String>, Option<ShmError>) {
         // It has nothing that can panic.
         let flown = self.thread.join().unwrap_or_default();
-        (flown, self.words.try_iter().collect())
+        (flown, self.words.try_iter().collect(), Arc::into_inner(self.failure).and_then(OnceLock::into_inner))
     }
 }
 
@@ -142,13 +155,21 @@ impl Cockpit {
             }
             // Until its first frame is there, the clock waits for nothing but that.
             let tick = if is_realtime && self.control.clock_start().is_none() { LOOK_EVERY } else { TICK };
-            match input.next(tick, &ground, &mut say) {
+            let incoming = match input.next(tick, &ground, &mut say) {
+                Ok(incoming) => incoming,
+                Err(error) => {
+                    self.failure.get_or_init(|| error);
+                    return Flown::default();
+                }
+            };
+            match incoming {
                 Incoming::Pose { mut camera, time_s } => {
                     // Frames know their pose by its moment.
                     camera.timestamp_nanos = camera.timestamp_nanos.max(newest_nanos + 1);
                     newest_nanos = camera.timestamp_nanos;
                     if let Some(times) = &mut self.times {
-                        times.note(newest_nanos, time_s);
+                        // That the ring was cut is told by the renderer, whose frames go into it.
+                        times.note(newest_nanos, time_s).ok();
                     }
                     if is_realtime {
                         self.control.publish_camera(&camera);

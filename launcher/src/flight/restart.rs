@@ -1,5 +1,6 @@
-//! Starting stages again: which of those that died, how often, and which of those that live hang.
+//! Starting stages again: which of those that died, how often, and how soon.
 
+use super::hang::{Hang, HangRules, HangWatch};
 use super::stage::{StageProcess, StartError};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, VecDeque};
@@ -8,23 +9,38 @@ use terravision_common::shm::{Control, Stage};
 
 /// Restarts are counted over this time.
 const WINDOW: Duration = Duration::from_secs(60);
-/// A stage that opens a device or a database gives no sign of life; it may take this long over its start.
-const START_PATIENCE: Duration = Duration::from_secs(60);
-/// Time that passes unseen is no silence of a stage: this program was stopped itself.
-const LONGEST_TICK: Duration = Duration::from_secs(1);
+/// A stage that gets nothing done between two deaths is started again after this time, then twice that, ...
+const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
+/// ... and at most this: what it lacks, memory say, may come back.
+const LONGEST_BACK_OFF: Duration = Duration::from_secs(10);
 
 /// How stages of a run are started again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RestartRules {
-    /// Most restarts within a minute, of all stages together; 0 for none at all.
+    /// Most restarts within a minute, and most between two pictures, of all stages together; 0 for none at all.
     pub limit: u32,
-    /// A stage that is silent for so long hangs.
-    pub hang_after: Duration,
+    /// Which stages hang; they are killed.
+    pub hang: HangRules,
 }
 
 impl RestartRules {
-    /// The first death ends the run.
-    pub const NONE: Self = Self { limit: 0, hang_after: Duration::MAX };
+    /// The first death ends the run, and nothing hangs.
+    pub const NONE: Self = Self { limit: 0, hang: HangRules::NEVER };
+}
+
+/// A stage that died, and what is to become of it.
+#[derive(Debug)]
+struct Waiting {
+    stage: Stage,
+    due: Instant,
+}
+
+/// What a stage got done before it was started last, and how often it died since without more.
+#[derive(Debug, Clone, Copy)]
+struct Strikes {
+    stage: Stage,
+    done: u64,
+    count: u32,
 }
 
 /// Starts stages again by the rules, and counts.
@@ -34,7 +50,14 @@ pub struct Restarts<'a> {
     say: &'a mut dyn FnMut(&str),
     recent: VecDeque<Instant>,
     counts: BTreeMap<&'static str, u32>,
-    pulses: Vec<Pulse>,
+    hangs: HangWatch,
+    /// Stages that were killed for it: process ids.
+    hung: Vec<(u32, String)>,
+    waiting: Vec<Waiting>,
+    strikes: Vec<Strikes>,
+    /// Frames written at the last restart, and restarts since there were more than these.
+    written: u64,
+    since_picture: u32,
 }
 
 impl std::fmt::Debug for Restarts<'_> {
@@ -50,7 +73,19 @@ impl<'a> Restarts<'a> {
         start: &'a mut dyn FnMut(Stage) -> Result<StageProcess, StartError>,
         say: &'a mut dyn FnMut(&str),
     ) -> Self {
-        Self { rules, start, say, recent: VecDeque::new(), counts: BTreeMap::new(), pulses: Vec::new() }
+        Self {
+            rules,
+            start,
+            say,
+            recent: VecDeque::new(),
+            counts: BTreeMap::new(),
+            hangs: HangWatch::new(rules.hang),
+            hung: Vec::new(),
+            waiting: Vec::new(),
+            strikes: Vec::new(),
+            written: 0,
+            since_picture: 0,
+        }
     }
 
     /// Whether any death is mended.
@@ -71,89 +106,83 @@ impl<'a> Restarts<'a> {
         self.recent.len() as u32
     }
 
-    /// Starts a stage that died `how` again, if the rules allow it; whether it did.
+    /// Whether a dead stage waits to be started again.
+    #[must_use]
+    pub fn is_waiting(&self, stage: Stage) -> bool {
+        self.waiting.iter().any(|waiting| waiting.stage == stage)
+    }
+
+    /// A stage died `how`: it is started again in a moment, if the rules allow it, but not before `least` has passed. Whether it is.
+    pub fn take_up(&mut self, place: &StageProcess, how: &str, least: Duration, control: &Control) -> bool {
+        let (stage, now) = (place.stage(), Instant::now());
+        self.recent.retain(|at| now.duration_since(*at) < WINDOW);
+        let written = control.written_frames();
+        if written > self.written {
+            (self.written, self.since_picture) = (written, 0);
+        }
+        let limit = self.rules.limit;
+        if self.recent() >= limit || self.since_picture >= limit {
+            return false;
+        }
+        self.recent.push_back(now);
+        self.since_picture += 1;
+        let back_off = self.back_off(stage, control.progress_of(stage));
+        let soon = if back_off.is_zero() { String::new() } else { format!(" in {} s", back_off.as_secs_f64()) };
+        (self.say)(&format!("{}; it is started again{soon}", sentence(stage, how, &place.last_words())));
+        self.waiting.push(Waiting { stage, due: now + back_off.max(least) });
+        true
+    }
+
+    /// How long a stage has to wait that has got so much done, it and those before it.
+    fn back_off(&mut self, stage: Stage, done: u64) -> Duration {
+        let Some(strikes) = self.strikes.iter_mut().find(|strikes| strikes.stage == stage) else {
+            self.strikes.push(Strikes { stage, done, count: 0 });
+            return Duration::ZERO;
+        };
+        strikes.count = if done > strikes.done { 0 } else { strikes.count + 1 };
+        strikes.done = done;
+        match strikes.count {
+            0 => Duration::ZERO,
+            count => FIRST_BACK_OFF.saturating_mul(1 << (count - 1).min(20)).min(LONGEST_BACK_OFF),
+        }
+    }
+
+    /// Starts a stage that was taken up, if its time has come; whether it did.
     ///
     /// # Errors
     /// The system does not start it.
-    pub fn revive(&mut self, place: &mut StageProcess, how: &str) -> Result<bool, StartError> {
+    pub fn revive(&mut self, place: &mut StageProcess) -> Result<bool, StartError> {
         let (stage, now) = (place.stage(), Instant::now());
-        self.recent.retain(|at| now.duration_since(*at) < WINDOW);
-        if self.recent.len() >= self.rules.limit as usize {
+        let Some(at) = self.waiting.iter().position(|waiting| waiting.stage == stage && waiting.due <= now) else {
             return Ok(false);
-        }
-        (self.say)(&format!("{}; it is started again", sentence(stage, how, &place.last_words())));
+        };
+        self.waiting.swap_remove(at);
         *place = (self.start)(stage)?;
-        self.recent.push_back(now);
         *self.counts.entry(stage.name()).or_insert(0) += 1;
         Ok(true)
     }
 
-    /// Kills stages that hang. Called once a tick.
-    pub fn kill_what_hangs(&mut self, stages: &mut [StageProcess], control: &Control) {
-        if !self.is_on() {
-            return;
+    /// Kills a stage that hangs, and says which. Called once a tick; `is_output_blocked` as in [`HangWatch::look`].
+    pub fn kill_what_hangs(
+        &mut self,
+        stages: &mut [StageProcess],
+        control: &Control,
+        is_output_blocked: &dyn Fn() -> bool,
+    ) -> Option<Hang> {
+        // Nobody can blame those that wait for one that is about to be started.
+        if !self.waiting.is_empty() {
+            return None;
         }
-        let now = Instant::now();
-        for place in stages.iter_mut() {
-            if place.poll().is_some() {
-                continue;
-            }
-            let beat = control.heartbeat_of(place.stage());
-            let pulse = match self.pulses.iter_mut().find(|pulse| pulse.stage == place.stage()) {
-                Some(pulse) => pulse,
-                None => {
-                    self.pulses.push(Pulse::of(place, now));
-                    continue;
-                }
-            };
-            if pulse.pid != place.pid() {
-                *pulse = Pulse { beat, ..Pulse::of(place, now) };
-            } else if pulse.feel(beat, now, self.rules.hang_after) {
-                place.signal(Signal::KILL);
-            }
-        }
+        let hang = self.hangs.look(stages, control, is_output_blocked)?;
+        let place = stages.iter_mut().find(|place| place.stage() == hang.stage)?;
+        self.hung.push((place.pid(), hang.how.clone()));
+        place.signal(Signal::KILL);
+        Some(hang)
     }
 
-    /// How a stage died that was killed for its silence.
-    pub(super) fn silence_of(&self, place: &StageProcess) -> Option<String> {
-        let pulse = self.pulses.iter().find(|pulse| pulse.pid == place.pid() && pulse.is_silent)?;
-        Some(format!("gave no sign of life for {:.0} s and was killed", pulse.silence.as_secs_f64()))
-    }
-}
-
-/// The signs of life of a stage.
-#[derive(Debug)]
-struct Pulse {
-    stage: Stage,
-    pid: u32,
-    /// The last sign: of this process, or before its first of the process before.
-    beat: Option<u64>,
-    /// Signs that were seen. The first says that the process has come, the second that it is through with its start.
-    beats: u32,
-    silence: Duration,
-    seen: Instant,
-    is_silent: bool,
-}
-
-impl Pulse {
-    fn of(place: &StageProcess, now: Instant) -> Self {
-        let (stage, pid) = (place.stage(), place.pid());
-        Self { stage, pid, beat: None, beats: 0, silence: Duration::ZERO, seen: now, is_silent: false }
-    }
-
-    /// Takes a look; whether the stage has just been silent for too long.
-    fn feel(&mut self, beat: Option<u64>, now: Instant, hang_after: Duration) -> bool {
-        let passed = now.duration_since(self.seen).min(LONGEST_TICK);
-        self.seen = now;
-        if beat != self.beat {
-            (self.beat, self.silence) = (beat, Duration::ZERO);
-            self.beats += 1;
-            return false;
-        }
-        self.silence += passed;
-        let patience = if self.beats < 2 { hang_after.max(START_PATIENCE) } else { hang_after };
-        let was_silent = std::mem::replace(&mut self.is_silent, self.silence >= patience);
-        self.is_silent && !was_silent
+    /// How a stage died that was killed because it hung.
+    pub(super) fn hang_of(&self, place: &StageProcess) -> Option<String> {
+        self.hung.iter().find(|(pid, _)| *pid == place.pid()).map(|(_, how)| how.clone())
     }
 }
 
@@ -172,31 +201,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stage_is_silent_when_its_signs_stop_and_has_longer_over_its_start() {
-        let start = Instant::now();
-        let mut pulse = Pulse {
-            stage: Stage::Renderer,
-            pid: 7,
-            beat: None,
-            beats: 0,
-            silence: Duration::ZERO,
-            seen: start,
-            is_silent: false,
+    fn a_stage_that_gets_nothing_done_waits_longer_each_time() {
+        let mut start = |stage| panic!("the {stage} is started");
+        let mut say = |_: &str| ();
+        let mut restarts = Restarts::new(RestartRules::NONE, &mut start, &mut say);
+        let mut waits = |stage, done: &[u64]| {
+            done.iter().map(|done| restarts.back_off(stage, *done).as_millis()).collect::<Vec<_>>()
         };
-        let mut second = 0;
-        let mut feel = |beat: Option<u64>| {
-            second += 1;
-            pulse.feel(beat, start + Duration::from_secs(second), Duration::from_secs(5))
-        };
-        // It comes, and opens its device.
-        assert!((0..59).all(|_| !feel(Some(1))));
-        assert!((0..20).all(|k| !feel(Some(2 + k))));
-        let silent: Vec<bool> = (0..8).map(|_| feel(Some(21))).collect();
-        assert_eq!(silent, [false, false, false, false, true, false, false, false]);
-        // A minute that this program did not see is no silence.
-        let mut pulse = Pulse { beats: 2, beat: Some(1), silence: Duration::ZERO, is_silent: false, ..pulse };
-        let later = pulse.seen + Duration::from_secs(60);
-        assert!(!pulse.feel(Some(1), later, Duration::from_secs(5)));
+        assert_eq!(waits(Stage::Renderer, &[7, 7, 7, 7, 7, 7, 7, 7]), [0, 500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
+        assert_eq!(waits(Stage::Preparer, &[0, 0]), [0, 500]);
+        assert_eq!(waits(Stage::Renderer, &[9, 9, 12]), [0, 500, 0]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! One stage process: started beside this program, watched by a pidfd, its last words kept.
 
+use crate::thread::in_thread;
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use std::collections::VecDeque;
@@ -35,6 +36,14 @@ pub enum StartError {
         stage: Stage,
         /// Where it should be.
         program: PathBuf,
+    },
+    /// There is no thread that hears what it says.
+    #[error("cannot start the {stage}: {source:#}")]
+    Thread {
+        /// The stage.
+        stage: Stage,
+        /// Why.
+        source: anyhow::Error,
     },
     /// The system does not start it.
     #[error("cannot start the {stage}, {}: {source}", program.display())]
@@ -105,13 +114,17 @@ impl StageProcess {
             drop(stdin.write_all(run.as_bytes()));
         }
         let words = Arc::new(SharedWords::default());
-        if let Some(stderr) = child.stderr.take() {
-            let words = Arc::clone(&words);
-            // Ends with the pipe; nobody waits for it.
-            std::thread::spawn(move || listen(stage, stderr, &words));
-        }
+        let stderr = child.stderr.take();
         let pid = Pid::from_child(&child);
-        Ok(Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, words, status: None })
+        // Dropped, it takes the process along.
+        let place = Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, words, status: None };
+        if let Some(stderr) = stderr {
+            let words = Arc::clone(&place.words);
+            // Ends with the pipe; nobody waits for it.
+            let listening = in_thread(stage.name(), move || listen(stage, stderr, &words));
+            drop(listening.map_err(|source| StartError::Thread { stage, source })?);
+        }
+        Ok(place)
     }
 
     /// The stage.

@@ -1,6 +1,7 @@
 //! Watches the stages of a run: notices one that dies, has it started again or ends them all, and passes on an
 //! interruption.
 
+use super::hang::Hang;
 use super::restart::Restarts;
 use super::stage::StageProcess;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -45,11 +46,13 @@ pub enum Ending {
 }
 
 /// Watches until all stages have ended, which they do within two seconds of the first death that `restarts` do not mend,
-/// or of an interruption. `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM.
+/// or of an interruption. `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM,
+/// `is_output_blocked` of pictures that wait for a program that is no stage.
 pub fn watch(
     stages: &mut [StageProcess],
     control: &Control,
     is_interrupted: &dyn Fn() -> bool,
+    is_output_blocked: &dyn Fn() -> bool,
     restarts: &mut Restarts<'_>,
     tick: &mut dyn FnMut(&[StageProcess]),
 ) -> Ending {
@@ -63,12 +66,20 @@ pub fn watch(
         let is_done = stages.iter().zip(&ended).any(|(stage, status)| is_renderer_done(stage, *status));
         let is_flying = control.state() == RunState::Running && !is_interrupted();
         if ending.is_none() && is_flying && !is_done {
-            restarts.kill_what_hangs(stages, control);
+            let hang = restarts.kill_what_hangs(stages, control, is_output_blocked);
+            // It may take a while to be gone, and those that wait for it may give up meanwhile.
+            ending = hang.filter(|_| !restarts.is_on()).map(|Hang { stage, how }| {
+                let place = stages.iter().find(|place| place.stage() == stage);
+                let words = place.map(StageProcess::last_words).unwrap_or_default();
+                Ending::Died { stage, how, words, is_bad_input: false, restarts: 0 }
+            });
+        }
+        if ending.is_none() && is_flying && !is_done {
             ending = revive(stages, &mut ended, control, restarts);
-            if ending.is_some() {
-                control.set_state(RunState::Failed);
-                deadline = Some(Instant::now());
-            }
+        }
+        if ending.is_some() && deadline.is_none() {
+            control.set_state(RunState::Failed);
+            deadline = Some(Instant::now());
         }
         if ending.is_none() {
             let is_over = control.state() == RunState::Finished;
@@ -78,7 +89,7 @@ pub fn watch(
             let death = death.filter(|(weight, _)| *weight > STOPPED || !is_over);
             let death = death.filter(|_| !is_done || !restarts.is_on());
             let death = death.max_by_key(|(weight, _)| *weight).filter(|(weight, _)| {
-                *weight > STOPPED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
+                *weight > SIGNALLED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
             });
             if is_interrupted() {
                 control.set_state(RunState::Stopping);
@@ -125,6 +136,15 @@ fn revive(
 ) -> Option<Ending> {
     for (place, ended) in stages.iter_mut().zip(ended) {
         let Some(status) = *ended else { continue };
+        if restarts.is_waiting(place.stage()) {
+            // The longest wait for it is over soon; meanwhile it is not missed.
+            *ended = None;
+            if let Err(error) = restarts.revive(place) {
+                let (stage, how, words) = (place.stage(), "was not started again".to_owned(), error.to_string());
+                return Some(Ending::Died { stage, how, words, is_bad_input: false, restarts: restarts.recent() });
+            }
+            continue;
+        }
         let Some((weight, Ending::Died { how, is_bad_input: false, .. })) = death_of(place, status, restarts) else {
             continue;
         };
@@ -133,13 +153,10 @@ fn revive(
         if weight == STOPPED || is_given_up {
             continue;
         }
-        match restarts.revive(place, &how) {
-            Ok(true) => *ended = None,
-            Ok(false) => {}
-            Err(error) => {
-                let (stage, how, words) = (place.stage(), "was not started again".to_owned(), error.to_string());
-                return Some(Ending::Died { stage, how, words, is_bad_input: false, restarts: restarts.recent() });
-            }
+        // A signal that a terminal sends may come to this program in a moment, too.
+        let least = if weight == SIGNALLED { SIGNAL_GRACE } else { Duration::ZERO };
+        if restarts.take_up(place, &how, least, control) {
+            *ended = None;
         }
     }
     None
@@ -157,6 +174,8 @@ fn wait_for_an_end(stages: &[StageProcess]) {
 
 /// Weight of the end of a stage that was told to stop.
 const STOPPED: u32 = 0;
+/// Weight of the death of a stage by a signal that a whole group gets.
+const SIGNALLED: u32 = 1;
 /// Exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
 
@@ -165,26 +184,43 @@ const PANICKED: i32 = 101;
 fn death_of(stage: &StageProcess, status: ExitStatus, restarts: &Restarts<'_>) -> Option<(u32, Ending)> {
     let (weight, how) = match (status.code(), status.signal()) {
         (Some(0), _) => return None,
-        (Some(2), _) => (2, "found bad input".to_owned()),
+        (Some(2), _) => (3, "found bad input".to_owned()),
         (Some(130 | 143), _) => (STOPPED, "was stopped by a signal".to_owned()),
-        (Some(code), _) => (1, format!("ended with exit code {code}")),
-        (None, Some(signal)) => (3, format!("was killed by signal {signal}{}", signal_name(signal))),
-        (None, None) => (1, "ended".to_owned()),
+        (Some(code), _) => (2, format!("ended with exit code {code}")),
+        (None, Some(signal @ (HUP | INT | TERM))) => (SIGNALLED, killed_by(signal)),
+        (None, Some(signal)) => (4, killed_by(signal)),
+        (None, None) => (2, "ended".to_owned()),
     };
     let is_bad_input = status.code() == Some(2);
-    let how = restarts.silence_of(stage).unwrap_or(how);
+    let how = restarts.hang_of(stage).unwrap_or(how);
     let (stage, words, restarts) = (stage.stage(), stage.last_words(), restarts.recent());
     Some((weight, Ending::Died { stage, how, words, is_bad_input, restarts }))
 }
 
-fn signal_name(signal: i32) -> &'static str {
+const HUP: i32 = 1;
+const INT: i32 = 2;
+const TERM: i32 = 15;
+
+fn killed_by(signal: i32) -> String {
+    format!("was killed by signal {signal}{}", signal_name(signal))
+}
+
+/// What a signal means, in brackets, for those that a person may wonder at.
+#[must_use]
+pub fn signal_name(signal: i32) -> &'static str {
     match signal {
+        HUP => " (HUP)",
+        INT => " (INT)",
         4 => " (illegal instruction)",
         6 => " (aborted)",
-        7 => " (bus error: is /dev/shm full?)",
+        7 => " (bus error)",
         9 => " (KILL)",
         11 => " (segmentation fault)",
-        15 => " (TERM)",
+        13 => " (PIPE)",
+        TERM => " (TERM)",
+        24 => " (XCPU: the limit of processor time, ulimit -t)",
+        25 => " (XFSZ: the limit of a file's size, ulimit -f)",
+        31 => " (SYS: a system call that is not allowed)",
         _ => "",
     }
 }

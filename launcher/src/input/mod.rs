@@ -11,6 +11,7 @@ use gate::Gate;
 use message::Message;
 use std::fmt;
 use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
@@ -135,28 +136,45 @@ impl CameraInput {
         }
     }
 
+    /// The file that poses come by, if they come by one.
+    #[must_use]
+    pub fn shared_file(&self) -> Option<PathBuf> {
+        match &self.port {
+            Port::Shared(inbox) => Some(Path::new("/dev/shm").join(inbox.file())),
+            Port::Udp(_) => None,
+        }
+    }
+
     /// The next pose that is accepted; waits for one, `timeout` at most. Poses in shared memory that were replaced before
     /// a look at them are not seen. `tell` gets a sentence at the first refusal of each cause.
-    pub fn next(&mut self, timeout: Duration, ground: &dyn Ground, tell: &mut dyn FnMut(String)) -> Incoming {
+    ///
+    /// # Errors
+    /// No pose can come any more: another program has cut the segment.
+    pub fn next(
+        &mut self,
+        timeout: Duration,
+        ground: &dyn Ground,
+        tell: &mut dyn FnMut(String),
+    ) -> Result<Incoming, ShmError> {
         let until = Instant::now() + timeout;
         loop {
             let message = match &mut self.port {
-                Port::Shared(inbox) => inbox.read().map(Message::of_record),
+                Port::Shared(inbox) => inbox.read()?.map(Message::of_record),
                 Port::Udp(port) => port.next(until.saturating_duration_since(Instant::now())),
             };
             if let Some(message) = message {
                 let outcome = self.gate.pass(&message, ground, tell);
                 if let Port::Shared(inbox) = &self.port {
-                    inbox.answer(self.gate.accepted(), self.gate.refused());
+                    inbox.answer(self.gate.accepted(), self.gate.refused())?;
                 }
                 // A refusal is counted and told by the gate.
                 if let Ok(incoming) = outcome {
-                    return incoming;
+                    return Ok(incoming);
                 }
             }
             let rest = until.saturating_duration_since(Instant::now());
             if rest.is_zero() {
-                return Incoming::Nothing;
+                return Ok(Incoming::Nothing);
             }
             if let Port::Shared(_) = self.port {
                 std::thread::sleep(rest.min(LOOK_EVERY));

@@ -8,6 +8,8 @@ mod text;
 pub use tally::FrameTally;
 
 use crate::failure::Failure;
+use crate::thread::in_thread;
+use answer::Clients;
 use anyhow::anyhow;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -16,7 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use terravision_common::shm::{Control, ShmError};
+use terravision_common::shm::Control;
 use text::Facts;
 
 /// How often the thread looks whether the run is over.
@@ -63,6 +65,19 @@ impl MetricsSocket {
         open().map_err(|error| Failure::bad_input(anyhow!("--metrics {asked}: cannot listen there: {error}")))
     }
 
+    /// What is told of a place that more than this machine can reach.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        let address = self.address;
+        (!address.ip().is_loopback()).then(|| {
+            format!(
+                "--metrics {address}: everybody who reaches this machine can read the figures of the run; --metrics {} is for \
+                 this machine alone",
+                address.port()
+            )
+        })
+    }
+
     /// Where it listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
@@ -82,12 +97,12 @@ impl Metrics {
     /// Begins to answer about a run.
     ///
     /// # Errors
-    /// [`ShmError`] when the control block does not open.
+    /// The control block does not open, or there is no thread for it.
     pub fn start(
         socket: MetricsSocket,
         plan: &crate::plan::FlightPlan,
         tally: Arc<Mutex<FrameTally>>,
-    ) -> Result<Self, ShmError> {
+    ) -> anyhow::Result<Self> {
         let facts = Facts {
             control: Control::open(&plan.run)?,
             pool_slots: [plan.layout.elevation_slots, plan.layout.color_slots],
@@ -96,18 +111,13 @@ impl Metrics {
         let ends = Arc::new(AtomicBool::new(false));
         let (is_over, figures) = (Arc::clone(&ends), Arc::clone(&tally));
         let serve = move || {
+            let mut desk = Clients::default();
             // Relaxed: a flag.
             while !is_over.load(Ordering::Relaxed) {
-                match socket.listener.accept() {
-                    // A client that goes away, or sends nonsense, gets nothing.
-                    Ok((stream, _)) => {
-                        answer::answer(stream, || text::write(&facts, &lock(&figures))).unwrap_or_default()
-                    }
-                    Err(_nobody) => std::thread::sleep(TICK),
-                }
+                desk.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&figures)));
             }
         };
-        Ok(Self { ends, tally, thread: Some(std::thread::spawn(serve)) })
+        Ok(Self { ends, tally, thread: Some(in_thread("metrics", serve)?) })
     }
 
     /// What is known of frames.
@@ -133,6 +143,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_that_others_reach_is_warned_of() {
+        let warning = |text: &str| MetricsSocket::open(text.parse().unwrap()).unwrap().warning();
+        assert_eq!((warning("0"), warning("127.0.0.1:0")), (None, None));
+        let told = warning("0.0.0.0:0").unwrap();
+        assert!(told.contains("everybody who reaches this machine"), "{told}");
+    }
 
     #[test]
     fn a_port_is_one_of_loopback() {

@@ -4,6 +4,7 @@ use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{FrameRange, PictureSize};
 use crate::cli::{CourseArgs, Mode, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
+use crate::flight::hang::HangRules;
 use crate::flight::restart::RestartRules;
 use crate::path::orbit::Extent;
 use crate::path::{self, CameraPath, Course, Pose};
@@ -189,19 +190,17 @@ pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(Tec
 
 /// Restarts within a minute in real time, if nothing else is said.
 const REALTIME_RESTARTS: u32 = 5;
-/// Seconds without a sign of life after which a stage hangs, if nothing else is said.
-const HANG_AFTER_SECS: f64 = 10.0;
+/// Seconds without anything done after which a stage hangs, if nothing else is said: against the clock, and in exact mode, where
+/// nobody waits for the next picture.
+const HANG_AFTER_SECS: [f64; 2] = [10.0, 30.0];
 
-/// Which deaths of stages a flight survives.
+/// Which deaths of stages a flight survives, and which stages hang.
 pub(super) fn restarts(args: &SupervisionArgs, config: &RunConfig) -> Result<RestartRules, Failure> {
     let is_realtime = config.realtime.is_some();
     let limit = args.restarts.unwrap_or(if is_realtime { REALTIME_RESTARTS } else { 0 });
-    if limit == 0 && args.hang_after.is_some() {
-        return Err(Failure::bad_input(anyhow!("--hang-after: without --restarts no stage is started again")));
-    }
-    let seconds = args.hang_after.unwrap_or(HANG_AFTER_SECS);
+    let seconds = args.hang_after.unwrap_or(HANG_AFTER_SECS[usize::from(!is_realtime)]);
     let hang_after = Duration::from_secs_f64(in_range("--hang-after", seconds, 1.0, 1e5, "seconds from 1 to 100000")?);
-    Ok(RestartRules { limit, hang_after })
+    Ok(RestartRules { limit, hang: HangRules::new(hang_after, config) })
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

@@ -13,6 +13,7 @@ pub use checks::{FAR_FROM_WORLD, frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
+use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{PictureSize, Rgb};
 use crate::cli::{
     Edge, FlyArgs, MeasurementArgs, Mode, Overlay, PictureArgs, PredictionChoice, Quality, RealtimeArgs, ResourceArgs,
@@ -25,7 +26,7 @@ use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::bytes_for_people;
 use crate::metrics::MetricsSocket;
-use crate::output::{FrameFolder, TemporaryFile};
+use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
 use crate::stream::film::Container;
@@ -161,6 +162,11 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
             )));
         }
         draft.stream_into(StreamTarget::Stdout);
+        if output::is_stdout_closed() {
+            draft
+                .warnings
+                .push("-o -: standard output is closed, or the null device; the film goes nowhere".to_owned());
+        }
         draft.destination = "standard output".into();
     } else if is_folder_name(&args.output) {
         let folder = FrameFolder::create(&args.output, &run).map_err(Failure::bad_input)?;
@@ -281,7 +287,9 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.depth = depth.map(PlaneTarget::File);
     draft.ground = ground.map(PlaneTarget::File);
     draft.destination = args.output.display().to_string();
-    draft.finish(texels, &args.measurements)
+    let mut plan = draft.finish(texels, &args.measurements)?;
+    plan.restarts = checks::restarts(&SupervisionArgs::default(), &plan.config)?;
+    Ok(plan)
 }
 
 /// A plan in the making.

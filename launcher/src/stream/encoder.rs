@@ -4,13 +4,19 @@
 
 use super::StreamError;
 use super::film::FilmFormat;
+use crate::flight::supervisor::signal_name;
+use crate::thread::in_thread;
+use rustix::process::{Pid, Signal, kill_process_group};
 use std::io::Read;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, ChildStderr, ChildStdin, Command, Stdio};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 use terravision_common::film::{even, rational_fps};
 
+/// How long the end of an encoder's messages is waited for after its own.
+const WORDS_PATIENCE: Duration = Duration::from_millis(500);
 /// Bytes of ffmpeg's messages that are kept.
 const MESSAGE_BYTES: usize = 4096;
 
@@ -50,10 +56,20 @@ impl Encoder {
             // Ctrl-C is for this program: ffmpeg ends when its input does, or when it is killed.
             .process_group(0);
         let mut child = command.spawn().map_err(|source| StreamError::StartEncoder { source })?;
-        let messages = child.stderr.take().map(|stderr| std::thread::spawn(move || last_words(stderr)));
-        let no_input = || StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() };
-        let input = child.stdin.take().ok_or_else(no_input)?;
-        Ok((Self { child, messages }, input))
+        let (stderr, stdin) = (child.stderr.take(), child.stdin.take());
+        let mut encoder = Self { child, messages: None };
+        let (Some(stderr), Some(input)) = (stderr, stdin) else {
+            encoder.kill();
+            return Err(StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() });
+        };
+        match in_thread("encoder", move || last_words(stderr)) {
+            Ok(thread) => encoder.messages = Some(thread),
+            Err(source) => {
+                encoder.kill();
+                return Err(StreamError::Thread { source });
+            }
+        }
+        Ok((encoder, input))
     }
 
     /// Its process id.
@@ -72,21 +88,46 @@ impl Encoder {
     /// # Errors
     /// It gave up: its last words.
     pub fn end(mut self) -> Result<(), String> {
-        let is_success = self.child.wait().is_ok_and(|status| status.success());
-        let words = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let status = self.child.wait();
+        let words = self.messages.take().map(|thread| self.last_words(thread)).unwrap_or_default();
         // It tells errors alone (-loglevel error), and ends with success when only the end of the file could not be written.
         match words.lines().rev().find(|line| !line.trim().is_empty()) {
-            None if is_success => Ok(()),
-            None => Err("it ended without a word".to_owned()),
+            None => match status.map(|status| (status.success(), status.signal())) {
+                Ok((true, _)) => Ok(()),
+                Ok((_, Some(signal))) => Err(format!("it was killed by signal {signal}{}", signal_name(signal))),
+                _ => Err("it ended without a word".to_owned()),
+            },
             Some(line) => Err(line.trim().to_owned()),
         }
     }
 
-    /// Ends it at once.
-    pub fn kill(mut self) {
-        // It may have ended already.
-        drop(self.child.kill());
+    /// What it said last. It has ended, but a child of it may hold its standard error open, and would for ever.
+    fn last_words(&self, thread: JoinHandle<String>) -> String {
+        for _ in 0..2 {
+            let end = Instant::now() + WORDS_PATIENCE;
+            while !thread.is_finished() && Instant::now() < end {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            if thread.is_finished() {
+                return thread.join().unwrap_or_default();
+            }
+            kill_group(self.pid());
+        }
+        String::new()
+    }
+
+    /// Ends it at once, and what it has started.
+    pub fn kill(self) {
+        kill_group(self.pid());
         drop(self.end());
+    }
+}
+
+/// Kills an encoder that has not been waited for, or whose children live, with all of its group.
+pub(super) fn kill_group(pid: u32) {
+    if let Some(group) = Pid::from_raw(pid.cast_signed()) {
+        // It may have ended already.
+        kill_process_group(group, Signal::KILL).ok();
     }
 }
 

@@ -5,19 +5,22 @@
 //! its successor ──────▶ another pipe ──┘
 //! ```
 //!
-//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg. [`film`]: codecs.
+//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it is given. [`film`]: codecs.
 
 pub mod encoder;
 pub mod film;
+pub mod hang;
 pub mod relay;
 
+use crate::thread::in_thread;
 use encoder::Encoder;
 use film::FilmFormat;
+use hang::EncoderWatch;
 use relay::{Passage, Relay, StreamShape};
 use std::fs::File;
 use std::io::{self, PipeReader, PipeWriter, Write};
 use std::os::fd::{AsFd, OwnedFd};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};
@@ -76,6 +79,14 @@ pub enum StreamError {
         /// The film.
         path: PathBuf,
     },
+    /// ffmpeg hung.
+    #[error("ffmpeg took nothing of {} for {seconds} s and was killed", path.display())]
+    EncoderHung {
+        /// For how long.
+        seconds: u64,
+        /// The film.
+        path: PathBuf,
+    },
     /// Who read standard output has gone.
     #[error("the reader of standard output has gone after {frames} frames")]
     ReaderGone {
@@ -87,6 +98,12 @@ pub enum StreamError {
     Write {
         /// The system's reason.
         source: io::Error,
+    },
+    /// There is no thread for it.
+    #[error("{source:#}")]
+    Thread {
+        /// Why.
+        source: anyhow::Error,
     },
     /// A packet is none of this flight.
     #[error("the renderer sent a picture that is none of this flight: frame {frame}, {bytes} bytes")]
@@ -152,10 +169,7 @@ impl StreamKeeper {
         let (pipes, coming) = channel();
         let passage = Arc::new(Passage::default());
         let relay = Relay::new(shape, out, Arc::clone(&passage));
-        let relay = std::thread::Builder::new()
-            .name("stream".to_owned())
-            .spawn(move || relay.run(&coming))
-            .map_err(|source| StreamError::Write { source })?;
+        let relay = in_thread("stream", move || relay.run(&coming)).map_err(|source| StreamError::Thread { source })?;
         Ok(Some(Self { target: target.clone(), pipes: Some(pipes), relay: Some(relay), passage, encoder }))
     }
 
@@ -181,6 +195,13 @@ impl StreamKeeper {
         self.passage.has_failed.load(Ordering::Relaxed)
     }
 
+    /// Whether a picture waits for the encoder, or for who reads standard output.
+    #[must_use]
+    pub fn is_blocked(&self) -> bool {
+        // Relaxed: a flag that is looked at again and again.
+        self.passage.is_writing.load(Ordering::Relaxed)
+    }
+
     /// Process id of the encoder, if there is one.
     #[must_use]
     pub fn encoder_pid(&self) -> Option<u32> {
@@ -191,7 +212,7 @@ impl StreamKeeper {
     ///
     /// # Errors
     /// Why the stream is not complete.
-    pub fn finish(mut self, is_interrupted: &dyn Fn() -> bool) -> Result<(), StreamError> {
+    pub fn finish(mut self, is_interrupted: &dyn Fn() -> bool, watch: &mut EncoderWatch) -> Result<(), StreamError> {
         self.passage.is_complete.store(true, Ordering::Release);
         self.pipes = None;
         while self.relay.as_ref().is_some_and(|relay| !relay.is_finished())
@@ -200,6 +221,7 @@ impl StreamKeeper {
             if is_interrupted() {
                 return Err(StreamError::Interrupted);
             }
+            watch.look(&self, true);
             // An encoder that has given up closes its input, which the relay notices with its next frame.
             std::thread::sleep(TICK);
         }
@@ -208,14 +230,28 @@ impl StreamKeeper {
                 Err(StreamError::Write { source: io::Error::other("a thread ended unexpectedly") })
             })
         });
-        match (self.encoder.take().map(Encoder::end), &self.target) {
-            // What it says tells more than that its input was closed.
-            (Some(Err(reason)), StreamTarget::Film { path, .. }) => {
-                Err(StreamError::Encoder { reason, path: path.clone() })
+        let ended = self.encoder.take().map(Encoder::end);
+        let (Some(ended), StreamTarget::Film { path, temporary, .. }) = (ended, &self.target) else { return relayed };
+        let failed = |reason: &str| Err(StreamError::Encoder { reason: reason.to_owned(), path: path.clone() });
+        match (ended, relayed) {
+            _ if watch.hung_after().is_some() => {
+                let seconds = watch.hung_after().unwrap_or_default().as_secs_f64().round() as u64;
+                Err(StreamError::EncoderHung { seconds, path: path.clone() })
             }
-            _ => relayed,
+            // What it says tells more than that its input was closed.
+            (Err(reason), _) => failed(&reason),
+            (Ok(()), Err(StreamError::ReaderGone { frames })) => {
+                failed(&format!("it ended with exit code 0, but took only {frames} of the frames"))
+            }
+            (Ok(()), Ok(())) if is_empty_file(temporary) => failed("it ended with exit code 0, but wrote nothing"),
+            (Ok(()), relayed) => relayed,
         }
     }
+}
+
+/// Whether there is no film although there should be one. (A device or a FIFO keeps nothing.)
+fn is_empty_file(path: &Path) -> bool {
+    path.metadata().map_or(true, |found| found.is_file() && found.len() == 0)
 }
 
 impl Drop for StreamKeeper {

@@ -3,7 +3,7 @@
 use super::StreamError;
 use std::io::{self, PipeReader, Read, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 use terravision_common::film::PacketHeader;
 use terravision_common::run::OPEN_END;
@@ -19,6 +19,9 @@ pub struct StreamShape {
     pub has_gaps: bool,
 }
 
+/// Bytes that are passed on before it is noted: what is written slowly is seen to move.
+const CHUNK: usize = 1 << 20;
+
 /// What both sides of the relay know.
 #[derive(Debug, Default)]
 pub struct Passage {
@@ -26,6 +29,10 @@ pub struct Passage {
     pub has_failed: AtomicBool,
     /// The flight has ended in good order.
     pub is_complete: AtomicBool,
+    /// A picture is being passed on: whoever takes it may let it wait.
+    pub is_writing: AtomicBool,
+    /// Bytes that were passed on.
+    pub bytes: AtomicU64,
 }
 
 /// Passes on whole frames.
@@ -106,10 +113,16 @@ impl Relay {
     }
 
     fn put(&mut self, frame: &[u8]) -> Result<(), StreamError> {
-        self.out.write_all(frame).map_err(|source| match source.kind() {
-            io::ErrorKind::BrokenPipe => StreamError::ReaderGone { frames: self.passed },
-            _ => StreamError::Write { source },
-        })?;
+        // Relaxed, here and below: looked at again and again, and nothing is read on the strength of it.
+        self.passage.is_writing.store(true, Ordering::Relaxed);
+        for chunk in frame.chunks(CHUNK) {
+            self.out.write_all(chunk).map_err(|source| match source.kind() {
+                io::ErrorKind::BrokenPipe => StreamError::ReaderGone { frames: self.passed },
+                _ => StreamError::Write { source },
+            })?;
+            self.passage.bytes.fetch_add(chunk.len() as u64, Ordering::Relaxed);
+        }
+        self.passage.is_writing.store(false, Ordering::Relaxed);
         self.next += 1;
         self.passed += 1;
         Ok(())

@@ -28,7 +28,7 @@ use books::{Books, MISSING};
 use std::collections::HashSet;
 use terravision_common::database::{Layer, Tile};
 use terravision_common::outcome::{Outcome, TileOutcome};
-use terravision_common::shm::{Control, Gauge, PoolWriter, Residency, SlotState, WantHead};
+use terravision_common::shm::{Activity, Control, Gauge, PoolWriter, Residency, SlotState, Stage, WantHead};
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
@@ -181,6 +181,16 @@ impl Desk {
     #[must_use]
     pub fn wish_of(&self, tile: Tile) -> Option<Wish> {
         self.books.loads.get(&tile).map(|load| load.wish)
+    }
+
+    /// What the prefetcher does now, for the launcher to watch.
+    #[must_use]
+    pub fn activity(&self) -> Activity {
+        match (self.books.in_flight(), self.books.loads.len()) {
+            (0, 0) => Activity::Awaits(Stage::Preparer),
+            (0, _) => Activity::Works,
+            _ => Activity::AwaitsStorage,
+        }
     }
 
     fn pool(&mut self, layer: Layer) -> &mut PoolWriter {

@@ -8,8 +8,8 @@ use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileOutcome, may_come};
 use terravision_common::shm::{
-    Consumer, Control, PoolIndex, PoolReader, RunId, SegmentKind, ShmError, Stage, WAIT_BOUND, WaitError, WantHead,
-    WantListWriter,
+    Activity, Consumer, Control, PoolIndex, PoolReader, RunId, SegmentKind, ShmError, Stage, WAIT_BOUND, WaitError,
+    WantHead, WantListWriter,
 };
 
 /// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so; where it starts another, it is left to
@@ -174,6 +174,7 @@ impl TileLoader for WantedTiles {
     }
 
     fn wait(&mut self, control: &Control) -> Result<(), LoadError> {
+        control.awaits(Activity::Awaits(Stage::Prefetcher));
         if self.outcomes.wait(control)? {
             self.waits_with_dead_peer = 0;
             return Ok(());

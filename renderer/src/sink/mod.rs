@@ -87,7 +87,7 @@ pub enum SinkError {
         /// The file that needs it.
         path: PathBuf,
     },
-    /// The frame ring could not be opened.
+    /// The frame ring could not be opened or written.
     #[error(transparent)]
     Shared {
         /// Why.

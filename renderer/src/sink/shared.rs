@@ -53,7 +53,7 @@ impl FrameSink for SharedSink {
         let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
         let Picture { frame, camera, is_settled, .. } = picture;
         let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
-        self.ring.write(&info, picture.rgba, depth, ground);
+        self.ring.write(&info, picture.rgba, depth, ground)?;
         Ok(())
     }
 

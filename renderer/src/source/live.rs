@@ -6,7 +6,7 @@ use std::sync::Arc;
 use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
-    Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
+    Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
 };
 use terravision_common::slot::Slot;
 use terravision_common::texels::TexelFormat;
@@ -210,5 +210,13 @@ impl FrameSource for LiveSource {
         self.control.heartbeat(Stage::Renderer);
         self.control.check_running()?;
         if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
+    }
+
+    fn awaits(&mut self, activity: Activity) {
+        self.control.awaits(activity);
+    }
+
+    fn progress(&mut self) {
+        self.control.progress();
     }
 }

@@ -11,7 +11,7 @@ pub use recorder::Recorder;
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
 use terravision_common::rate::FrameTiming;
-use terravision_common::shm::{Counter, ShmError, WaitError};
+use terravision_common::shm::{Activity, Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
@@ -180,4 +180,10 @@ pub trait FrameSource {
     /// # Errors
     /// The run ended.
     fn check(&mut self) -> Result<(), SourceError>;
+
+    /// What is waited for until the next [`FrameSource::progress`], for the launcher to watch.
+    fn awaits(&mut self, _activity: Activity) {}
+
+    /// A frame was recorded, drawn or written.
+    fn progress(&mut self) {}
 }

@@ -9,7 +9,7 @@ pub(super) const SLOTS: u32 = 4;
 const LARGEST_SIDE: u32 = 1 << 16;
 /// Entries of the table of pose times: more than poses can be under way at a time.
 pub(super) const POSE_TIMES: u64 = 1024;
-const POSE_TIMES_OFFSET: u64 = 4096;
+pub(super) const POSE_TIMES_OFFSET: u64 = 4096;
 /// Bytes of an entry: moment of the camera, time.
 pub(super) const POSE_TIME_BYTES: u64 = 16;
 /// Bytes of a slot before its pixels.
@@ -62,6 +62,9 @@ pub(super) struct RingHeader {
 }
 
 pub(super) const RING_HEADER_OFFSET: u64 = 64;
+pub(super) const NEWEST_OFFSET: u64 = RING_HEADER_OFFSET + std::mem::offset_of!(RingHeader, newest) as u64;
+/// Bytes before the table of pose times: both headers.
+pub(super) const HEAD_BYTES: usize = POSE_TIMES_OFFSET as usize;
 
 const _: () = {
     assert!(std::mem::offset_of!(RingHeader, slots_offset) == 16);
@@ -118,8 +121,8 @@ impl RingLayout {
         header.ground.store(self.ground, Ordering::Relaxed);
     }
 
-    /// The layout that the header of a ring tells, which must be the one that follows from its sizes.
-    pub(super) fn read(region: &Region, name: &str) -> Result<Self, ShmError> {
+    /// The layout that the header of a ring tells (`region` has the first page of its file at least), which must be the one that follows from its sizes.
+    pub(super) fn read(region: &Region, file_bytes: u64, name: &str) -> Result<Self, ShmError> {
         let corrupt = |field, found, expected| ShmError::Corrupt { name: name.to_owned(), field, found, expected };
         let room = RING_HEADER_OFFSET + size_of::<RingHeader>() as u64;
         if region.len() < room {
@@ -147,7 +150,7 @@ impl RingLayout {
             ("the offset of the colours", header.color.load(Ordering::Relaxed), layout.color),
             ("the offset of the depths", header.depth.load(Ordering::Relaxed), layout.depth),
             ("the offset of the ground positions", header.ground.load(Ordering::Relaxed), layout.ground),
-            ("the layout size", region.len(), layout.total_bytes),
+            ("the layout size", file_bytes, layout.total_bytes),
         ];
         match told.into_iter().find(|(_, found, expected)| found != expected) {
             Some((field, found, _)) => Err(corrupt(field, found, "what follows from size, planes and slots")),

@@ -2,8 +2,9 @@
 //!
 //! The launcher makes it ([`FrameRing`]), the renderer writes it ([`FrameRingWriter`]), any number of programs read it,
 //! of which [`FrameRingReader`] is one: they need no more than a mapping for reading, come and go at will, and are not
-//! known to the writer, which waits for nobody. Pixels are stored and loaded as atomic words, so a reader that is overtaken
-//! copies nonsense, notices, and takes the newer frame.
+//! known to the writer, which waits for nobody. Readers load pixels as atomic words, so one that is overtaken
+//! copies nonsense, notices, and takes the newer frame. The writer stores them as one writes a file ([`super::public_file`]): a
+//! program that cuts the file under it ends the flight with a sentence.
 
 mod layout;
 mod reader;
@@ -16,11 +17,14 @@ pub use reader::{FrameRingReader, SharedFrame};
 pub use slot::FrameInfo;
 
 use super::error::ShmError;
-use super::frame_core::{FrameSlot, newest};
+use super::frame_core::{Outlet, begin, newest, publish};
 use super::named::{self, FRAMES, NamedSegment, SharedName};
-use super::region::Region;
-use crate::sync::{AtomicU64, Ordering};
-use layout::{POSE_TIMES, RING_HEADER_OFFSET, RingHeader, RingLayout, SLOTS};
+use super::public_file::PublicFile;
+use layout::{
+    HEAD_BYTES, NEWEST_OFFSET, POSE_TIME_BYTES, POSE_TIMES, POSE_TIMES_OFFSET, RING_HEADER_OFFSET, RingHeader,
+    RingLayout, SLOTS,
+};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A frame ring that this process has made; dropped, it is marked as ended and its name is removed.
@@ -47,6 +51,12 @@ impl FrameRing {
         Ok(Self { segment, layout })
     }
 
+    /// Its file.
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
+        named::path(self.segment.name()).into()
+    }
+
     /// Bytes of shared memory that it takes.
     #[must_use]
     pub fn total_bytes(&self) -> u64 {
@@ -56,49 +66,37 @@ impl FrameRing {
     /// Where the pilot notes the time of a pose.
     #[must_use]
     pub fn pose_times(&self) -> PoseTimes {
-        PoseTimes { region: Arc::clone(&self.segment.region), next: 0 }
+        PoseTimes { file: Arc::clone(&self.segment.file), next: 0 }
     }
 }
 
 /// The times of poses, in the clock of who sent them, from the pilot to the frames that come of them.
 #[derive(Debug)]
 pub struct PoseTimes {
-    region: Arc<Region>,
+    file: Arc<PublicFile>,
     next: u64,
 }
 
 impl PoseTimes {
     /// The pose that was made a camera at this moment has this time; to be said before the camera is sent.
-    pub fn note(&mut self, camera_nanos: u64, seconds: f64) {
-        let [of, time] = pose_time(&self.region, self.next) else { return };
+    ///
+    /// # Errors
+    /// The ring was cut short.
+    pub fn note(&mut self, camera_nanos: u64, seconds: f64) -> Result<(), ShmError> {
+        let offset = RingLayout::pose_time_offset(self.next);
         self.next += 1;
-        // Relaxed: the camera, which is sent later, brings it to the renderer (SYNC ring.publish and so on).
-        time.store(seconds.to_bits(), Ordering::Relaxed);
-        of.store(camera_nanos, Ordering::Relaxed);
+        // The camera, which is sent later, brings it to the renderer (SYNC ring.publish and so on).
+        self.file.write_words(offset, &[camera_nanos, seconds.to_bits()])
     }
-}
-
-fn pose_time(region: &Region, entry: u64) -> &[AtomicU64] {
-    region.words_slice(RingLayout::pose_time_offset(entry), 2)
-}
-
-/// The time that was noted of a camera.
-fn noted_time(region: &Region, camera_nanos: u64) -> Option<f64> {
-    let entries = (0..POSE_TIMES).map(|entry| pose_time(region, entry));
-    let of_camera = |entry: &[AtomicU64]| match entry {
-        [of, time] if of.load(Ordering::Relaxed) == camera_nanos => Some(time.load(Ordering::Relaxed)),
-        _ => None,
-    };
-    // A moment of 0 is that of a path's camera.
-    entries.filter(|_| camera_nanos != 0).find_map(of_camera).map(f64::from_bits)
 }
 
 /// The renderer's end. One at a time; another one goes on behind the last frame that was published.
 #[derive(Debug)]
 pub struct FrameRingWriter {
-    region: Region,
+    file: PublicFile,
     layout: RingLayout,
     next: u64,
+    buffer: Vec<u8>,
 }
 
 impl FrameRingWriter {
@@ -108,40 +106,73 @@ impl FrameRingWriter {
     /// See [`ShmError`].
     pub fn open(name: &SharedName, shape: FrameShape) -> Result<Self, ShmError> {
         let file = name.ring_file();
-        let region = named::open(&file, FRAMES, true)?;
-        let layout = RingLayout::read(&region, &file)?;
+        let (opened, head) = named::open_unmapped(&file, FRAMES, HEAD_BYTES)?;
+        let layout = RingLayout::read(&head, opened.len(), &file)?;
         if layout.shape != shape {
             let found = u64::from(layout.shape.size[0]) << 32 | u64::from(layout.shape.size[1]);
             let (field, expected) = ("the shape of its pictures", "that of the run");
             return Err(ShmError::Corrupt { name: file, field, found, expected });
         }
-        let header: &RingHeader = region.words(RING_HEADER_OFFSET);
+        let header: &RingHeader = head.words(RING_HEADER_OFFSET);
         let last = newest(&header.newest);
         // A number that no flight reaches was not written by a renderer: begin again.
         let next = if last < 1 << 60 { last + 1 } else { 1 };
-        Ok(Self { region, layout, next })
+        Ok(Self { file: opened, layout, next, buffer: Vec::new() })
     }
 
     /// Publishes a frame: `rgba` in rows from the top, `depth` and `ground` by pixel; the latter two are
     /// looked at only when the ring has such a plane. Waits for nobody. Returns the number of the publication.
+    ///
+    /// # Errors
+    /// [`ShmError::CutShort`]: another program has cut the file; who maps it may be dead of it.
     pub fn write(
         &mut self,
         info: &FrameInfo,
         rgba: &[u8],
         depth: impl Iterator<Item = f32>,
         ground: impl Iterator<Item = [f64; 3]>,
-    ) -> u64 {
+    ) -> Result<u64, ShmError> {
+        self.file.check_len()?;
         let number = self.next;
         self.next += 1;
         let offset = self.layout.slot_offset(number);
-        let words: &[AtomicU64] = self.region.words_slice(offset, self.layout.slot_bytes / 8);
-        let Some((sequence, words)) = words.split_first() else { return number };
-        let slot = FrameSlot { sequence, words };
-        let pose_time = noted_time(&self.region, info.camera_nanos).unwrap_or(info.pose_time_s);
-        slot.begin(number);
-        slot::store(words, &self.layout, &FrameInfo { pose_time_s: pose_time, ..*info }, rgba, depth, ground);
-        let header: &RingHeader = self.region.words(RING_HEADER_OFFSET);
-        slot.publish(number, &header.newest);
-        number
+        let pose_time_s = self.noted_time(info.camera_nanos)?.unwrap_or(info.pose_time_s);
+        let mut out = SlotFile { file: &self.file, offset };
+        begin(&mut out, number)?;
+        let info = FrameInfo { pose_time_s, ..*info };
+        slot::store(&self.file, offset, &self.layout, &mut self.buffer, &info, rgba, depth, ground)?;
+        publish(&mut out, number)?;
+        Ok(number)
+    }
+
+    /// The time that was noted of a camera.
+    fn noted_time(&mut self, camera_nanos: u64) -> Result<Option<f64>, ShmError> {
+        // A moment of 0 is that of a path's camera.
+        if camera_nanos == 0 {
+            return Ok(None);
+        }
+        self.buffer.resize((POSE_TIMES * POSE_TIME_BYTES) as usize, 0);
+        self.file.read_at(POSE_TIMES_OFFSET, &mut self.buffer)?;
+        let (words, _none) = self.buffer.as_chunks::<8>();
+        let mut entries = words.as_chunks::<2>().0.iter().map(|entry| entry.map(u64::from_ne_bytes));
+        Ok(entries.find(|[of, _]| *of == camera_nanos).map(|[_, time]| f64::from_bits(time)))
+    }
+}
+
+/// A slot in the ring's file.
+struct SlotFile<'a> {
+    file: &'a PublicFile,
+    offset: u64,
+}
+
+impl Outlet for SlotFile<'_> {
+    type Error = ShmError;
+
+    fn sequence(&mut self, value: u64) -> Result<(), ShmError> {
+        self.file.write_words(self.offset, &[value])
+    }
+
+    fn newest(&mut self, number: u64) -> Result<(), ShmError> {
+        self.file.write_words(NEWEST_OFFSET, &[number])
     }
 }

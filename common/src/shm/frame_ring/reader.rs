@@ -53,7 +53,7 @@ impl FrameRingReader {
     pub fn open(name: &SharedName) -> Result<Self, ShmError> {
         let name = name.ring_file();
         let region = named::open(&name, FRAMES, false)?;
-        let layout = RingLayout::read(&region, &name)?;
+        let layout = RingLayout::read(&region, region.len(), &name)?;
         Ok(Self { region, layout, name, seen: 0 })
     }
 

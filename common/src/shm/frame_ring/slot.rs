@@ -1,5 +1,7 @@
 //! A slot's words behind its sequence: what they say of the frame, and its planes.
 
+use super::super::error::ShmError;
+use super::super::public_file::PublicFile;
 use super::layout::{RingLayout, SLOT_HEADER_BYTES};
 use crate::camera::Camera;
 use crate::sync::{AtomicU64, Ordering};
@@ -86,45 +88,50 @@ pub(super) fn plane(words: &[AtomicU64], offset: u64, bytes: u64) -> &[AtomicU64
     words.get(first..first + bytes.div_ceil(8) as usize).unwrap_or_default()
 }
 
-/// Stores a whole slot; called between `FrameSlot::begin` and `publish`.
+/// Bytes of a plane that are made at a time.
+const CHUNK: usize = 1 << 18;
+
+/// Stores a whole slot but for its sequence, at `offset` of the file; called between `begin` and `publish`.
+#[expect(clippy::too_many_arguments, reason = "the place, and the planes as they come")]
 pub(super) fn store(
-    words: &[AtomicU64],
+    file: &PublicFile,
+    offset: u64,
     layout: &RingLayout,
+    buffer: &mut Vec<u8>,
     info: &FrameInfo,
     rgba: &[u8],
-    mut depth: impl Iterator<Item = f32>,
+    depth: impl Iterator<Item = f32>,
     ground: impl Iterator<Item = [f64; 3]>,
-) {
-    // Relaxed throughout: SYNC frame.begin and frame.end order them all.
-    for (word, value) in words.iter().zip(info.words()) {
-        word.store(value, Ordering::Relaxed);
-    }
-    let pixels = layout.pixels();
-    let (pairs, last) = rgba.as_chunks::<8>();
-    let color = plane(words, layout.color, pixels * 4);
-    for (word, pair) in color.iter().zip(pairs) {
-        word.store(u64::from_ne_bytes(*pair), Ordering::Relaxed);
-    }
-    if let (Some(word), false) = (color.get(pairs.len()), last.is_empty()) {
-        let mut pair = [0; 8];
-        pair[..last.len()].copy_from_slice(last);
-        word.store(u64::from_ne_bytes(pair), Ordering::Relaxed);
-    }
+) -> Result<(), ShmError> {
+    // In any order: SYNC frame.begin and frame.end order them all.
+    file.write_words(offset + 8, &info.words())?;
+    let pixels = layout.pixels() as usize;
+    file.write_at(offset + layout.color, &rgba[..rgba.len().min(pixels * 4)])?;
     if layout.shape.has_depth {
-        for word in plane(words, layout.depth, pixels * 4) {
-            let mut pair = [0; 8];
-            let (first, second) = pair.split_at_mut(4);
-            first.copy_from_slice(&depth.next().unwrap_or(f32::NAN).to_ne_bytes());
-            second.copy_from_slice(&depth.next().unwrap_or(f32::NAN).to_ne_bytes());
-            word.store(u64::from_ne_bytes(pair), Ordering::Relaxed);
-        }
+        let depth = depth.chain(std::iter::repeat(f32::NAN)).take(pixels);
+        store_plane(file, offset + layout.depth, buffer, depth.map(f32::to_ne_bytes))?;
     }
     if layout.shape.has_ground {
-        let (triples, _none) = plane(words, layout.ground, pixels * 24).as_chunks::<3>();
-        for (words, position) in triples.iter().zip(ground) {
-            for (word, value) in words.iter().zip(position) {
-                word.store(value.to_bits(), Ordering::Relaxed);
-            }
+        let ground = ground.chain(std::iter::repeat([f64::NAN; 3])).take(pixels);
+        store_plane(file, offset + layout.ground, buffer, ground.flatten().map(f64::to_ne_bytes))?;
+    }
+    Ok(())
+}
+
+fn store_plane<const N: usize>(
+    file: &PublicFile,
+    mut offset: u64,
+    buffer: &mut Vec<u8>,
+    values: impl Iterator<Item = [u8; N]>,
+) -> Result<(), ShmError> {
+    buffer.clear();
+    for value in values {
+        buffer.extend_from_slice(&value);
+        if buffer.len() >= CHUNK {
+            file.write_at(offset, buffer)?;
+            offset += buffer.len() as u64;
+            buffer.clear();
         }
     }
+    file.write_at(offset, buffer)
 }

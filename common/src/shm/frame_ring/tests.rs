@@ -1,6 +1,7 @@
 //! The ring between threads, and a header that anybody may have overwritten.
 
 use super::*;
+use crate::sync::Ordering;
 use proptest::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU32};
 
@@ -35,7 +36,7 @@ fn write(writer: &mut FrameRingWriter, frame: u64, pixels: usize) -> u64 {
     let rgba = vec![frame as u8; pixels * 4];
     let depth = std::iter::repeat_n(frame as f32, pixels);
     let ground = std::iter::repeat_n([frame as f64; 3], pixels);
-    writer.write(&info(frame), &rgba, depth, ground)
+    writer.write(&info(frame), &rgba, depth, ground).unwrap()
 }
 
 fn assert_whole(frame: &SharedFrame, pixels: usize) {
@@ -57,7 +58,7 @@ fn frames_come_out_as_they_went_in_and_the_newest_wins() {
     assert_eq!(reader.shape(), shape);
     assert!(!reader.read(&mut frame).unwrap() && reader.newest() == 0);
     let mut writer = FrameRingWriter::open(&name, shape).unwrap();
-    ring.pose_times().note(1008, 12.5);
+    ring.pose_times().note(1008, 12.5).unwrap();
     for number in 7..=9 {
         write(&mut writer, number, pixels);
         assert!(reader.read(&mut frame).unwrap());
@@ -115,6 +116,30 @@ fn readers_beside_a_writer_that_never_waits_see_whole_frames_alone() {
         }
         is_over.store(true, std::sync::atomic::Ordering::Release);
     });
+}
+
+/// A mapping of the file would end the process here.
+#[test]
+fn a_ring_that_is_cut_under_its_writer_is_an_error() {
+    let name = unique("cut");
+    let shape = shape([64, 64]);
+    let ring = FrameRing::create(&name, shape).unwrap();
+    let mut writer = FrameRingWriter::open(&name, shape).unwrap();
+    write(&mut writer, 1, 64 * 64);
+    let path = format!("/dev/shm/{}", name.ring_file());
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    for len in [ring.total_bytes() - 1, 4096, 0, ring.total_bytes() + 1] {
+        file.set_len(len).unwrap();
+        let none = || (std::iter::empty(), std::iter::empty());
+        let (depth, ground) = none();
+        let error = writer.write(&info(2), &[7; 64 * 64 * 4], depth, ground).unwrap_err();
+        assert!(matches!(error, ShmError::CutShort { found, .. } if found == len), "{error}");
+        assert!(error.to_string().contains("was cut by another program"), "{error}");
+        // What it is told of poses then goes nowhere, and the end is marked in what is left.
+        ring.pose_times().note(1, 2.0).unwrap();
+    }
+    drop(ring);
+    assert!(!std::path::Path::new(&path).exists());
 }
 
 #[test]

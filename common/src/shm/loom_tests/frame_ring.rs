@@ -1,7 +1,7 @@
 //! The frame ring: whole frames, and the one that was gone for.
 
 use super::model;
-use crate::shm::frame_core::{FrameSlot, newest};
+use crate::shm::frame_core::{FrameSlot, Outlet, begin, newest, publish};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicU64, Ordering};
 
@@ -28,11 +28,12 @@ impl HeapFrames {
 
     fn write(&self, number: u64) {
         let slot = self.slot(number);
-        slot.begin(number);
+        let mut out = Words { sequence: slot.sequence, newest: &self.newest };
+        let Ok(()) = begin(&mut out, number);
         for word in slot.words {
             word.store(100 + number, Ordering::Relaxed);
         }
-        slot.publish(number, &self.newest);
+        let Ok(()) = publish(&mut out, number);
     }
 
     /// Number and words of the newest frame, if the copy was not overtaken.
@@ -43,6 +44,26 @@ impl HeapFrames {
         }
         let copy = |words: &[AtomicU64]| words.iter().map(|word| word.load(Ordering::Relaxed)).collect();
         Some((number, self.slot(number).copy(number, copy)?))
+    }
+}
+
+/// A slot's sequence and the ring's newest number.
+struct Words<'a> {
+    sequence: &'a AtomicU64,
+    newest: &'a AtomicU64,
+}
+
+impl Outlet for Words<'_> {
+    type Error = std::convert::Infallible;
+
+    fn sequence(&mut self, value: u64) -> Result<(), Self::Error> {
+        self.sequence.store(value, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn newest(&mut self, number: u64) -> Result<(), Self::Error> {
+        self.newest.store(number, Ordering::Relaxed);
+        Ok(())
     }
 }
 
