@@ -47,6 +47,8 @@ fn visit(place: &Place<'_>) {
     if let Some(color) = &place.color {
         ingest = ingest.arg("--color").arg(color);
     }
+    // What the camera passes is to be ground, also where the data have gaps at their border.
+    let ingest = ingest.args(["--voids", "fill"]);
     let ingested = ingest.arg("-o").arg(folder.join("w.tv")).args(place.more).deadline(Duration::from_secs(300)).run();
     ingested.assert_code(0);
     Terravision::verb("info").arg(folder.join("w.tv")).arg("--json").succeed();

@@ -33,7 +33,7 @@ fn a_second_run_asks_for_the_manifest_alone_and_an_offline_one_for_nothing() {
     assert_eq!((server.take_asked().len(), store.figures().requests), (0, 0));
     // What it has not is an error that says so.
     let error = block_on(store.payload(Layer::Color, fine(1))).unwrap_err();
-    assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("disk cache"), "{error}");
+    assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("not in the cache"), "{error}");
     // Nothing of another place.
     let elsewhere = Location::parse("http://127.0.0.1:9/other.tv").unwrap();
     let error = Store::open(&elsewhere, &offline).unwrap_err();

@@ -107,6 +107,8 @@ fn still_from(folder: &TestFolder, world: &std::path::Path, pose: Pose, more: &[
         .arg(world)
         .args(pose.arguments())
         .args([format!("--size={SIDE}x{SIDE}"), "--sky=255,0,255".to_owned(), "--vfov=60".to_owned()])
+        // One sample a pixel: sky is the colour of sky.
+        .arg("--quality=default")
         .args(more)
         .arg("-o")
         .arg(&picture)

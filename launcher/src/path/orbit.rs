@@ -206,7 +206,8 @@ impl Round {
         let is_over: Vec<bool> = (0..ROUND_POINTS)
             .map(|i| {
                 let place = self.at(i as f64 / ROUND_POINTS as f64);
-                extent.distance(place) == 0.0 && ground.is_measured(place.x, place.y)
+                // Over ground that was made up within the data, too: mountains in radar data are full of it.
+                extent.distance(place) == 0.0 && ground.height_m(place.x, place.y).is_some()
             })
             .collect();
         if is_over.iter().all(|over| *over) {
