@@ -26,11 +26,14 @@ impl HeapFrames {
         FrameSlot { sequence: &self.sequences[index], words: &self.words[index] }
     }
 
+    fn out(&self, number: u64) -> Words<'_> {
+        Words { sequence: self.slot(number).sequence, newest: &self.newest }
+    }
+
     fn write(&self, number: u64) {
-        let slot = self.slot(number);
-        let mut out = Words { sequence: slot.sequence, newest: &self.newest };
+        let mut out = self.out(number);
         let Ok(()) = begin(&mut out, number);
-        for word in slot.words {
+        for word in self.slot(number).words {
             word.store(100 + number, Ordering::Relaxed);
         }
         let Ok(()) = publish(&mut out, number);
@@ -107,7 +110,7 @@ fn loom_frame_ring_goes_on_after_a_writer_that_died_in_a_frame() {
         let ring = HeapFrames::new();
         ring.write(1);
         // Killed in the middle of frame 2.
-        ring.slot(2).begin(2);
+        let Ok(()) = begin(&mut ring.out(2), 2);
         ring.slot(2).words[0].store(7, Ordering::Relaxed);
         let successor = {
             let ring = Arc::clone(&ring);
