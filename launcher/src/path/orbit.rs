@@ -18,6 +18,8 @@ const GRID: usize = 96;
 const ROUND_POINTS: usize = 72;
 /// A round of which less than this share lies over the world is flown whole, partly outside.
 const LEAST_SWING: f64 = 0.15;
+/// Share of the part of a round over the world that is swung through.
+const SWING_SHARE: f64 = 0.55;
 /// Near the border a mountain is taken if its relief is so many times that of the best one farther in.
 const BORDER_FACTOR: f64 = 1.25;
 /// Of mountains near the border the highest is taken whose relief is at least this share of the strongest.
@@ -220,9 +222,9 @@ impl Round {
             .max_by_key(|(run, first)| (*run, ROUND_POINTS - first));
         match longest {
             Some((run, first)) if run as f64 >= LEAST_SWING * ROUND_POINTS as f64 => {
-                // From the first point to the last, a little inside of both.
+                // Well inside of the first point and the last: there half the picture would lie beyond the border.
                 let half = 0.5 * (run - 1) as f64 / ROUND_POINTS as f64;
-                Swing::Arc { middle: (first as f64 / ROUND_POINTS as f64 + half).fract(), half: 0.95 * half }
+                Swing::Arc { middle: (first as f64 / ROUND_POINTS as f64 + half).fract(), half: SWING_SHARE * half }
             }
             _ => Swing::Outside,
         }
