@@ -170,21 +170,23 @@ fn a_stage_that_finds_bad_input_says_so_by_its_exit_code() {
 
 #[test]
 fn a_stage_that_was_killed_is_blamed_before_those_that_gave_up_over_it() {
-    let programs = Programs::new([
-        (Generator, "echo 'the preparer is gone' >&2; exit 1"),
-        (Preparer, "kill -9 $$"),
-        (Renderer, "echo 'the preparer is gone' >&2; exit 1"),
-        (Prefetcher, "echo 'the preparer is gone' >&2; exit 1"),
-    ]);
-    let stages = programs.start();
-    // All four are dead before the first look.
-    let end = Instant::now() + Duration::from_secs(60);
-    while stages.iter().any(|stage| !is_zombie(stage.pid())) {
-        assert!(Instant::now() < end, "they do not end");
-        std::thread::sleep(Duration::from_millis(5));
+    for kill in ["kill -9 $$", "kill -15 $$"] {
+        let programs = Programs::new([
+            (Generator, "echo 'the preparer is gone' >&2; exit 1"),
+            (Preparer, kill),
+            (Renderer, "echo 'the preparer is gone' >&2; exit 1"),
+            (Prefetcher, "echo 'the preparer is gone' >&2; exit 1"),
+        ]);
+        let stages = programs.start();
+        // All four are dead before the first look.
+        let end = Instant::now() + Duration::from_secs(60);
+        while stages.iter().any(|stage| !is_zombie(stage.pid())) {
+            assert!(Instant::now() < end, "they do not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let ending = Flight::new().watch(stages, || false, |_| ());
+        assert!(matches!(ending, Ending::Died { stage: Preparer, .. }), "{kill}: {ending:?}");
     }
-    let ending = Flight::new().watch(stages, || false, |_| ());
-    assert!(matches!(ending, Ending::Died { stage: Preparer, .. }), "{ending:?}");
 }
 
 fn is_zombie(pid: u32) -> bool {

@@ -81,6 +81,7 @@ pub fn watch(
             control.set_state(RunState::Failed);
             deadline = Some(Instant::now());
         }
+        let mut has_unexplained = false;
         if ending.is_none() {
             let is_over = control.state() == RunState::Finished;
             let death =
@@ -88,8 +89,11 @@ pub fn watch(
             // A stage that leaves when the flight is over says so by the same exit code.
             let death = death.filter(|(weight, _)| *weight > STOPPED || !is_over);
             let death = death.filter(|_| !is_done || !restarts.is_on());
-            let death = death.max_by_key(|(weight, _)| *weight).filter(|(weight, _)| {
-                *weight > SIGNALLED || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
+            let death = death.max_by_key(|(weight, _)| *weight);
+            has_unexplained = death.is_some();
+            let death = death.filter(|(weight, _)| {
+                !matches!(*weight, STOPPED | SIGNALLED)
+                    || first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE
             });
             if is_interrupted() {
                 control.set_state(RunState::Stopping);
@@ -102,7 +106,7 @@ pub fn watch(
                 deadline = Some(Instant::now());
             }
         }
-        if ended.iter().all(Option::is_some) {
+        if ended.iter().all(Option::is_some) && (ending.is_some() || !has_unexplained) {
             return ending.unwrap_or(Ending::Finished);
         }
         let is_renderer_done = stages.iter().zip(&ended).any(|(s, e)| s.stage() == Stage::Renderer && e.is_some());
@@ -174,8 +178,10 @@ fn wait_for_an_end(stages: &[StageProcess]) {
 
 /// Weight of the end of a stage that was told to stop.
 const STOPPED: u32 = 0;
+/// Weight of the death of a stage that gave up: maybe over one that is gone.
+const GAVE_UP: u32 = 1;
 /// Weight of the death of a stage by a signal that a whole group gets.
-const SIGNALLED: u32 = 1;
+const SIGNALLED: u32 = 2;
 /// Exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
 
@@ -186,10 +192,10 @@ fn death_of(stage: &StageProcess, status: ExitStatus, restarts: &Restarts<'_>) -
         (Some(0), _) => return None,
         (Some(2), _) => (3, "found bad input".to_owned()),
         (Some(130 | 143), _) => (STOPPED, "was stopped by a signal".to_owned()),
-        (Some(code), _) => (2, format!("ended with exit code {code}")),
+        (Some(code), _) => (GAVE_UP, format!("ended with exit code {code}")),
         (None, Some(signal @ (HUP | INT | TERM))) => (SIGNALLED, killed_by(signal)),
         (None, Some(signal)) => (4, killed_by(signal)),
-        (None, None) => (2, "ended".to_owned()),
+        (None, None) => (GAVE_UP, "ended".to_owned()),
     };
     let is_bad_input = status.code() == Some(2);
     let how = restarts.hang_of(stage).unwrap_or(how);
