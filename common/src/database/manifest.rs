@@ -151,7 +151,7 @@ pub enum Voids {
     Fill,
     /// It stays without ground.
     Keep,
-    /// What reaches the border of the world stays without ground, the rest is filled.
+    /// What reaches a corner of the world stays without ground, the rest is filled.
     #[default]
     Clip,
 }
