@@ -13,7 +13,7 @@
 //! ten times as long as the slowest thing that it got done so far.
 
 use super::stage::StageProcess;
-use super::vitals::Mark;
+use crate::process::vitals::Mark;
 use std::time::{Duration, Instant};
 use terravision_common::run::{OPEN_END, RunConfig};
 use terravision_common::shm::{Activity, Control, Stage};

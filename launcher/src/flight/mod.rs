@@ -9,38 +9,35 @@
 //! Whatever happens, no process and no segment is left: both belong to values that end them when they are dropped. Only
 //! SIGKILL leaves segments; the next start removes them.
 
-pub mod collector;
 pub mod hang;
-pub mod interrupt;
 pub mod kept;
-pub mod memory;
 pub mod pilot;
 pub mod progress;
 pub mod restart;
 pub mod stage;
 pub mod supervisor;
-pub(crate) mod vitals;
 
 use crate::data_set::FlownFrame;
 use crate::failure::{ExitStatus, Failure};
-use crate::metrics::{FrameTally, Metrics};
-use crate::network_report::{PrefetchFigures, WindowSpan, failure_sentences, main_failure};
+use crate::measure::collector::Collector;
+use crate::measure::memory::MemoryPeaks;
+use crate::measure::metrics::{FrameTally, Metrics};
+use crate::measure::report::network::{PrefetchFigures, WindowSpan, failure_sentences, main_failure};
+use crate::measure::report::{Report, RunFigures};
+use crate::measure::trace::{self, Phase};
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::plan::FlightPlan;
-use crate::report::{Report, RunFigures};
+use crate::process::{interrupt, own_folder};
 use crate::stream::hang::EncoderWatch;
 use crate::stream::{StreamError, StreamKeeper};
-use crate::trace::{self, Phase};
 use anyhow::{Context, anyhow};
-use collector::Collector;
 use kept::Kept;
-use memory::MemoryPeaks;
 use pilot::{Flown, Pilot};
 use progress::Progress;
 use restart::Restarts;
 use stage::{StageProcess, StartError};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 use supervisor::Ending;
 use terravision_common::event::{Event, monotonic_nanos};
@@ -50,15 +47,6 @@ use terravision_common::shm::{
     reap_dead_runs,
 };
 use terravision_store::Cause;
-
-/// Folder of the programs of the stages: that of this program.
-///
-/// # Errors
-/// The system does not say where this program is.
-pub fn own_folder() -> Result<PathBuf, Failure> {
-    let own = std::env::current_exe().context("cannot find the folder of this program").map_err(Failure::failed)?;
-    Ok(own.parent().unwrap_or(Path::new("/")).to_owned())
-}
 
 /// Flies a plan.
 ///

@@ -2,13 +2,13 @@
 //! those of the plan, or come from another program while it flies. In realtime mode it publishes where the camera is now:
 //! several times a frame along a path, or whenever a pose comes, whether anybody looks or not.
 
-use super::interrupt;
 use crate::data_set::FlownFrame;
 use crate::ground::WorldGround;
 use crate::input::{Incoming, LiveCamera};
 use crate::path::MAX_FRAMES;
 use crate::plan::FlightPlan;
-use crate::thread::in_thread;
+use crate::process::interrupt;
+use crate::process::thread::in_thread;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;

@@ -1,6 +1,6 @@
 //! One stage process: started beside this program, watched by a pidfd, its last words kept.
 
-use crate::thread::in_thread;
+use crate::process::thread::in_thread;
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use std::collections::VecDeque;

@@ -25,7 +25,7 @@ use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::bytes_for_people;
-use crate::metrics::MetricsSocket;
+use crate::measure::metrics::MetricsSocket;
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::{self, Pose};
 use crate::stream::StreamTarget;

@@ -5,7 +5,7 @@
 use super::StreamError;
 use super::film::FilmFormat;
 use crate::flight::supervisor::signal_name;
-use crate::thread::in_thread;
+use crate::process::thread::in_thread;
 use rustix::process::{Pid, Signal, kill_process_group};
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};

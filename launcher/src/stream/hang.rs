@@ -3,7 +3,7 @@
 use super::StreamKeeper;
 use super::encoder::kill_group;
 use crate::flight::hang::{BUSY, LONGEST_TICK};
-use crate::flight::vitals::Mark;
+use crate::process::vitals::Mark;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 

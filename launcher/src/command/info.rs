@@ -1,9 +1,9 @@
 //! `terravision info`: what a terrain database holds.
 
 use crate::cli::InfoArgs;
+use crate::command::places::{Place, Places};
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
-use crate::places::{Place, Places};
 use crate::world::open_world;
 use anyhow::Context;
 use serde_json::{Value, json};

@@ -1,18 +1,18 @@
-//! Commands that are other programs: `synth`, `ingest`, `bench`.
+//! Subcommands that are programs of their own: `synth`, `ingest`, `bench`.
 
 use crate::failure::Failure;
-use crate::flight::own_folder;
+use crate::process::own_folder;
 use anyhow::anyhow;
 use std::ffi::OsString;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-/// Becomes the program beside this one. Returns only when that fails.
+/// Replaces this process by the program beside it (`execve`). Returns only when that fails.
 ///
 /// # Errors
 /// The program is missing or does not start.
-pub fn become_program(name: &str, arguments: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
+pub fn exec_program(name: &str, arguments: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
     let program = own_folder()?.join(name);
     // Its help shows the command that was typed.
     let error = Command::new(&program).arg0("terravision").args(arguments).exec();

@@ -1,11 +1,15 @@
-//! The report of a run, JSON of the schema `terravision-fly-1` (docs/report.md).
+//! The report of a run, JSON of the schema `terravision-fly-1` (docs/report.md). [`realtime`]: its part about a flight
+//! against the clock; [`network`]: its parts about where tiles came from.
+
+pub mod network;
+pub mod realtime;
 
 use crate::data_set::FlownFrame;
-use crate::flight::collector::{Collector, FrameFigures};
-use crate::flight::memory::MemoryPeaks;
-use crate::network_report::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
-use crate::realtime_report::RealtimeReport;
-use crate::trace::Phase;
+use crate::measure::collector::{Collector, FrameFigures};
+use crate::measure::memory::MemoryPeaks;
+use crate::measure::report::network::{NetworkReport, PrefetchFigures, PrefetchReport, WindowSpan};
+use crate::measure::report::realtime::RealtimeReport;
+use crate::measure::trace::Phase;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};

@@ -3,8 +3,8 @@
 use crate::cli::DoctorArgs;
 use crate::device::{self, Compression, DeviceQuestion};
 use crate::failure::Failure;
-use crate::flight::own_folder;
 use crate::machine::{bytes_for_people, find_program, outcome_words};
+use crate::process::own_folder;
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};

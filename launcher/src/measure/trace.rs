@@ -4,7 +4,7 @@
 //! row over each other when they overlap, so no two on a row do: what a process does at the same time (requests for
 //! tiles, uploads while a frame is recorded) stands on rows of its own.
 
-use crate::report::RunFigures;
+use crate::measure::report::RunFigures;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -198,7 +198,7 @@ impl<W: Write> List<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::figures;
+    use crate::measure::report::tests::figures;
 
     fn events(figures: &RunFigures) -> Vec<Value> {
         let mut bytes = Vec::new();

@@ -1,7 +1,7 @@
 //! The parts of a report that are about where tiles came from: the prefetcher, and a database that is elsewhere.
 
-use crate::realtime_report::Percentiles;
-use crate::report::RunFigures;
+use crate::measure::report::RunFigures;
+use crate::measure::report::realtime::Percentiles;
 use serde::Serialize;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{Control, Counter, FAILURE_CAUSES, Gauge};
@@ -203,7 +203,7 @@ pub fn failure_sentences(figures: &RunFigures) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::{config, figures};
+    use crate::measure::report::tests::{config, figures};
     use terravision_common::event::{Event, EventKind};
     use terravision_common::run::DatabaseConfig;
     use terravision_common::shm::Stage;

@@ -1,6 +1,6 @@
 //! How much memory the processes of a run use, by what `/proc` says of them.
 
-use super::stage::StageProcess;
+use crate::flight::stage::StageProcess;
 use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};

@@ -1,7 +1,7 @@
 //! The part of a report that is about a flight against the clock.
 
-use crate::flight::collector::FrameFigures;
-use crate::report::RunFigures;
+use crate::measure::collector::FrameFigures;
+use crate::measure::report::RunFigures;
 use serde::Serialize;
 use terravision_common::run::RunConfig;
 
@@ -157,7 +157,7 @@ fn finite(value: f32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::{config, figures};
+    use crate::measure::report::tests::{config, figures};
     use terravision_common::run::RealtimeConfig;
 
     const MS: u64 = 1_000_000;

@@ -1,6 +1,6 @@
 //! What is known of the frames of a run so far, added up from events.
 
-use crate::realtime_report::ON_TIME_PERIODS;
+use crate::measure::report::realtime::ON_TIME_PERIODS;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::RunConfig;
 
@@ -80,7 +80,7 @@ impl FrameTally {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::config;
+    use crate::measure::report::tests::config;
     use bytemuck::Zeroable;
     use terravision_common::run::RealtimeConfig;
 

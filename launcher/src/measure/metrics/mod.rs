@@ -8,7 +8,7 @@ mod text;
 pub use tally::FrameTally;
 
 use crate::failure::Failure;
-use crate::thread::in_thread;
+use crate::process::thread::in_thread;
 use answer::Clients;
 use anyhow::anyhow;
 use std::io;
