@@ -12,6 +12,7 @@
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
 //! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
+//!   [`report`]: what it says of the run afterwards.
 
 pub mod bug;
 pub mod camera;
@@ -26,6 +27,7 @@ pub mod node;
 pub mod node_table;
 pub mod outcome;
 pub mod rate;
+pub mod report;
 pub mod run;
 pub mod shm;
 pub mod slot;

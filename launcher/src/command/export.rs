@@ -25,7 +25,7 @@ pub fn export(args: &PathArgs) -> Result<(), Failure> {
         (settings.vfov_rad, settings.hfov_rad) = (Some(vfov_rad), None);
     }
     let progress = Progress::new(0, false);
-    notes.iter().for_each(|note| progress.say(&format!("note: {note}")));
+    notes.iter().for_each(|note| progress.note(note));
     warnings.iter().for_each(|warning| progress.warn(warning));
     let (fps, speed) = plan::pace(&args.course, &path)?;
     let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;

@@ -1,6 +1,5 @@
 //! How much memory the processes of a run use, by what `/proc` says of them.
 
-use crate::flight::stage::StageProcess;
 use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -25,17 +24,15 @@ pub struct MemoryPeaks {
 }
 
 impl MemoryPeaks {
-    /// Looks at this process, the stages, and the encoder (by its process id), if it is time again.
-    pub fn sample(&mut self, stages: &[StageProcess], encoder: Option<u32>) {
+    /// Looks at this process and at others (by name and process id), if it is time again.
+    pub fn sample<'a>(&mut self, others: impl Iterator<Item = (&'a str, u32)>) {
         let now = Instant::now();
         let is_due = |seen: Option<Instant>, every| seen.is_none_or(|seen| now.duration_since(seen) >= every);
         let (is_rss_due, is_pss_due) = (is_due(self.rss_seen, RSS_EVERY), is_due(self.pss_seen, PSS_EVERY));
         if !is_rss_due && !is_pss_due {
             return;
         }
-        let mut processes = vec![("launcher".to_owned(), std::process::id())];
-        processes.extend(stages.iter().map(|stage| (stage.stage().name().to_owned(), stage.pid())));
-        processes.extend(encoder.map(|pid| ("encoder".to_owned(), pid)));
+        let processes: Vec<(&str, u32)> = std::iter::once(("launcher", std::process::id())).chain(others).collect();
         if is_rss_due {
             self.rss_seen = Some(now);
             for (name, pid) in &processes {
@@ -77,7 +74,7 @@ mod tests {
     #[test]
     fn this_process_has_memory() {
         let mut peaks = MemoryPeaks::default();
-        peaks.sample(&[], None);
+        peaks.sample(std::iter::empty());
         assert!(peaks.rss_mb["launcher"] > 0.5 && peaks.pss_total_mb > 0.1, "{peaks:?}");
         assert!(peaks.pss_mb["launcher"] <= peaks.rss_mb["launcher"] + 1.0);
     }

@@ -4,7 +4,7 @@
 //! row over each other when they overlap, so no two on a row do: what a process does at the same time (requests for
 //! tiles, uploads while a frame is recorded) stands on rows of its own.
 
-use crate::measure::report::RunFigures;
+use super::stats::RunStats;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -53,19 +53,19 @@ struct Slice {
 ///
 /// # Errors
 /// The writer's.
-pub fn write(writer: &mut impl Write, figures: &RunFigures) -> io::Result<()> {
-    let pid_of = |stage: Stage| figures.pids.iter().find(|(other, _)| *other == stage).map_or(0, |(_, pid)| *pid);
+pub fn write(writer: &mut impl Write, stats: &RunStats) -> io::Result<()> {
+    let pid_of = |stage: Stage| stats.pids.iter().find(|(other, _)| *other == stage).map_or(0, |(_, pid)| *pid);
     let no_events = Vec::new();
-    let events = figures.collector.trace.as_ref().unwrap_or(&no_events);
+    let events = stats.collector.trace.as_ref().unwrap_or(&no_events);
     let mut list = List { writer, is_first: true };
     list.writer.write_all(b"{\"displayTimeUnit\":\"ms\",\"traceEvents\":[\n")?;
-    write_processes(&mut list, figures)?;
+    write_processes(&mut list, stats)?;
 
-    let of_phases = figures.phases.iter().map(Slice::of_phase);
+    let of_phases = stats.phases.iter().map(Slice::of_phase);
     let of_events = events.iter().filter_map(|(stage, event)| Slice::of_event(pid_of(*stage), event));
     let mut slices: Vec<Slice> = of_phases.chain(of_events).collect();
     slices.sort_by_key(|slice| (slice.pid, slice.thread, slice.start_nanos, slice.duration_nanos));
-    let at = |nanos: u64| nanos.saturating_sub(figures.started_nanos) as f64 / 1e3;
+    let at = |nanos: u64| nanos.saturating_sub(stats.started_nanos) as f64 / 1e3;
     let mut rows = Rows::default();
     for slice in &slices {
         let tid = rows.place(slice);
@@ -87,11 +87,11 @@ pub fn write(writer: &mut impl Write, figures: &RunFigures) -> io::Result<()> {
 }
 
 /// The names of all processes: this program's first, then the stages, then the encoder.
-fn write_processes<W: Write>(list: &mut List<'_, W>, figures: &RunFigures) -> io::Result<()> {
+fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Result<()> {
     let mut names: Vec<(u32, &str)> = Vec::new();
-    let stages = figures.pids.iter().map(|(stage, pid)| (*pid, stage.name()));
+    let stages = stats.pids.iter().map(|(stage, pid)| (*pid, stage.name()));
     let of = |name: &'static str| {
-        figures.phases.iter().filter(move |phase| phase.process == name).map(|phase| (phase.pid, phase.process))
+        stats.phases.iter().filter(move |phase| phase.process == name).map(|phase| (phase.pid, phase.process))
     };
     for (pid, name) in of("launcher").chain(stages).chain(of("ffmpeg")) {
         if !names.iter().any(|(known, _)| *known == pid) {
@@ -198,11 +198,11 @@ impl<W: Write> List<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::report::tests::figures;
+    use crate::measure::report::tests::stats;
 
-    fn events(figures: &RunFigures) -> Vec<Value> {
+    fn events(stats: &RunStats) -> Vec<Value> {
         let mut bytes = Vec::new();
-        write(&mut bytes, figures).unwrap();
+        write(&mut bytes, stats).unwrap();
         let trace: Value = serde_json::from_slice(&bytes).unwrap();
         trace["traceEvents"].as_array().unwrap().clone()
     }
@@ -210,10 +210,10 @@ mod tests {
     #[test]
     fn a_trace_has_all_processes_on_one_timeline() {
         const MS: u64 = 1_000_000;
-        let mut figures = figures();
-        figures.phases = vec![Phase::own("plan", 15 * MS, 20 * MS), Phase::own("fly", 20 * MS, 200 * MS)];
-        figures.phases.push(Phase::encoder(77, 30 * MS, 210 * MS));
-        let events = events(&figures);
+        let mut stats = stats();
+        stats.phases = vec![Phase::own("plan", 15 * MS, 20 * MS), Phase::own("fly", 20 * MS, 200 * MS)];
+        stats.phases.push(Phase::encoder(77, 30 * MS, 210 * MS));
+        let events = events(&stats);
         let named = |name: &str| events.iter().filter(|event| event["name"] == name).count();
         assert_eq!((named("process_name"), named("generate"), named("prepare"), named("record")), (6, 3, 3, 3));
         let first = events.iter().find(|event| event["name"] == "record").unwrap();
@@ -236,16 +236,16 @@ mod tests {
 
     #[test]
     fn spans_of_one_row_do_not_overlap() {
-        let mut figures = figures();
+        let mut stats = stats();
         for (start, duration) in [(500, 400), (600, 50), (600, 300), (650, 10), (900, 5), (700, 600), (500, 400)] {
             let (kind, value) = (EventKind::Span as u32, SpanName::FetchTile as u64);
             // Behind the start of the program.
             let start_nanos = 20_000_000 + start;
             let event = Event { kind, thread: 3, frame: 5, start_nanos, duration_nanos: duration, value, node: 0 };
-            figures.collector.take(Stage::Prefetcher, event);
+            stats.collector.take(Stage::Prefetcher, event);
         }
         let mut by_row: BTreeMap<(u64, u64), Vec<(f64, f64)>> = BTreeMap::new();
-        let events = events(&figures);
+        let events = events(&stats);
         for event in events.iter().filter(|event| event["ph"] == "X") {
             let span = (event["ts"].as_f64().unwrap(), event["dur"].as_f64().unwrap());
             by_row.entry((event["pid"].as_u64().unwrap(), event["tid"].as_u64().unwrap())).or_default().push(span);
@@ -262,9 +262,9 @@ mod tests {
 
     #[test]
     fn a_trace_of_nothing_is_valid() {
-        let mut figures = figures();
-        figures.collector.trace = None;
-        figures.pids.clear();
-        assert!(events(&figures).is_empty());
+        let mut stats = stats();
+        stats.collector.trace = None;
+        stats.pids.clear();
+        assert!(events(&stats).is_empty());
     }
 }

@@ -1,6 +1,8 @@
 //! This program as a process, and those beside it: signals, threads, and what `/proc` tells.
 
 pub mod interrupt;
+pub mod orphans;
+pub mod signals;
 pub mod thread;
 pub(crate) mod vitals;
 

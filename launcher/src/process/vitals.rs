@@ -9,6 +9,14 @@ const TICKS_PER_SECOND: f64 = 100.0;
 /// whether there is something to do stay below.
 const LEAST_SHARE: f64 = 0.05;
 
+/// A process that computes is slow and does not hang: it has this many times as long. A frame may be very large, and the
+/// machine have other work.
+pub(crate) const BUSY: u32 = 20;
+/// What a process had done is marked when nothing was heard of it for so long.
+pub(crate) const MARK_AFTER: Duration = Duration::from_millis(500);
+/// Longest time that counts between two looks: more means that this program was stopped itself (Ctrl-Z).
+pub(crate) const LONGEST_TICK: Duration = Duration::from_secs(1);
+
 /// What a process had done at a moment.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Mark {

@@ -18,7 +18,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use terravision_common::shm::Control;
+use terravision_common::run::{OPEN_END, RunConfig};
+use terravision_common::shm::{Control, Layout, RunId};
 use text::Facts;
 
 /// How often the thread looks whether the run is over.
@@ -98,16 +99,14 @@ impl Metrics {
     ///
     /// # Errors
     /// The control block does not open, or there is no thread for it.
-    pub fn start(
-        socket: MetricsSocket,
-        plan: &crate::plan::FlightPlan,
-        tally: Arc<Mutex<FrameTally>>,
-    ) -> anyhow::Result<Self> {
+    pub fn start(socket: MetricsSocket, run: &RunId, config: &RunConfig, layout: &Layout) -> anyhow::Result<Self> {
+        let [first, end] = config.frames;
         let facts = Facts {
-            control: Control::open(&plan.run)?,
-            pool_slots: [plan.layout.elevation_slots, plan.layout.color_slots],
-            asked_frames: plan.cameras.len() as u64,
+            control: Control::open(run)?,
+            pool_slots: [layout.elevation_slots, layout.color_slots],
+            asked_frames: if end == OPEN_END { 0 } else { end.saturating_sub(first) },
         };
+        let tally = Arc::new(Mutex::new(FrameTally::new(config)));
         let ends = Arc::new(AtomicBool::new(false));
         let (is_over, figures) = (Arc::clone(&ends), Arc::clone(&tally));
         let serve = move || {

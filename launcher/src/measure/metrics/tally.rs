@@ -1,6 +1,6 @@
 //! What is known of the frames of a run so far, added up from events.
 
-use crate::measure::report::realtime::ON_TIME_PERIODS;
+use crate::measure::timing::ON_TIME_PERIODS;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::RunConfig;
 
@@ -11,7 +11,7 @@ pub(super) const BOUNDS_S: [f64; 14] =
 /// Why tiles could not be had, by the code of the event less one.
 pub(super) const CAUSES: [&str; 5] = ["missing", "corrupt", "read_error", "refused", "not_cached"];
 
-/// Figures of frames.
+/// What is known of frames.
 #[derive(Debug, Clone, Default)]
 pub struct FrameTally {
     first_frame: u64,
