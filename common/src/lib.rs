@@ -4,6 +4,7 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
+//! * [`ids`]: numbers that must not be mixed up.
 //! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`validity`]: which of it was
 //!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
@@ -21,6 +22,7 @@ pub mod event;
 pub mod facet;
 pub mod files;
 pub mod film;
+pub mod ids;
 pub mod level;
 pub mod lonlat;
 pub mod node;
