@@ -267,7 +267,8 @@ fn a_stage_that_is_killed_twice_is_started_twice_and_the_run_ends_well() {
         let (ending, said, count) = fly_again(RULES, scripts, &flight);
         assert_eq!((ending, count, said.len()), (Ending::Finished, 2, 2), "{victim}");
         // Nothing was done in between: the second has to wait.
-        let expected = format!("the {victim} was killed by signal 9 (KILL); it said last: I fall; it is started again");
+        let expected =
+            format!("the {victim} was killed by signal 9 (KILL); its last message: I fall; it is started again");
         assert_eq!(said, [expected.clone(), format!("{expected} in 0.5 s")]);
         flight.assert_no_segment_is_left();
     }
@@ -417,5 +418,8 @@ fn a_stage_that_falls_silent_is_killed_and_started_again() {
         },
     );
     assert_eq!(ending, Ending::Interrupted);
-    assert_eq!(said, ["the preparer gave no sign of life for 1 s and was killed, without a word; it is started again"]);
+    assert_eq!(
+        said,
+        ["the preparer gave no sign of life for 1 s and was killed; it left no message; it is started again"]
+    );
 }

@@ -177,7 +177,7 @@ impl<'a> Restarts<'a> {
 #[must_use]
 pub fn death_message(stage: Stage, how: &str, message: &str) -> String {
     match message {
-        "" => format!("the {stage} {how} and left no message"),
+        "" => format!("the {stage} {how}; it left no message"),
         message if how.contains("was ") => format!("the {stage} {how}; its last message: {message}"),
         message => format!("the {stage} gave up: {message}"),
     }
@@ -205,7 +205,7 @@ mod tests {
         let told = |how: &str, message: &str| death_message(Stage::Preparer, how, message);
         assert_eq!(
             told("was killed by signal 9 (KILL)", ""),
-            "the preparer was killed by signal 9 (KILL) and left no message"
+            "the preparer was killed by signal 9 (KILL); it left no message"
         );
         assert_eq!(told("ended with exit code 1", "no room"), "the preparer gave up: no room");
         assert!(told("was killed by signal 11", "oh").ends_with("; its last message: oh"));

@@ -95,7 +95,7 @@ impl Encoder {
             None => match status.map(|status| (status.success(), status.signal())) {
                 Ok((true, _)) => Ok(()),
                 Ok((_, Some(signal))) => Err(format!("it {}", killed_by(signal))),
-                _ => Err("it ended without a word".to_owned()),
+                _ => Err("it ended and left no message".to_owned()),
             },
             Some(line) => Err(line.trim().to_owned()),
         }
