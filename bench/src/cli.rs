@@ -18,6 +18,9 @@ pub struct Cli {
     /// What to measure; everything when nothing is said
     #[command(subcommand)]
     pub verb: Option<Verb>,
+    /// Log what the bench does to standard error: error, warn, info, debug, trace, or a filter [default: TERRAVISION_LOG]
+    #[arg(long, global = true, value_name = "LEVEL|FILTER")]
+    pub log: Option<String>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub options: Options,

@@ -138,12 +138,15 @@ impl Session {
         let mut command = Command::new(&program);
         command
             .envs(STAGE_ENVIRONMENT)
+            // Nobody reads what a stage says before it has failed: its log would fill the pipe.
+            .env_remove(terravision_common::log::VARIABLE)
             .arg("--run")
             .arg(config)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        tracing::debug!(%stage, pid = child.id(), "stage started");
         self.stages.push((stage, child));
         Ok(())
     }

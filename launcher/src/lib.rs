@@ -36,6 +36,7 @@ use command::{doctor, exec, export, info};
 use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::log;
 use terravision_common::terminal::complain;
 
 /// The whole program: reads the command line, does what it says, and returns the exit code.
@@ -45,7 +46,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
     terravision_common::stage::note_file_limit().ok();
     let result = match parse(arguments.into_iter().collect()) {
-        Ok(cli) => dispatch(cli.command, started_nanos),
+        Ok(cli) => start_log(cli.log.as_deref()).and_then(|()| dispatch(cli.command, started_nanos)),
         Err(error) => usage(&error),
     };
     match result {
@@ -64,6 +65,11 @@ fn parse(arguments: Vec<OsString>) -> Result<Cli, clap::Error> {
         let moved = is_incomplete.then(|| with_planes_last(&arguments)).flatten();
         moved.and_then(|arguments| Cli::try_parse_from(arguments).ok()).ok_or(error)
     })
+}
+
+fn start_log(filter: Option<&str>) -> Result<(), Failure> {
+    let name = if filter.is_some() { "--log" } else { log::VARIABLE };
+    log::start(filter).map_err(|error| Failure::bad_input(anyhow::anyhow!("{name}: {error}")))
 }
 
 fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {

@@ -18,6 +18,7 @@ const BAR_BYTES: u64 = 4 << 20;
 pub fn open_world(world: &Path, args: &DatabaseArgs) -> Result<Store, Failure> {
     let location = Location::parse_os(world.as_os_str()).map_err(Failure::bad_input)?;
     let options = StoreOptions::of(&config(&location, args));
+    tracing::debug!(%location, "opens the database");
     let mut bar: Option<ProgressBar> = None;
     let opened = Store::open_with_progress(&location, &options, &mut |done, all| {
         if all >= BAR_BYTES && io::stderr().is_terminal() {

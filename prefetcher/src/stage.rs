@@ -122,6 +122,7 @@ pub fn serve<S: PayloadSource>(
     let mut desk = Desk::new(world, elevation, color, config.prefetch.has_retries);
     let mut ahead = Ahead::new(world, ranges, config, path);
     desk.show(&control);
+    tracing::debug!(prediction = config.prefetch.prediction.name(), threads = config.decoder_threads, "serves tiles");
     let mut accounts = Accounts::default();
     let mut tiles = Vec::new();
     let mut cycle_end = monotonic_nanos() + CYCLE_NANOS;
@@ -131,6 +132,7 @@ pub fn serve<S: PayloadSource>(
             if head.is_last {
                 return Ok(false);
             }
+            tracing::trace!(tiles = tiles.len(), "frame wants");
             desk.want(head, &tiles, now, &control, crew);
         }
         ahead.see(&control, now);
@@ -138,6 +140,7 @@ pub fn serve<S: PayloadSource>(
             cycle_end = now + CYCLE_NANOS;
             desk.end_cycle(now, &control, crew);
             if let Some(tiles) = ahead.look(&desk, &control, now)? {
+                tracing::trace!(tiles = tiles.len(), "predicted view wants");
                 desk.expect(tiles.iter().copied(), now, &control, crew);
             }
             accounts.publish(crew.source(), &control, events);

@@ -90,6 +90,7 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
 }
 
 fn render(run_text: &str) -> anyhow::Result<()> {
+    terravision_common::log::start_stage();
     let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
@@ -132,6 +133,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         lanes,
         &mut |engine, source| {
             let found = engine.describe();
+            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
                 (EventKind::DeviceName, found.device.as_str()),
                 (EventKind::DriverName, &found.driver),

@@ -189,10 +189,12 @@ impl Network {
                 break permit;
             }
         };
-        let limit = end.min(Instant::now() + self.request_timeout);
+        let (start, limit) = (Instant::now(), end.min(Instant::now() + self.request_timeout));
         let get = self.transport.get(request.file, request.range.clone(), request.most_bytes);
         let answer = timeout_at(limit, get).await;
         drop(permit);
+        let (range, is_answered) = (request.range.as_ref(), matches!(answer, Ok(Ok(_))));
+        tracing::trace!(file = request.file, ?range, is_answered, elapsed = ?start.elapsed(), "request");
         answer.unwrap_or_else(|_| {
             let why = format!("no complete answer within {:.0?}", self.request_timeout);
             Err(fault(Cause::Timeout, why))

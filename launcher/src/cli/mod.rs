@@ -44,7 +44,7 @@ EXIT STATUS
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
-  TERRAVISION_LOG     'stages' passes on what the stages say while they run
+  TERRAVISION_LOG     default of --log; 'stages' shows only what stages write to standard error
   RAYON_NUM_THREADS   default of --threads
   AWS_…, HTTPS_PROXY… for databases on servers: docs/databases.md
   VK_ICD_FILENAMES    which Vulkan drivers the loader sees
@@ -64,6 +64,12 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+    /// Log what every process does to standard error [default: TERRAVISION_LOG, else off]
+    ///
+    /// A level (error, warn, info, debug, trace) for all of TerraVision, or a filter of levels by target, e.g.
+    /// info,terravision_store=trace. docs/report.md says what is logged.
+    #[arg(long, global = true, value_name = "LEVEL|FILTER", help_heading = "Log")]
+    pub log: Option<String>,
 }
 
 /// What to do.

@@ -115,6 +115,7 @@ impl<'a> Restarts<'a> {
         self.since_picture += 1;
         let back_off = self.back_off(stage, control.progress_of(stage));
         let soon = if back_off.is_zero() { String::new() } else { format!(" in {} s", back_off.as_secs_f64()) };
+        tracing::warn!(%stage, how, ?back_off, restarts = self.recent.len(), "stage is to be started again");
         (self.say)(&format!("{}; it is started again{soon}", death_message(stage, how, &place.last_message())));
         self.waiting.push(Waiting { stage, due: now + back_off.max(least) });
         true

@@ -123,6 +123,7 @@ impl Run {
         let flying_nanos = monotonic_nanos();
         let ending = self.watch(&flight, &mut state, plan);
         let landed_nanos = monotonic_nanos();
+        tracing::info!(?ending, written = self.control.written_frames(), "flight ends");
         self.phases.push(Phase::own("fly", flying_nanos, landed_nanos));
         self.land(flight, state, ending, landed_nanos)
     }
@@ -138,6 +139,8 @@ impl Run {
         if plan.restarts.limit > 0 {
             self.control.set_supervised();
         }
+        let ([first, end], size) = (plan.config.frames, [plan.config.width, plan.config.height]);
+        tracing::info!(run = %plan.run, first, end, ?size, destination = plan.destination, "flight begins");
         let mut stages = Vec::new();
         for stage in Stage::ALL {
             stages.push(starter.start(stage, stream.as_ref()).map_err(Failure::failed)?);

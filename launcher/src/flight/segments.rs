@@ -39,6 +39,7 @@ pub(super) fn guard_against_truncation(plan: &FlightPlan, segments: &RunSegments
     const MESSAGE: &str = "terravision: the flight is broken off: a file of its shared memory, /dev/shm/tv-…, was truncated by \
                            another program (bus error)";
     let mut files = segments.paths();
+    tracing::debug!(segments = files.len(), bytes = segments.total_bytes(), "segments created");
     files.extend(ring.map(FrameRing::path));
     files.extend(plan.live.as_ref().and_then(|live| live.input.shared_file()));
     let temporary = plan.files.iter().chain(&plan.report).chain(&plan.trace);

@@ -11,6 +11,7 @@ use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use terravision_common::bug::INTERNAL_ERROR_WORDS;
+use terravision_common::log::{self, STAGE_MARK, STAGES_TARGET};
 use terravision_common::shm::Stage;
 use terravision_common::stage::{FROM_STDIN, STAGE_ENVIRONMENT};
 use terravision_common::terminal::complain;
@@ -103,7 +104,13 @@ impl StageProcess {
         let program = program_of(stage, programs);
         let mut command = Command::new(&program);
         // The run is not on the command line, which everybody can read: see the module `stage`.
-        command.envs(STAGE_ENVIRONMENT).arg("--run").arg(FROM_STDIN).stdin(Stdio::piped()).stderr(Stdio::piped());
+        command
+            .envs(STAGE_ENVIRONMENT)
+            .envs(log::environment())
+            .arg("--run")
+            .arg(FROM_STDIN)
+            .stdin(Stdio::piped())
+            .stderr(Stdio::piped());
         command.stdout(stdout.map_or_else(Stdio::null, Stdio::from));
         let mut child = command.spawn().map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },
@@ -113,6 +120,7 @@ impl StageProcess {
             // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read. That one of them has died is noticed elsewhere.
             drop(stdin.write_all(run.as_bytes()));
         }
+        tracing::debug!(%stage, pid = child.id(), "stage started");
         let messages = Arc::new(Messages::default());
         let stderr = child.stderr.take();
         let pid = Pid::from_child(&child);
@@ -153,6 +161,9 @@ impl StageProcess {
                 // Somebody else has waited for it: nothing is known but that it is gone.
                 Err(_gone) => Some(ExitStatus::from_raw(1 << 8)),
             };
+            if let Some(status) = self.status {
+                tracing::debug!(stage = %self.stage, pid = self.pid(), %status, "stage ended");
+            }
         }
         self.status
     }
@@ -222,15 +233,17 @@ fn without_echo(text: &str) -> String {
 }
 
 fn listen(stage: Stage, stderr: ChildStderr, messages: &Messages) {
-    let is_passed_on = std::env::var_os("TERRAVISION_LOG").is_some_and(|value| value == "stages");
     let mut reader = BufReader::new(stderr);
     let mut line = Vec::new();
     // A line without an end is cut, so that a stage that goes mad does not fill the memory.
     while matches!(reader.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line), Ok(1..)) {
         let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-        if is_passed_on {
-            complain(&format!("{stage}: {text}"));
+        if let Some(logged) = text.strip_prefix(STAGE_MARK) {
+            complain(logged);
+            line.clear();
+            continue;
         }
+        tracing::info!(target: STAGES_TARGET, "{stage}: {text}");
         let mut kept = messages.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.lines.len() == KEPT_LINES {
             kept.lines.pop_front();
