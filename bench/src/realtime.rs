@@ -179,7 +179,7 @@ impl LoadedFlight {
     }
 
     /// The largest up-and-down (or down-and-up) of a value within a few seconds of steady state, as a share of it: the
-    /// smaller one of the two moves. A drift, which follows the terrain, is none.
+    /// smaller one of the two moves. A drift, which follows the terrain, does not count.
     fn swing(&self, values: &[f64]) -> f64 {
         let mut worst: f64 = 0.0;
         let mut extremes: Vec<(f64, f64)> = Vec::new();

@@ -207,7 +207,7 @@ fn cpu_seconds(pid: u32) -> Option<f64> {
 fn threads_cpu_seconds(pid: u32) -> Option<f64> {
     let mut nanos = 0.0;
     for thread in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {
-        // One that ends meanwhile is none.
+        // One that ends meanwhile does not count.
         let Ok(text) = std::fs::read_to_string(thread.ok()?.path().join("schedstat")) else { continue };
         nanos += text.split_whitespace().next()?.parse::<f64>().ok()?;
     }

@@ -1,7 +1,7 @@
 //! The Vulkan device that a flight would draw with, as the renderer tells of it (`--doctor-json`), and whether colour tiles
 //! are worth compressing for it.
 
-use crate::machine::outcome_words;
+use crate::machine::outcome;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -26,14 +26,14 @@ impl DeviceQuestion {
         }
     }
 
-    /// All that it found; or what went wrong, in words.
+    /// All that it found; or what went wrong, a message.
     ///
     /// # Errors
     /// The renderer cannot be asked.
     pub fn answer(mut self) -> Result<Value, String> {
         let Some(renderer) = self.renderer.take() else { return Err(std::mem::take(&mut self.failure)) };
         let output = renderer.wait_with_output().map_err(|error| error.to_string())?;
-        let text = outcome_words(&output)?;
+        let text = outcome(&output)?;
         serde_json::from_str(&text).map_err(|error| format!("the renderer's answer is not JSON: {error}"))
     }
 }
@@ -85,10 +85,10 @@ impl Compression {
     pub fn of(answer: Result<&Value, &str>) -> Self {
         let device = match answer {
             Ok(answer) => chosen(answer),
-            Err(words) => return Self::Impossible(words.to_owned()),
+            Err(message) => return Self::Impossible(message.to_owned()),
         };
         let Some(device) = device.filter(|device| lacks(device).is_empty()) else {
-            return Self::Impossible("no Vulkan device can be used here".to_owned());
+            return Self::Impossible("there is no Vulkan device that can be used".to_owned());
         };
         let name = device["name"].as_str().unwrap_or("the device");
         if device["has_block_compression"] != true {
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_renderer_that_is_not_there_is_an_answer_too() {
-        let words = DeviceQuestion::ask(Path::new("/nonexistent")).answer().unwrap_err();
-        assert!(words.starts_with("/nonexistent/terravision-renderer: "), "{words}");
+        let message = DeviceQuestion::ask(Path::new("/nonexistent")).answer().unwrap_err();
+        assert!(message.starts_with("/nonexistent/terravision-renderer: "), "{message}");
     }
 }

@@ -104,9 +104,9 @@ fn usage(error: &clap::Error) -> Result<(), Failure> {
 /// The first paragraph of clap's message as one sentence; its usage lines are what `--help` is for.
 fn usage_sentence(message: &str) -> String {
     let first = message.split("\n\n").next().unwrap_or(message);
-    let words = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let words = words.strip_prefix("error: ").unwrap_or(&words);
-    format!("{words} (terravision --help, or --help after a command, explains)")
+    let message = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let message = message.strip_prefix("error: ").unwrap_or(&message);
+    format!("{message} (see terravision --help, or --help after a command)")
 }
 
 #[cfg(test)]

@@ -27,7 +27,7 @@ pub struct StillArgs {
     /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
     #[arg(long, value_name = "FILE.tif")]
     pub depth: Option<PathBuf>,
-    /// Also write what every pixel sees: float64 TIFF of easting, northing and height, NaN for sky
+    /// Also write the ground position that every pixel shows: float64 TIFF of easting, northing and height, NaN for sky
     #[arg(long, value_name = "FILE.tif")]
     pub ground: Option<PathBuf>,
     #[command(flatten)]

@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::time::Duration;
 use terravision_common::camera::MAX_SIDE_PX;
 
-/// Why a value of the command line is none.
+/// A text is not a value of this kind.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected {expected}")]
 pub struct ValueError {

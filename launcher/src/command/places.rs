@@ -15,9 +15,9 @@ const STEP_M: f64 = 1.0 / 128.0;
 /// Places along a side of a world whose longitudes and latitudes bound it.
 const BORDER: usize = 21;
 
-/// A post of a world.
+/// The highest or the lowest post of a world.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct Extreme {
     /// Height, metres.
     pub height_m: f64,
     /// Easting and northing.
@@ -33,7 +33,7 @@ pub struct Places {
     pub lon_lat: Option<[f64; 4]>,
     /// Highest and lowest post of the finest level, where they can be found by reading few tiles. Not looked for on servers:
     /// it would cost requests.
-    pub extremes: [Option<Place>; 2],
+    pub extremes: [Option<Extreme>; 2],
 }
 
 impl Places {
@@ -49,7 +49,7 @@ impl Places {
         let along = |k: usize| k as f64 / (BORDER - 1) as f64;
         let place = |k: usize| [x + width * along(k % BORDER), y + height * along(k / BORDER)];
         let lon_lat_at = |place: [f64; 2]| way.as_ref().and_then(|way| way.lon_lat_at(place));
-        let with_lon_lat = |found: Place| Place { lon_lat: lon_lat_at(found.place), ..found };
+        let with_lon_lat = |found: Extreme| Extreme { lon_lat: lon_lat_at(found.place), ..found };
         Self {
             lon_lat: bounds_of((0..BORDER * BORDER).filter_map(|k| lon_lat_at(place(k)))),
             extremes: [find(high, 1.0), find(low, -1.0)].map(|found| found.map(with_lon_lat)),
@@ -105,7 +105,7 @@ fn bounds_of(points: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 4]> {
 }
 
 /// The post of that height, which is the greatest (`sign` 1) or the least (-1).
-fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
+fn find(database: &Store, height_m: f64, sign: f64) -> Option<Extreme> {
     let world = database.world();
     let q = world.finest_elevation_level();
     let [columns, rows] = world.nodes_at(q);
@@ -139,7 +139,7 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
         let along =
             |index: u32, post: usize, extent: f64| (f64::from(index) * side_m + post as f64 * spacing).min(extent);
         let place = [x + along(node.m(), at % posts, width), y + along(node.n(), at / posts, height)];
-        return Some(Place { height_m: f64::from(heights[at]), place, lon_lat: None });
+        return Some(Extreme { height_m: f64::from(heights[at]), place, lon_lat: None });
     }
     None
 }

@@ -192,7 +192,7 @@ pub struct Listing {
 
 impl Listing {
     /// The listing that is there, as far as its frames go with `head` and their files, named from `folder`, are still there; and
-    /// how many frames did not go with it. An empty one where there is none, or what is there is none.
+    /// how many frames did not go with it. An empty one where there is no file, or it is not a listing.
     ///
     /// # Errors
     /// The file cannot be read.

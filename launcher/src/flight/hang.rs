@@ -74,7 +74,7 @@ impl HangWatch {
         let (beat, done) = (control.heartbeat_of(stage), control.progress_of(stage));
         let is_working = !matches!(control.activity_of(stage), Activity::Awaits(_) | Activity::AwaitsCamera);
         match self.pulses.iter_mut().find(|pulse| pulse.stage == stage) {
-            // Signs of the process before are none of this one.
+            // Signs of the process before say nothing of this one.
             Some(pulse) if pulse.pid != pid => *pulse = Pulse { beat, done, ..Pulse::new(stage, pid, now) },
             Some(pulse) => {
                 pulse.is_running = is_running;
@@ -147,9 +147,11 @@ impl HangWatch {
                     (pulse.still_patience(self.rules.after), "while its pictures were written".to_owned())
                 }
                 Activity::Works if stage == Stage::Renderer && is_output_blocked() => return None,
-                Activity::Works => (pulse.still_patience(self.rules.after), "and had all that it needed".to_owned()),
+                Activity::Works => {
+                    (pulse.still_patience(self.rules.after), "although it had all that it needed".to_owned())
+                }
             };
-            let how = || format!("got nothing done for {:.0} s, {what}, and was killed", pulse.still.as_secs_f64());
+            let how = || format!("made no progress for {:.0} s, {what}, and was killed", pulse.still.as_secs_f64());
             return (pulse.still >= patience).then(|| Hang { stage, how: how() });
         }
     }

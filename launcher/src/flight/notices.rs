@@ -56,12 +56,15 @@ impl Notices {
             return;
         }
         progress.warn(&format!(
-            "no Vulkan device can be used here; the ground is drawn by rays, on the processor ({}); --technique mesh says \
-             what is missing",
+            "there is no Vulkan device that can be used: the ground is drawn by rays, on the processor ({}); --technique mesh \
+             says what is missing",
             collector.device()
         ));
         if self.samples > 1 {
-            progress.warn(&format!("one ray is cast per pixel, in place of {} samples; a mesh has them", self.samples));
+            progress.warn(&format!(
+                "one ray is cast per pixel, in place of {} samples, which only the mesh has",
+                self.samples
+            ));
         }
     }
 

@@ -1,8 +1,17 @@
 //! What a person sees while a run goes on: a bar on a terminal, and lines that begin with the program's name.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::fmt;
 use std::io::{self, IsTerminal};
 use terravision_common::terminal::complain;
+
+/// How fast frames are written and how long the rest takes; nothing before the first is written.
+fn pace(state: &ProgressState, out: &mut dyn fmt::Write) {
+    if state.pos() > 0 {
+        // A bar that cannot be written to shows nothing.
+        write!(out, ", {:.1}/s, {} left", state.per_sec(), HumanDuration(state.eta())).unwrap_or_default();
+    }
+}
 
 /// Progress of a run, on standard error.
 #[derive(Debug)]
@@ -18,8 +27,9 @@ impl Progress {
         let has_bar = !is_quiet && frames > 1 && io::stderr().is_terminal();
         let bar = has_bar.then(|| {
             let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr_with_hz(5));
-            let template = "{wide_bar} {pos}/{len} frames, {per_sec}, {eta} left";
-            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            let template = "{wide_bar} {pos}/{len} frames{pace}";
+            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.set_style(style.with_key("pace", pace));
             bar
         });
         Self { bar, is_quiet }

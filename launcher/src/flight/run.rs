@@ -110,7 +110,7 @@ impl Run {
     /// Begins to serve metrics, if they are asked for.
     pub(super) fn serve_metrics(&mut self, plan: &mut FlightPlan, progress: &Progress) -> Result<(), Failure> {
         let Some(socket) = plan.metrics.take() else { return Ok(()) };
-        progress.say(&format!("figures of the run: http://{}/metrics", socket.address()));
+        progress.say(&format!("metrics of the run: http://{}/metrics", socket.address()));
         socket.warning().iter().for_each(|warning| progress.warn(warning));
         let metrics = Metrics::start(socket, &plan.run, &plan.config, &plan.layout);
         self.telemetry.metrics = Some(metrics.map_err(Failure::failed)?);

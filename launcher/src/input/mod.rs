@@ -31,7 +31,7 @@ pub enum CameraSource {
     Udp(SocketAddr),
 }
 
-/// Why the text of `--camera` is none.
+/// The text of `--camera` is not a source of poses.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected shm:NAME (letters, digits, dots, dashes, underscores) or udp:127.0.0.1:PORT")]
 pub struct CameraSourceError;

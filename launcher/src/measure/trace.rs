@@ -105,7 +105,7 @@ fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Re
     Ok(())
 }
 
-/// What is no span: a frame that is written, a tile that cannot be had, the triangles of a frame.
+/// Moments, not spans: a frame that is written, a tile that cannot be had, the triangles of a frame.
 fn write_moment<W: Write>(list: &mut List<'_, W>, pid: u32, event: &Event, ts: f64) -> io::Result<()> {
     let (tid, frame) = (event.thread, event.frame);
     match EventKind::from_number(event.kind) {

@@ -62,7 +62,7 @@ pub(super) struct Tally {
     pub(super) stamped: usize,
     /// Points whose time was used.
     pub(super) used: usize,
-    /// Points without time, or with one that is none, that lie between their neighbours now.
+    /// Points without a readable time, which now lie between their neighbours.
     pub(super) placed: usize,
     /// Points that were passed over.
     pub(super) dropped: usize,

@@ -34,8 +34,8 @@ impl TexelQuestion {
         let question = || Ok(DeviceQuestion::ask(&own_folder()?));
         match picture.texture_compression {
             CompressionArg::On if is_rays => Err(Failure::bad_input(anyhow!(
-                "--texture-compression on: rays read colours on the processor and need them as they are; it is for \
-                 --technique mesh, and for --rays compute"
+                "--texture-compression on applies to --technique mesh and --rays compute only: the processor casts rays over \
+                 uncompressed colours"
             ))),
             CompressionArg::On => Ok(Self::On(question()?)),
             CompressionArg::Auto if !is_rays && picture.quality.unwrap_or(usual) == Quality::Default => {

@@ -176,7 +176,7 @@ impl<'a> Draft<'a> {
         }
         if lifted > 0 {
             self.warnings.push(format!(
-                "{lifted} of {} frames were below ground + {} m and were lifted",
+                "{lifted} of {} frames were lifted: their poses were less than {} m above the ground",
                 cameras.len(),
                 ground::CLEARANCE_M
             ));

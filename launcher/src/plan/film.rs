@@ -63,7 +63,7 @@ pub(super) fn refuse(args: &FilmArgs, output: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::bad_input(anyhow!(
-        "{flag} is for films (.{}), not for -o {}",
+        "{flag} applies to films (.{}) only, not to -o {}",
         Container::EXTENSIONS.join(", ."),
         output.display()
     )))
@@ -73,7 +73,7 @@ pub(super) fn refuse(args: &FilmArgs, output: &Path) -> Result<(), Failure> {
 fn has_encoder(codec: Codec, path: &Path) -> Result<(), Failure> {
     let Some(program) = find_program("ffmpeg") else {
         return Err(Failure::failed(anyhow!(
-            "ffmpeg is not installed, and makes the film: apt-get install ffmpeg, or write frames with -o DIR/"
+            "ffmpeg makes the film and is not installed: apt-get install ffmpeg, or write frames with -o DIR/"
         )));
     };
     match encoders(&program) {
@@ -151,7 +151,9 @@ mod tests {
         assert!(told("a.gif", args(None, Some(5))).contains("256 colours"));
         assert!(told("a.mkv", args(Some(Codec::Ffv1), Some(5))).contains("lossless"));
         assert_eq!(format(Path::new("frames"), &args(None, None)).unwrap(), None);
-        assert!(refuse(&args(None, Some(5)), Path::new("x/")).unwrap_err().to_string().contains("--crf is for films"));
+        assert!(
+            refuse(&args(None, Some(5)), Path::new("x/")).unwrap_err().to_string().contains("--crf applies to films")
+        );
         assert!(refuse(&args(None, None), Path::new("x/")).is_ok());
     }
 }

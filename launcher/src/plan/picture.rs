@@ -105,12 +105,12 @@ pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(Tec
     };
     if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
         return Err(Failure::bad_input(anyhow!(
-            "--technique rays: one ray is cast per pixel; --samples {} is for --technique mesh",
+            "--samples {} applies to --technique mesh only: one ray is cast per pixel",
             picture.samples.unwrap_or_default()
         )));
     }
     if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
-        return Err(Failure::bad_input(anyhow!("--rays is for --technique rays; a mesh has none")));
+        return Err(Failure::bad_input(anyhow!("--rays applies to --technique rays only")));
     }
     let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
     Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))

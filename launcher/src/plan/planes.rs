@@ -33,7 +33,7 @@ impl PlaneFolders {
                 Some(Some(path)) => check(flag, path, args.realtime.mode)?,
                 Some(None) if args.live.share.is_none() && shared_name(&args.output).is_none() => {
                     return Err(Failure::bad_input(anyhow!(
-                        "{flag} without a folder is for shared frames (-o shared:NAME or --share NAME); for files name a \
+                        "{flag} without a folder applies to shared frames (-o shared:NAME or --share NAME); for files add a \
                          folder: {flag} {}/",
                         flag.trim_start_matches('-')
                     )));

@@ -87,14 +87,14 @@ pub enum StreamError {
         /// The film.
         path: PathBuf,
     },
-    /// Who read standard output has gone.
-    #[error("the reader of standard output has gone after {frames} frames")]
+    /// The program that reads standard output has ended.
+    #[error("the program that reads standard output ended after {frames} frames")]
     ReaderGone {
         /// Frames that were written completely.
         frames: u64,
     },
     /// The stream could not be written.
-    #[error("the film cannot be passed on: {source}")]
+    #[error("cannot write the film: {source}")]
     Write {
         /// The system's reason.
         source: io::Error,
@@ -105,8 +105,8 @@ pub enum StreamError {
         /// Why.
         source: anyhow::Error,
     },
-    /// A packet is none of this flight.
-    #[error("the renderer sent a picture that is none of this flight: frame {frame}, {bytes} bytes")]
+    /// A packet is not of this flight.
+    #[error("the renderer sent frame {frame} of {bytes} bytes, which is not a frame of this flight")]
     StrangePacket {
         /// The frame that it claims to be.
         frame: u64,
@@ -114,7 +114,7 @@ pub enum StreamError {
         bytes: u64,
     },
     /// A frame did not come, and nothing may stand in for it.
-    #[error("frame {frame} of the film did not come")]
+    #[error("frame {frame} of the film is missing: the renderer did not send it")]
     Gap {
         /// The frame.
         frame: u64,

@@ -101,7 +101,7 @@ impl Relay {
         if frame > self.next && !self.shape.has_gaps {
             return Err(StreamError::Gap { frame: self.next });
         }
-        // Before the first picture there is none to repeat.
+        // Before the first picture there is nothing to repeat.
         let stand_in = self.last.take().unwrap_or_else(|| self.coming.clone());
         while self.next < frame {
             self.put(&stand_in)?;

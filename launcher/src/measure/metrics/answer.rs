@@ -126,8 +126,8 @@ fn answer(head: &str, page: &mut dyn FnMut() -> String) -> Vec<u8> {
     let path = target.split('?').next().unwrap_or_default();
     let (status, body) = match (method, path) {
         ("GET" | "HEAD", "/metrics" | "/") => ("200 OK", page()),
-        ("GET" | "HEAD", _) => ("404 Not Found", "figures are at /metrics\n".to_owned()),
-        _ => ("405 Method Not Allowed", "figures are read with GET\n".to_owned()),
+        ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
+        _ => ("405 Method Not Allowed", "metrics are read with GET\n".to_owned()),
     };
     let allow = if status.starts_with("405") { "Allow: GET, HEAD\r\n" } else { "" };
     let head = format!(

@@ -69,7 +69,7 @@ impl FrameTally {
         if let (Some(period), Some(start)) = (self.period_nanos, clock_start) {
             let due = start as f64 + (index as f64 + ON_TIME_PERIODS) * period;
             self.late += u64::from(index > 0 && event.start_nanos as f64 > due);
-            // A frame number that cannot be is no reason to count for ever.
+            // A wrong frame number must not make it count for ever.
             let before = self.last.map_or(index, |last| last + 1);
             self.skipped = self.skipped.saturating_add(index.saturating_sub(before));
         }

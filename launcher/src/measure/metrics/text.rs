@@ -1,11 +1,11 @@
-//! The figures as text (Prometheus exposition format 0.0.4).
+//! The metrics as text (Prometheus exposition format 0.0.4).
 
 use super::tally::{BOUNDS_S, CAUSES, FrameTally};
 use std::fmt::{Display, Write};
 use terravision_common::shm::{Control, Counter, Gauge, Stage};
 use terravision_store::Cause;
 
-/// Where figures come from beside the tally of frames.
+/// Where metrics come from beside the tally of frames.
 #[derive(Debug)]
 pub(super) struct Facts {
     pub(super) control: Control,
