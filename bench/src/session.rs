@@ -1,4 +1,5 @@
-//! A run of the pipeline in which this program plays the launcher, and any of the stages that it does not start.
+//! A run of the pipeline in which this program plays the launcher, and any of the stages that it
+//! does not start.
 
 use crate::flight::Flight;
 use anyhow::{Context, bail};
@@ -151,7 +152,7 @@ impl Session {
         Ok(())
     }
 
-    /// Looks whether all is well; to be called again and again by who waits.
+    /// Checks that no stage has failed and that the deadline has not passed. Call it while waiting.
     ///
     /// # Errors
     /// When a stage has failed, with its last words, or the deadline has passed.
@@ -197,13 +198,15 @@ impl Drop for Session {
     }
 }
 
-/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all of a stage's do; where it does not
-/// tell, hundredths of a second have to do, in which some machines count in steps of several.
+/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all
+/// of a stage's do; where it does not tell, hundredths of a second have to do, in which some
+/// machines count in steps of several.
 fn cpu_seconds(pid: u32) -> Option<f64> {
     threads_cpu_seconds(pid).or_else(|| ticks_cpu_seconds(pid))
 }
 
-/// The first field of `/proc/PID/task/TID/schedstat`, of all threads (Documentation/scheduler/sched-stats.rst).
+/// The first field of `/proc/PID/task/TID/schedstat`, of all threads
+/// (Documentation/scheduler/sched-stats.rst).
 fn threads_cpu_seconds(pid: u32) -> Option<f64> {
     let mut nanos = 0.0;
     for thread in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {

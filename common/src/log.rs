@@ -1,11 +1,13 @@
 //! The log: what each process does, for whoever looks for a fault. Off unless it is asked for.
 //!
-//! What a user has to know is a message of the launcher, not a line of the log. A filter ([`VARIABLE`], or `--log`) says what is
-//! logged: a level for all of TerraVision, or directives of `tracing-subscriber` for single targets. The launcher hands its filter
-//! on to the processes that it starts; those of stages send their lines to the launcher, by standard error.
+//! What a user has to know is a message of the launcher, not a line of the log. A filter
+//! ([`VARIABLE`], or `--log`) says what is logged: a level for all of TerraVision, or directives of
+//! `tracing-subscriber` for single targets. The launcher hands its filter on to the processes that
+//! it starts; those of stages send their lines to the launcher, by standard error.
 //!
-//! Levels: `error` data are lost, `warn` something is done differently than asked, `info` once in a run, `debug` once for each
-//! operation (a process, a request, a list of tiles), `trace` once for each frame or tile.
+//! Levels: `error` data are lost, `warn` something is done differently than asked, `info` once in a
+//! run, `debug` once for each operation (a process, a request, a list of tiles), `trace` once for
+//! each frame or tile.
 
 use crate::terminal::{complain, cut};
 use std::io::{self, Write};
@@ -14,9 +16,11 @@ use tracing_subscriber::EnvFilter;
 
 /// The variable of the environment that has the filter.
 pub const VARIABLE: &str = "TERRAVISION_LOG";
-/// The target of lines that stages write to standard error beside their log: `TERRAVISION_LOG=stages` shows these alone.
+/// The target of lines that stages write to standard error beside their log:
+/// `TERRAVISION_LOG=stages` shows these alone.
 pub const STAGES_TARGET: &str = "stages";
-/// Stands before each line of a stage's log: the launcher passes such a line on and does not take it for a message.
+/// Stands before each line of a stage's log: the launcher passes such a line on and does not take
+/// it for a message.
 pub const STAGE_MARK: &str = "@log ";
 
 /// Longest line of a log, bytes; a longer one is cut.
@@ -37,7 +41,8 @@ pub struct FilterError {
     reason: String,
 }
 
-/// Starts the log of a program that a person starts, if there is a filter: `asked` (of `--log`), or else [`VARIABLE`].
+/// Starts the log of a program that a person starts, if there is a filter: `asked` (of `--log`), or
+/// else [`VARIABLE`].
 ///
 /// # Errors
 /// [`FilterError`].
@@ -80,7 +85,8 @@ fn filter(text: &str) -> Result<EnvFilter, FilterError> {
     let directives = match level.as_str() {
         "off" | "error" => level,
         level if LEVELS.contains(&level) => format!("warn,terravision={level},{STAGES_TARGET}={level}"),
-        // A word alone would be a target without lines: more likely it is a level that is not spelled right.
+        // A word alone would be a target without lines: more likely it is a level that is not
+        // spelled right.
         _ if !text.contains(['=', ',', '[']) && text != STAGES_TARGET && !text.starts_with("terravision") => {
             return Err(error(String::new()));
         }

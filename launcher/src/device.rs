@@ -1,12 +1,13 @@
-//! The Vulkan device that a flight would draw with, as the renderer tells of it (`--doctor-json`), and whether colour tiles
-//! are worth compressing for it.
+//! The Vulkan device that a flight would draw with, as the renderer tells of it (`--doctor-json`),
+//! and whether colour tiles are worth compressing for it.
 
 use crate::machine::outcome;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// The question, while the renderer looks around: it takes a while, in which the launcher reads its own input.
+/// The question, while the renderer looks around: it takes a while, in which the launcher reads its
+/// own input.
 #[derive(Debug)]
 pub struct DeviceQuestion {
     renderer: Option<Child>,
@@ -68,7 +69,8 @@ pub fn lacks(device: &Value) -> Vec<&str> {
     device["missing"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
 }
 
-/// Whether colour tiles can be compressed for a device, and whether that pays; with the reason, a clause.
+/// Whether colour tiles can be compressed for a device, and whether that pays; with the reason, a
+/// clause.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Compression {
     /// The device is made for it.
@@ -96,9 +98,9 @@ impl Compression {
         }
         match device["type"].as_str() {
             Some("discrete" | "integrated" | "virtual") => {
-                Self::Fast(format!("{name} is a GPU, which unpacks it in hardware"))
+                Self::Fast(format!("{name} is a GPU, which decodes them in hardware"))
             }
-            Some("cpu") => Self::Slow(format!("{name} is the processor itself, which unpacks every texel by program")),
+            Some("cpu") => Self::Slow(format!("{name} is the processor itself, which decodes every texel in software")),
             _ => Self::Slow(format!("{name} does not say what kind of device it is")),
         }
     }

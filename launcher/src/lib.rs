@@ -9,7 +9,8 @@
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and what runs on it.
+//! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and
+//!   what runs on it.
 
 pub mod cli;
 pub mod command;
@@ -43,7 +44,8 @@ use terravision_common::terminal::complain;
 #[must_use]
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let started_nanos = monotonic_nanos();
-    // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
+    // Where the system refuses, a file that grows beyond its limit ends this program without a
+    // sentence.
     terravision_common::stage::note_file_limit().ok();
     let result = match parse(arguments.into_iter().collect()) {
         Ok(cli) => start_log(cli.log.as_deref()).and_then(|()| dispatch(cli.command, started_nanos)),
@@ -93,7 +95,8 @@ fn usage(error: &clap::Error) -> Result<(), Failure> {
             error.print().map_err(|error| Failure::failed(anyhow::Error::from(error)))
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            // No command at all: the help is the answer, and the exit code says that nothing was done.
+            // No command at all: the help is the answer, and the exit code says that nothing was
+            // done.
             drop(error.print());
             Err(Failure { status: ExitStatus::BadInput, error: anyhow::anyhow!("expected a command") })
         }

@@ -41,7 +41,7 @@ fn filters_choose_targets_and_the_flag_wins_over_the_variable() {
     refused.assert_code(2);
     assert!(refused.stderr.contains("--log: expected off, error, warn, info, debug or trace"), "{}", refused.stderr);
     // Programs of their own get it as their argument, or in their environment.
-    for arguments in [&["--size", "4", "--log", "debg"][..], &["--log", "debg", "--size", "4"]] {
+    for arguments in [&["--size", "64", "--log", "debg"][..], &["--log", "debg", "--size", "64"]] {
         let refused = Terravision::verb("synth").args(arguments).args(["-o", "/nonexistent/w"]).run();
         refused.assert_code(2);
         assert!(refused.stderr.contains("--log: expected off, error"), "{}", refused.stderr);

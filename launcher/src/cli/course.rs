@@ -11,8 +11,9 @@ use std::path::PathBuf;
 pub struct CourseArgs {
     /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
-    /// 'orbit' circles the place with the strongest relief, or --around, in 240 frames a round. docs/camera-paths.md describes the
-    /// files. With --eye or --look-at the camera stands still instead, for one frame or for --frames.
+    /// 'orbit' circles the place with the strongest relief, or --around, in 240 frames a round.
+    /// docs/camera-paths.md describes the files. With --eye or --look-at the camera stands still
+    /// instead, for one frame or for --frames.
     #[arg(long, value_name = "FILE|orbit", default_value = "orbit")]
     pub path: PathBuf,
     /// Draw only frames A to B-1
@@ -20,7 +21,8 @@ pub struct CourseArgs {
     /// They have the same bytes as in the whole flight, so that a film can be made in pieces.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<FrameRange>,
-    /// Frames per second of the film; a path with times has more frames at a higher rate [default: the path's own, else 30]
+    /// Frames per second of the film; a path with times has more frames at a higher rate [default:
+    /// the path's own, else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
     /// Fly a path that has times (keyframes, KML, GPX) N times as fast
@@ -28,8 +30,9 @@ pub struct CourseArgs {
     pub speed: Option<f64>,
     /// What becomes of rests in a recorded track
     ///
-    /// 'shorten' flies a rest of two minutes or more within 30 m in a few seconds, and leaves out gaps of more than ten minutes
-    /// within a segment. Gaps between segments and tracks are left out either way.
+    /// 'shorten' flies a rest of two minutes or more within 30 m in a few seconds, and leaves out
+    /// gaps of more than ten minutes within a segment. Gaps between segments and tracks are left
+    /// out either way.
     #[arg(long, value_enum, default_value_t = Rests::Shorten)]
     pub rests: Rests,
     #[command(flatten)]

@@ -11,13 +11,14 @@ use std::time::Duration;
 pub struct DatabaseArgs {
     /// Folder of the disk cache for tiles from servers [default: ~/.cache/terravision]
     ///
-    /// Several runs may share one. Damaged entries are read from the server again. Where the cache cannot be written to, the run
-    /// goes on without it.
+    /// Several runs may share one. Damaged entries are read from the server again. Where the cache
+    /// cannot be written to, the run goes on without it.
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// Most bytes that the disk cache may take, or 0 for none
     ///
-    /// Entries that were not used for longest are removed first. A larger cache has to read less again.
+    /// Entries that were not used for longest are removed first. A larger cache has to read less
+    /// again.
     #[arg(long, value_name = "SIZE", default_value = "10GiB", value_parser = values::parse_cache_size)]
     pub cache_size: MemorySize,
     /// Use only the disk cache, and no server
@@ -25,7 +26,8 @@ pub struct DatabaseArgs {
     pub offline: bool,
     /// Longest time that one request to a server may take, seconds
     ///
-    /// A request that fails is repeated for at most three times this long; after that a coarser tile is drawn in its place.
+    /// A request that fails is repeated for at most three times this long; after that a coarser
+    /// tile is drawn in its place.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = values::parse_timeout)]
     pub timeout: Duration,
     /// Most requests to a server at a time

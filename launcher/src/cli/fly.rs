@@ -30,15 +30,17 @@ EXAMPLES
 The camera stays at least 2 m above the ground: lower poses are lifted, and a warning says how
 many frames that were.")]
 pub struct FlyArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
-    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
-    /// shared:NAME for other programs; /dev/null draws and discards them
+    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for
+    /// frame-000000.png and so on, - for Y4M on standard output, or shared:NAME for other programs;
+    /// /dev/null draws and discards them
     ///
-    /// A folder is created if it does not exist. Frames in it are replaced one by one, and other files stay. A film replaces an
-    /// older one of its name only when it is complete. shared:NAME is --share NAME without any files.
+    /// A folder is created if it does not exist. Frames in it are replaced one by one, and other
+    /// files stay. A film replaces an older one of its name only when it is complete. shared:NAME
+    /// is --share NAME without any files.
     #[arg(short, long, value_name = "FILM|DIR/|-|shared:NAME")]
     pub output: PathBuf,
     #[command(flatten)]

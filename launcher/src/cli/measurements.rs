@@ -16,8 +16,8 @@ pub struct MeasurementArgs {
     pub trace: Option<PathBuf>,
     /// Serve metrics of the run while it goes on, for Prometheus: http://ADDRESS/metrics
     ///
-    /// A port alone is on 127.0.0.1, where only this machine can read it; 0 is any free port, and the run says which.
-    /// docs/report.md lists the metrics.
+    /// A port alone is on 127.0.0.1, where only this machine can read it; 0 is any free port, and
+    /// the run says which. docs/report.md lists the metrics.
     #[arg(long, value_name = "ADDRESS")]
     pub metrics: Option<MetricsAddress>,
 }

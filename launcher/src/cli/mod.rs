@@ -1,5 +1,5 @@
-//! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]); [`crate::plan`] turns it
-//! into a validated plan.
+//! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]);
+//! [`crate::plan`] turns it into a validated plan.
 
 pub mod course;
 pub mod database;
@@ -51,12 +51,13 @@ ENVIRONMENT
 
 Messages go to standard error, results to standard output.";
 
-/// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films, stills, depth and
-/// ground positions, with or without a GPU.
+/// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films,
+/// stills, depth and ground positions, with or without a GPU.
 ///
-/// Four processes work together through shared memory: the generator searches the quad tree for what the camera sees, the
-/// prefetcher loads tiles, the preparer makes a surface of them without cracks, and the renderer draws it, with Vulkan or on the
-/// processor. This program starts them, moves the camera, restarts what fails and cleans up at the end.
+/// Four processes work together through shared memory: the generator searches the quad tree for
+/// what the camera sees, the prefetcher loads tiles, the preparer makes a surface of them without
+/// cracks, and the renderer draws it, with Vulkan or on the processor. This program starts them,
+/// moves the camera, restarts what fails and cleans up at the end.
 #[derive(Debug, Parser)]
 #[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
 #[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
@@ -66,8 +67,8 @@ pub struct Cli {
     pub command: Command,
     /// Log what every process does to standard error [default: TERRAVISION_LOG, else off]
     ///
-    /// A level (error, warn, info, debug, trace) for all of TerraVision, or a filter of levels by target, e.g.
-    /// info,terravision_store=trace. docs/report.md says what is logged.
+    /// A level (error, warn, info, debug, trace) for all of TerraVision, or a filter of levels by
+    /// target, e.g. info,terravision_store=trace. docs/report.md says what is logged.
     #[arg(long, global = true, value_name = "LEVEL|FILTER", help_heading = "Log")]
     pub log: Option<String>,
 }
@@ -107,8 +108,8 @@ pub struct ExecArgs {
 /// `terravision info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Print one JSON object in place of text

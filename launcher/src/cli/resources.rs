@@ -9,11 +9,13 @@ use clap::Args;
 pub struct ResourceArgs {
     /// Memory for the pools of tiles, e.g. 256MiB or 2GiB
     ///
-    /// It does not change the picture, as long as it is enough. With more, a flight that comes back to a place loads less again.
-    /// All processes together use about 300 MB more than this. Half of it is shared memory: see 'terravision doctor'.
+    /// It does not change the picture, as long as it is enough. With more, a flight that comes back
+    /// to a place loads less again. All processes together use about 300 MB more than this. Half of
+    /// it is shared memory: see 'terravision doctor'.
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
-    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one per core]
+    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one
+    /// per core]
     ///
     /// It does not change the picture.
     #[arg(long, value_name = "N")]

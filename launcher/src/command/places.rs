@@ -7,7 +7,8 @@ use terravision_common::node::NodeId;
 use terravision_common::validity::{HALF, MEASURED_PLANE};
 use terravision_store::Store;
 
-/// Tiles that are read for one of the two. The ranges of nodes tell which ones can have it: a few around a summit.
+/// Tiles that are read for one of the two. The ranges of nodes tell which ones can have it: a few
+/// around a summit.
 const MOST_TILES: usize = 256;
 /// Heights in tiles are this exact, metres.
 const STEP_M: f64 = 1.0 / 128.0;
@@ -31,8 +32,8 @@ pub struct Extreme {
 pub struct Places {
     /// West, south, east, north, degrees; west is the greater one across the date line.
     pub lon_lat: Option<[f64; 4]>,
-    /// Highest and lowest post of the finest level, where they can be found by reading few tiles. Not looked for on servers:
-    /// it would cost requests.
+    /// Highest and lowest post of the finest level, where they can be found by reading few tiles.
+    /// Not looked for on servers: it would cost requests.
     pub extremes: [Option<Extreme>; 2],
 }
 
@@ -80,7 +81,8 @@ impl<'a> Way<'a> {
     fn lon_lat_at(&self, place: [f64; 2]) -> Option<[f64; 2]> {
         let mut in_plane = place;
         if let Some(table) = self.table {
-            // Offsets hardly change over their own length: a few steps find where the table leads to the place.
+            // Offsets hardly change over their own length: a few steps find where the table leads
+            // to the place.
             for _ in 0..4 {
                 let found = table.world_from_plane(in_plane);
                 in_plane = [0, 1].map(|axis| in_plane[axis] + place[axis] - found[axis]);
@@ -117,7 +119,8 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Extreme> {
         .filter(|(bound, _)| sign * (bound - height_m) >= -STEP_M)
         .take(1 << 20)
         .collect();
-    // The range of a node bounds coarser levels too: the one that is nearest to the height most likely has it.
+    // The range of a node bounds coarser levels too: the one that is nearest to the height most
+    // likely has it.
     candidates.sort_by(|a, b| (a.0 - height_m).abs().partial_cmp(&(b.0 - height_m).abs()).unwrap_or(Ordering::Equal));
     let posts = world.elevation_posts() as usize;
     let (mut values, mut scratch) = (vec![0.0f32; world.elevation_values()], TileScratch::default());
@@ -126,7 +129,7 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Extreme> {
             continue;
         }
         let (heights, shares) = values.split_at(posts * posts);
-        // What was made up is no place to name. (A world without voids has no shares.)
+        // Made-up ground is not reported. (A world without voids has no shares.)
         let is_measured = |at: usize| {
             let measured = (MEASURED_PLANE - 1) * posts * posts + at;
             shares.get(measured).is_none_or(|share| *share >= HALF)

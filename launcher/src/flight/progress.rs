@@ -1,4 +1,5 @@
-//! What a person sees while a run goes on: a bar on a terminal, and lines that begin with the program's name.
+//! What a person sees while a run goes on: a bar on a terminal, and lines that begin with the
+//! program's name.
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt;
@@ -21,7 +22,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// For a run of so many frames. Without a terminal, or with `is_quiet`, there is no bar.
+    /// For a run of this many frames. Without a terminal, or with `is_quiet`, there is no bar.
     #[must_use]
     pub fn new(frames: u64, is_quiet: bool) -> Self {
         let has_bar = !is_quiet && frames > 1 && io::stderr().is_terminal();
@@ -35,7 +36,7 @@ impl Progress {
         Self { bar, is_quiet }
     }
 
-    /// So many frames are written.
+    /// This many frames are written.
     pub fn show(&self, written: u64) {
         if let Some(bar) = &self.bar {
             bar.set_position(written);

@@ -1,4 +1,5 @@
-//! A run while it goes on: the launcher's ends of its segments, its processes, and what comes out of them.
+//! A run while it goes on: the launcher's ends of its segments, its processes, and what comes out
+//! of them.
 
 use super::notices::Notices;
 use super::pilot::{Flown, Pilot};
@@ -29,7 +30,7 @@ pub(super) struct Run {
     telemetry: Telemetry,
     pids: Vec<(Stage, u32)>,
     restarts: BTreeMap<&'static str, u32>,
-    /// Frames that were asked for: by the plan, or so far by who sends the poses.
+    /// Frames that were asked for: by the plan, or by the poses that have come.
     asked_frames: u64,
     /// Cameras of the poses that another program has sent, each a frame.
     poses: Vec<FlownFrame>,
@@ -187,7 +188,8 @@ impl Run {
         ending
     }
 
-    /// The stages have ended: takes what is left of their events, and what the pilot has flown; completes the stream.
+    /// The stages have ended: takes what is left of their events, and what the pilot has flown;
+    /// completes the stream.
     fn land(
         &mut self,
         flight: Flight<'_>,

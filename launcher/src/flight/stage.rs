@@ -38,7 +38,7 @@ pub enum StartError {
         /// Where it should be.
         program: PathBuf,
     },
-    /// There is no thread that hears what it says.
+    /// There is no thread that reads its messages.
     #[error("cannot start the {stage}: {source:#}")]
     Thread {
         /// The stage.
@@ -95,8 +95,9 @@ pub struct StageProcess {
 }
 
 impl StageProcess {
-    /// Starts the program of a stage from the folder `programs`, with this as its standard output. Call it on a thread that lives as long as the run: the
-    /// kernel tells the stage of the death of the *thread* that made it.
+    /// Starts the program of a stage from the folder `programs`, with this as its standard output.
+    /// Call it on a thread that lives as long as the run: the kernel tells the stage of the death
+    /// of the *thread* that made it.
     ///
     /// # Errors
     /// [`StartError`].
@@ -117,7 +118,8 @@ impl StageProcess {
             _ => StartError::Spawn { stage, program: program.clone(), source },
         })?;
         if let Some(mut stdin) = child.stdin.take() {
-            // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read. That one of them has died is noticed elsewhere.
+            // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read.
+            // That one of them has died is noticed elsewhere.
             drop(stdin.write_all(run.as_bytes()));
         }
         tracing::debug!(%stage, pid = child.id(), "stage started");
@@ -147,7 +149,8 @@ impl StageProcess {
         self.child.id()
     }
 
-    /// Readable when it has ended; `None` when it has been noticed already, or where the kernel has no pidfds.
+    /// Readable when it has ended; `None` when it has been noticed already, or where the kernel has
+    /// no pidfds.
     #[must_use]
     pub fn pidfd(&self) -> Option<BorrowedFd<'_>> {
         self.pidfd.as_ref().filter(|_| self.status.is_none()).map(AsFd::as_fd)
@@ -212,12 +215,14 @@ fn last_message<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> 
     without_echo(&lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" "))
 }
 
-/// Whether a line tells of a panic: by the sentence of a stage, or, of a program that is not ours, by Rust's own.
+/// Whether a line tells of a panic: by the sentence of a stage, or, of a program that is not ours,
+/// by Rust's own.
 fn is_fault(line: &str) -> bool {
     line.contains(INTERNAL_ERROR_WORDS) || line.contains("panicked at")
 }
 
-/// A chain of causes without those that the text before them ends with: "cannot write a: full: full".
+/// A chain of causes without those that the text before them ends with: "cannot write a: full:
+/// full".
 fn without_echo(text: &str) -> String {
     let mut said = String::new();
     for cause in text.split(": ") {

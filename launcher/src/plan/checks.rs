@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::path::Path;
 use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
 
-/// Facets and texels may become so many times as large as wanted, if nothing else is said.
+/// Facets and texels may become this many times as large as wanted, by default.
 const COARSEST: f64 = 4.0;
 /// Size of facets at rest, pixels, if nothing else is said: that of the best quality.
 const REST_FACET_PX: f64 = 3.0;

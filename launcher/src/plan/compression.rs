@@ -1,4 +1,5 @@
-//! Whether the pool of colour tiles is compressed: decided before its memory is made, for the device that will read it.
+//! Whether the pool of colour tiles is compressed: decided before its memory is made, for the
+//! device that will read it.
 
 use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::technique::{CompressionArg, RaysArg, TechniqueArg};
@@ -45,8 +46,8 @@ impl TexelQuestion {
         }
     }
 
-    /// The format, and the technique that goes with it: a renderer that found its device gone must not cast rays over
-    /// compressed tiles.
+    /// The format, and the technique that goes with it: a renderer that found its device gone must
+    /// not cast rays over compressed tiles.
     ///
     /// # Errors
     /// Bad input: the device cannot do what is asked for.

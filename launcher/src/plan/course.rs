@@ -41,7 +41,7 @@ pub fn georeference(database: &Store) -> Georeference {
 /// The path that `--path` means, or the pose of a camera that stands still.
 ///
 /// # Errors
-/// Bad input: the file cannot be read or is no path, or flags contradict each other.
+/// Bad input: the file cannot be read or is not a path, or flags contradict each other.
 pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if let Some(flag) = args.pose.given() {
         return standing(flag, args, database, exaggeration);

@@ -101,7 +101,8 @@ impl<'a> Draft<'a> {
     /// The plan.
     ///
     /// # Errors
-    /// Bad input: a number out of range, a path that does not go with the world, an output that cannot be written.
+    /// Bad input: a number out of range, a path that does not go with the world, an output that
+    /// cannot be written.
     pub(super) fn finish(
         mut self,
         texels: TexelQuestion,

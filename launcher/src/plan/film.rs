@@ -1,4 +1,5 @@
-//! How a film is encoded: what `--codec`, `--crf` and the name of the file come to, and whether this machine's ffmpeg can do it.
+//! How a film is encoded: what `--codec`, `--crf` and the name of the file come to, and whether
+//! this machine's ffmpeg can do it.
 
 use crate::cli::film::FilmArgs;
 use crate::failure::Failure;
@@ -15,10 +16,11 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Between two looks at whether it has.
 const TICK: Duration = Duration::from_millis(2);
 
-/// The format of a film of this name; `None` for what is no film.
+/// The format of a film of this name; `None` when it is not the name of a film.
 ///
 /// # Errors
-/// Bad input: a codec that the file cannot hold, a rate factor out of range. Failed: no ffmpeg, or one without the encoder.
+/// Bad input: a codec that the file cannot hold, a rate factor out of range. Failed: no ffmpeg, or
+/// one without the encoder.
 pub(super) fn format(path: &Path, args: &FilmArgs) -> Result<Option<FilmFormat>, Failure> {
     let Some(container) = Container::of(path) else { return Ok(None) };
     let known = container.codecs();

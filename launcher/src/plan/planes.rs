@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 use terravision_store::Store;
 
-/// What a name of a file ends with that somebody may mean by `--depth`.
+/// Extensions of files that a user may name by mistake in place of a folder.
 const FILES: [&str; 9] = ["tif", "tiff", "png", "jpg", "jpeg", "exr", "npy", "npz", "json"];
 
 /// The folders of depth and ground, as asked for and made.

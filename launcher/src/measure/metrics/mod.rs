@@ -1,5 +1,6 @@
-//! Metrics of a run while it goes on, for Prometheus: plain HTTP, by default on loopback, from a thread that reads the
-//! control block and what the launcher knows of frames. Nothing in the flight waits for it.
+//! Metrics of a run while it goes on, for Prometheus: plain HTTP, by default on loopback, from a
+//! thread that reads the control block and what the launcher knows of frames. Nothing in the flight
+//! waits for it.
 
 mod answer;
 mod tally;
@@ -44,7 +45,7 @@ impl FromStr for MetricsAddress {
     }
 }
 
-/// A socket that listens, and nobody yet who answers.
+/// A socket that listens; nothing answers yet.
 #[derive(Debug)]
 pub struct MetricsSocket {
     listener: TcpListener,
@@ -108,12 +109,12 @@ impl Metrics {
         };
         let tally = Arc::new(Mutex::new(FrameTally::new(config)));
         let ends = Arc::new(AtomicBool::new(false));
-        let (is_over, figures) = (Arc::clone(&ends), Arc::clone(&tally));
+        let (is_over, frames) = (Arc::clone(&ends), Arc::clone(&tally));
         let serve = move || {
-            let mut desk = Clients::default();
+            let mut clients = Clients::default();
             // Relaxed: a flag.
             while !is_over.load(Ordering::Relaxed) {
-                desk.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&figures)));
+                clients.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&frames)));
             }
         };
         Ok(Self { ends, tally, thread: Some(in_thread("metrics", serve)?) })

@@ -76,8 +76,8 @@ fn an_eye_looks_at_its_target() {
 
 #[test]
 fn longitude_and_latitude_are_those_of_proj_and_north_is_true() {
-    // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77, true north is 0.707 degrees west of
-    // grid north there.
+    // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77, true north is
+    // 0.707 degrees west of grid north there.
     let args = PoseArgs {
         eye: place("-122,45,3000"),
         heading: Some(90.0),
