@@ -173,9 +173,9 @@ impl Elevation<'_> {
         block: Rect,
     ) -> Result<(Vec<f32>, Vec<bool>), IngestError> {
         let around = block.grown(BLEND);
-        let is_fine_source = |source: usize| self.plan.elevation_levels[source] <= q;
+        let is_fine_source = |source: u32| self.plan.elevation_levels[source as usize] <= q;
         let mut posts: Vec<Post> = set
-            .sample_where::<1>(around, &|_| true, &|_| false)?
+            .sample_where::<1>(around, |_| true, |_| false)?
             .into_iter()
             .map(|post| post.map(|(source, [height])| (is_fine_source(source), height)))
             .collect();
@@ -185,7 +185,7 @@ impl Elevation<'_> {
         let is_mixed = |k: usize| posts[inner(k)].is_some_and(|(is_fine, _)| is_fine) && shares[k] < 1.0;
         let mut coarse = vec![None; block.area()];
         if (0..block.area()).any(is_mixed) {
-            coarse = set.sample_where::<1>(block, &|source| !is_fine_source(source), &|k| !is_mixed(k))?;
+            coarse = set.sample_where::<1>(block, |source| !is_fine_source(source), |k| !is_mixed(k))?;
         }
         let height = |k: usize| {
             let Some((is_fine, height)) = posts[inner(k)] else { return f32::NAN };

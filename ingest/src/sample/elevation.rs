@@ -68,7 +68,7 @@ pub fn sample(
         |set, index| {
             let block = blocks.rect(index);
             let heights = set.sample::<1>(block)?;
-            let heights: Vec<f32> = heights.into_iter().map(|h| h.map_or(f32::NAN, |[h]| quantised(h))).collect();
+            let heights: Vec<f32> = heights.map(|h| h.map_or(f32::NAN, |[h]| quantised(h))).collect();
             let part = summarise(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;
