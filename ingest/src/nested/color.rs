@@ -6,10 +6,10 @@ use super::nodes::Nodes;
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::pyramid::color::{REACH, filter};
-use crate::sample::SourceSet;
 use crate::sample::color::eight_bits;
 use crate::sample::mapper::Lattice;
 use crate::sample::window::Kernel;
+use crate::sample::{Sampled, SourceSet};
 use crate::source::open::ColorReader;
 use crate::source::values::ColorValues;
 use crate::source::{Raster, TargetCrs};
@@ -191,7 +191,7 @@ impl Color<'_> {
         // Of texels that lie inside with all of their area.
         let last = world.extent().map(|extent| i64::from(extent) * nc / (nz << q) - 1);
         let around = block.grown(1);
-        let mut texels = set.sample_where::<3>(around, |_| true, |_| false)?;
+        let mut texels: Vec<Texel> = set.sample::<3>(around)?.into_iter().map(Sampled::known).collect();
         repeat_border(&mut texels, around, last);
         let rows = texels.chunks_exact(around.size[0]).skip(1).take(block.size[1]);
         Ok(rows.flat_map(|row| row[1..=block.size[0]].iter().copied()).collect())

@@ -1,7 +1,7 @@
 //! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
 
 use super::window::Kernel;
-use super::{BLOCK, SourceSet};
+use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::source::open::ColorReader;
@@ -44,7 +44,8 @@ pub fn sample(
         |set, index| {
             let block = blocks.rect(index);
             let texels = set.sample::<3>(block)?;
-            let mut texels: Vec<Option<Rgb>> = texels.map(|t| t.map(eight_bits)).collect();
+            let color = |texel: Sampled<3>| texel.known().map(|(_, color)| eight_bits(color));
+            let mut texels: Vec<Option<Rgb>> = texels.into_iter().map(color).collect();
             let missing = texels.iter().filter(|t| t.is_none()).count();
             if missing > 0 {
                 // Relaxed: read when all threads have ended.

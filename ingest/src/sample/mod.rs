@@ -1,6 +1,7 @@
 //! From sources to a block of the finest level.
 
 pub mod color;
+pub(crate) mod corners;
 pub mod elevation;
 pub mod mapper;
 pub mod neighbors;
@@ -19,6 +20,28 @@ use window::{Kernel, Window};
 const MAX_WINDOW_PIXELS: usize = 2 << 20;
 /// The side of blocks of the finest level.
 pub const BLOCK: usize = 256;
+
+/// What is known of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sampled<const C: usize> {
+    /// It lies in none of the sources.
+    Outside,
+    /// It lies in a source, and none has data there.
+    Void,
+    /// The number of the first source that has data there, and its value.
+    Value(u32, [f32; C]),
+}
+
+impl<const C: usize> Sampled<C> {
+    /// The number of the source and its value, where one has data.
+    #[must_use]
+    pub fn known(self) -> Option<(u32, [f32; C])> {
+        match self {
+            Self::Value(source, value) => Some((source, value)),
+            Self::Outside | Self::Void => None,
+        }
+    }
+}
 
 /// How one source is sampled, by one thread.
 #[derive(Debug)]

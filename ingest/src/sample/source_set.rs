@@ -3,7 +3,7 @@
 use super::mapper::{Lattice, Mapper};
 use super::neighbors::{Neighbor, common, neighbors};
 use super::window::{Kernel, Window};
-use super::{Bounds, MAX_WINDOW_PIXELS, Sampler};
+use super::{Bounds, MAX_WINDOW_PIXELS, Sampled, Sampler};
 use crate::IngestError;
 use crate::source::open::Reader;
 use crate::source::{Raster, TargetCrs};
@@ -37,9 +37,6 @@ impl<T> Kept<T> {
         self.items[index].as_mut().ok_or_else(|| IngestError::usage("a source was not opened"))
     }
 }
-
-/// The number of the source that has data at a place, and its value.
-type Sampled<const C: usize> = Option<(u32, [f32; C])>;
 
 /// How a file is opened.
 type Open<'a, V, R> = fn(&'a Raster, &'a V) -> Result<R, IngestError>;
@@ -79,23 +76,18 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         self.range
     }
 
-    /// Samples a block: the value of the first source that has data at each place, or `None`.
+    /// Samples a block: at each place the value of the first source that has data.
     ///
     /// # Errors
     /// [`IngestError::Source`] when a source cannot be read.
-    pub fn sample<const C: usize>(
-        &mut self,
-        block: Rect,
-    ) -> Result<impl Iterator<Item = Option<[f32; C]>> + use<C, V, R>, IngestError>
+    pub fn sample<const C: usize>(&mut self, block: Rect) -> Result<Vec<Sampled<C>>, IngestError>
     where
         R: Reader<C>,
     {
-        let found = self.sample_where(block, |_| true, |_| false)?;
-        Ok(found.into_iter().map(|sample| sample.map(|(_, value)| value)))
+        self.sample_where(block, |_| true, |_| false)
     }
 
-    /// Samples a block from the sources that are `wanted`, where it is not `left_out`: the number of the first source that has data at
-    /// each place and its value.
+    /// Samples a block from the sources that are `wanted`, where it is not `left_out`.
     ///
     /// # Errors
     /// [`IngestError::Source`] when a source cannot be read.
@@ -108,12 +100,12 @@ impl<'a, V, R> SourceSet<'a, V, R> {
     where
         R: Reader<C>,
     {
-        let mut values: Vec<Sampled<C>> = vec![None; block.area()];
+        let mut values = vec![Sampled::Outside; block.area()];
         for source in (0u32..).take(self.sources.len()).filter(|source| is_wanted(*source)) {
             if !self.bounds[source as usize].meets(&self.lattice, block) {
                 continue;
             }
-            if (0..block.area()).all(|at| values[at].is_some() || is_left_out(at)) {
+            if (0..block.area()).all(|at| matches!(values[at], Sampled::Value(..)) || is_left_out(at)) {
                 break;
             }
             self.sample_one(source, block, &is_left_out, &mut values)?;
@@ -153,11 +145,14 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         };
         let mut positions = sampler.positions(lattice, block);
         for (at, position) in positions.iter_mut().enumerate() {
-            if values[at].is_some() || is_left_out(at) {
-                *position = None;
+            match values[at] {
+                Sampled::Outside | Sampled::Void if position.is_some() && !is_left_out(at) => {
+                    values[at] = Sampled::Void
+                }
+                _ => *position = None,
             }
         }
-        let mut put = |at: usize, value| values[at] = Some((source, value));
+        let mut put = |at: usize, value| values[at] = Sampled::Value(source, value);
         sampler.sample(&positions, block.size[0], &mut put, &mut read)?;
         let met = sampler.range();
         *range = [range[0].min(met[0]), range[1].max(met[1])];
