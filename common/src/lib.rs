@@ -4,6 +4,7 @@
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
+//! * [`ids`]: numbers that must not be mixed up.
 //! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`validity`]: which of it was
 //!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
@@ -12,6 +13,7 @@
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
 //! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
+//!   [`report`]: what it says of the run afterwards.
 
 pub mod bug;
 pub mod camera;
@@ -20,12 +22,14 @@ pub mod event;
 pub mod facet;
 pub mod files;
 pub mod film;
+pub mod ids;
 pub mod level;
 pub mod lonlat;
 pub mod node;
 pub mod node_table;
 pub mod outcome;
 pub mod rate;
+pub mod report;
 pub mod run;
 pub mod shm;
 pub mod slot;

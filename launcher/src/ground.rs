@@ -13,6 +13,8 @@ use terravision_common::world::World;
 
 /// The camera stays at least this high above ground, metres.
 pub const CLEARANCE_M: f64 = 2.0;
+/// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
+pub const FAR_FROM_WORLD: f64 = 2.0;
 /// Tiles that are kept; a flight goes on from the tile where it was.
 const KEPT_TILES: usize = 512;
 

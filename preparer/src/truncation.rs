@@ -9,6 +9,7 @@
 
 use crate::frame_tree::{FrameTree, Tile};
 use terravision_common::database::Layer;
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::node_table::NodeTable;
 use terravision_common::traversal::neighbor_in;
@@ -19,16 +20,14 @@ use terravision_common::world::World;
 pub struct ColorPlace {
     /// The node whose tile it is.
     pub node: NodeId,
-    /// Slot of the pool.
-    pub slot: u32,
-    /// Generation of the slot.
-    pub generation: u32,
+    /// Where it is.
+    pub key: SlotKey,
 }
 
 /// The tiles that are there. They stay while a frame is made.
 pub trait Tiles {
-    /// Slot and generation of a node's colour tile.
-    fn color(&self, node: NodeId) -> Option<(u32, u32)>;
+    /// Where a node's colour tile lies in its pool.
+    fn color(&self, node: NodeId) -> Option<SlotKey>;
     /// Posts of a node's elevation tile, `(Nz + 1)²`, row 0 in the south.
     fn elevation(&self, node: NodeId) -> Option<&[f32]>;
 }
@@ -93,7 +92,7 @@ impl ColorLeaf {
 #[derive(Debug)]
 pub struct Truncation {
     world: World,
-    colors: Vec<Option<(u32, u32)>>,
+    colors: Vec<Option<SlotKey>>,
     is_there: Vec<bool>,
     is_blocked: Vec<bool>,
     stack: Vec<Step>,
@@ -166,11 +165,11 @@ impl Truncation {
         }
         let Some(root) = tree.nodes.first() else { return Ok(()) };
         let missing = |layer| RootMissing { tile: Tile { layer, node: root.id } };
-        let (slot, generation) = self.colors[0].ok_or(missing(Layer::Color))?;
+        let root_color = self.colors[0].ok_or(missing(Layer::Color))?;
         if !self.is_there[0] {
             return Err(missing(Layer::Elevation));
         }
-        let color = ColorPlace { node: root.id, slot, generation };
+        let color = ColorPlace { node: root.id, key: root_color };
         loop {
             self.collect(tree, color);
             if self.meet(tree) {
@@ -213,11 +212,7 @@ impl Truncation {
                 continue;
             }
             for child in children.rev() {
-                let own = self.colors[child].map(|(slot, generation)| ColorPlace {
-                    node: tree.nodes[child].id,
-                    slot,
-                    generation,
-                });
+                let own = self.colors[child].map(|key| ColorPlace { node: tree.nodes[child].id, key });
                 self.stack.push(Step { index: child as u32, color: own.unwrap_or(color) });
             }
         }

@@ -10,7 +10,7 @@ pub mod technique;
 pub mod values;
 
 use crate::input::CameraSource;
-use crate::metrics::MetricsAddress;
+use crate::measure::metrics::MetricsAddress;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use database::DatabaseArgs;
 use film::FilmArgs;
@@ -67,10 +67,10 @@ pub struct Cli {
 pub enum Command {
     /// Make a believable mountain world: dem.tif and ortho.tif
     #[command(disable_help_flag = true)]
-    Synth(PassedOn),
+    Synth(ExecArgs),
     /// Turn rasters into a terrain database
     #[command(disable_help_flag = true)]
-    Ingest(PassedOn),
+    Ingest(ExecArgs),
     /// Say what a terrain database holds
     Info(InfoArgs),
     /// Say whether this machine has what a flight needs, and what to install if not
@@ -83,12 +83,12 @@ pub enum Command {
     Path(Box<PathArgs>),
     /// Measure the stages, the queues between them, rays against the mesh, and ingest
     #[command(disable_help_flag = true)]
-    Bench(PassedOn),
+    Bench(ExecArgs),
 }
 
 /// Arguments that go to another program as they are.
 #[derive(Debug, Args)]
-pub struct PassedOn {
+pub struct ExecArgs {
     /// Passed on as typed; `--help` explains them.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
     pub arguments: Vec<OsString>,

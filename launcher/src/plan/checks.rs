@@ -1,18 +1,15 @@
 //! Checks of single arguments and of the path against the world.
 
-use crate::cli::supervision::SupervisionArgs;
 use crate::cli::values::{FrameRange, PictureSize};
 use crate::cli::{CourseArgs, Mode, PictureArgs, RealtimeArgs, Switch};
 use crate::failure::Failure;
-use crate::flight::hang::HangRules;
-use crate::flight::restart::RestartRules;
+use crate::ground::FAR_FROM_WORLD;
 use crate::path::orbit::Extent;
 use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
-use std::time::Duration;
-use terravision_common::run::{Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, RunConfig, TechniqueChoice};
+use terravision_common::run::{Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, TechniqueChoice};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -20,8 +17,6 @@ const COARSEST: f64 = 4.0;
 const REST_FACET_PX: f64 = 3.0;
 
 pub(super) const DEFAULT_FPS: f64 = 30.0;
-/// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
-pub const FAR_FROM_WORLD: f64 = 2.0;
 
 /// Frames per second.
 pub(super) fn fps(asked: Option<f64>) -> Result<f64, Failure> {
@@ -186,21 +181,6 @@ pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(Tec
     }
     let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
     Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))
-}
-
-/// Restarts within a minute in real time, if nothing else is said.
-const REALTIME_RESTARTS: u32 = 5;
-/// Seconds without anything done after which a stage hangs, if nothing else is said: against the clock, and in exact mode, where
-/// nobody waits for the next picture.
-const HANG_AFTER_SECS: [f64; 2] = [10.0, 30.0];
-
-/// Which deaths of stages a flight survives, and which stages hang.
-pub(super) fn restarts(args: &SupervisionArgs, config: &RunConfig) -> Result<RestartRules, Failure> {
-    let is_realtime = config.realtime.is_some();
-    let limit = args.restarts.unwrap_or(if is_realtime { REALTIME_RESTARTS } else { 0 });
-    let seconds = args.hang_after.unwrap_or(HANG_AFTER_SECS[usize::from(!is_realtime)]);
-    let hang_after = Duration::from_secs_f64(in_range("--hang-after", seconds, 1.0, 1e5, "seconds from 1 to 100000")?);
-    Ok(RestartRules { limit, hang: HangRules::new(hang_after, config) })
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

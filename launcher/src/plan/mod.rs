@@ -8,8 +8,9 @@ mod film;
 mod live;
 mod planes;
 mod pose;
+pub mod supervision;
 
-pub use checks::{FAR_FROM_WORLD, frame_range, pace, vfov_of_path};
+pub use checks::{frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 
 use crate::cli::database::DatabaseArgs;
@@ -21,11 +22,10 @@ use crate::cli::{
 };
 use crate::data_set::DataSet;
 use crate::failure::Failure;
-use crate::flight::restart::RestartRules;
 use crate::ground::{self, WorldGround};
 use crate::input::LiveCamera;
 use crate::machine::bytes_for_people;
-use crate::metrics::MetricsSocket;
+use crate::measure::metrics::MetricsSocket;
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::{self, Pose};
 use crate::stream::StreamTarget;
@@ -40,6 +40,7 @@ use compression::TexelQuestion;
 use planes::PlaneFolders;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use supervision::RestartRules;
 use terravision_common::camera::Camera;
 use terravision_common::film::even;
 use terravision_common::run::{
@@ -187,7 +188,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     }
     let mut plan = draft.finish(texels, &args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
-    plan.restarts = checks::restarts(&args.supervision, &plan.config)?;
+    plan.restarts = supervision::restarts(&args.supervision, &plan.config)?;
     plan.notes.extend(of_odd_sides(&plan));
     Ok(plan)
 }
@@ -288,7 +289,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.ground = ground.map(PlaneTarget::File);
     draft.destination = args.output.display().to_string();
     let mut plan = draft.finish(texels, &args.measurements)?;
-    plan.restarts = checks::restarts(&SupervisionArgs::default(), &plan.config)?;
+    plan.restarts = supervision::restarts(&SupervisionArgs::default(), &plan.config)?;
     Ok(plan)
 }
 

@@ -1,0 +1,204 @@
+//! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
+
+use crate::exact::trace::CHUNK;
+use crate::lines::Lines;
+use crate::shade::paint::{Footprint, Scratch};
+use glam::Vec2;
+
+/// log2 of the pixels of a line within which a facet is measured once.
+const LOG_LONGEST_RUN: u32 = 4;
+/// log2 of the entries by which runs are found again.
+const LOG_ENTRIES: u32 = 12;
+
+/// Neighbouring lines, which are painted together: what is beside each other in the picture is so in colour tiles as well, is seen on
+/// the same facets, and is written at once.
+#[derive(Debug, Default)]
+pub(crate) struct Strips {
+    pub(crate) lines: Vec<Line>,
+    pub(crate) runs: Runs,
+    /// Of each run, where its pixels have their colours from.
+    pub(crate) footprints: Vec<Footprint>,
+    pub(crate) scratch: Scratch,
+    seen: Vec<Seen>,
+}
+
+/// A rectangle of ground, lattice units, and its highest point, metres above the datum.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    pub(crate) low: [f64; 2],
+    pub(crate) high: [f64; 2],
+    pub(crate) highest: f32,
+}
+
+impl Seen {
+    /// Of no ground.
+    const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], highest: f32::NEG_INFINITY };
+
+    /// Whether another rectangle is part of it.
+    #[inline(always)]
+    pub(crate) fn holds(&self, low: [f64; 2], high: [f64; 2]) -> bool {
+        (0..2).all(|axis| self.low[axis] <= low[axis] && high[axis] <= self.high[axis])
+    }
+}
+
+/// Pixels of a line, bottom up.
+#[derive(Debug, Default)]
+pub(crate) struct Line {
+    /// Columns and rows.
+    pub(crate) pixels: Vec<[u16; 2]>,
+    /// One over depth; anything for sky.
+    pub(crate) nearness: Vec<f32>,
+    /// Which run a pixel is in; [`Line::SKY`] for none.
+    pub(crate) run_of: Vec<u32>,
+}
+
+/// A part of a facet that has its footprint worked out once: that of the first pixel that saw it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Run {
+    pub(crate) pixel: [u16; 2],
+    pub(crate) nearness: f32,
+    pub(crate) tile: u32,
+    /// Metres up per cell east and north.
+    pub(crate) slope: Vec2,
+}
+
+/// The runs of neighbouring lines.
+#[derive(Debug, Default)]
+pub(crate) struct Runs {
+    list: Vec<Run>,
+    /// Facet and part of it, and which run that is. Where two share an entry the later one stays.
+    found: Vec<(u64, u32)>,
+}
+
+/// A line to be filled.
+#[derive(Debug)]
+pub(crate) struct Strip<'a> {
+    pub(crate) pixels: &'a [[u16; 2]],
+    pub(crate) nearness: &'a mut [f32],
+    run_of: &'a mut [u32],
+    runs: &'a mut Runs,
+    /// For each chunk of pixels two rectangles of ground that the lines before have asked for.
+    pub(crate) seen: &'a mut [Seen],
+}
+
+impl Strips {
+    /// Most lines.
+    pub(crate) const MOST: usize = 32;
+
+    /// Takes memory for the lines of pictures of a size, if it is not there.
+    pub(crate) fn reserve(&mut self, size: [u32; 2]) {
+        let longest = size[0].max(size[1]) as usize;
+        self.lines.resize_with(Self::MOST, Line::default);
+        for line in &mut self.lines {
+            line.pixels.clear();
+            line.pixels.reserve(longest);
+            line.nearness.resize(longest, 0.0);
+            line.run_of.resize(longest, Line::SKY);
+        }
+        self.seen.resize(2 * (longest / CHUNK + 2), Seen::NOTHING);
+        self.runs.list.clear();
+        self.runs.list.reserve(Self::MOST * longest);
+        self.footprints.clear();
+        self.footprints.reserve(Self::MOST * longest);
+        self.scratch.reserve(Self::MOST * longest);
+    }
+
+    /// Begins with lines from `first` on.
+    pub(crate) fn begin(&mut self) {
+        self.seen.fill(Seen::NOTHING);
+        self.runs.list.clear();
+        self.runs.found.clear();
+        self.runs.found.resize(1 << LOG_ENTRIES, (u64::MAX, 0));
+    }
+
+    /// Begins line `n`, the so many-th of these.
+    pub(crate) fn strip(&mut self, at: usize, lines: &Lines, n: usize) -> Strip<'_> {
+        let Line { pixels, nearness, run_of } = &mut self.lines[at];
+        lines.fill(n, pixels);
+        Strip { pixels, nearness, run_of, runs: &mut self.runs, seen: &mut self.seen }
+    }
+}
+
+impl Line {
+    /// The run of pixels that see no ground.
+    pub(crate) const SKY: u32 = u32::MAX;
+
+    /// Most pixels.
+    pub(crate) const LONGEST: u32 = u16::MAX as u32;
+
+    #[inline(always)]
+    pub(crate) fn pixel(&self, k: usize) -> [u32; 2] {
+        self.pixels[k].map(u32::from)
+    }
+}
+
+impl Runs {
+    pub(crate) fn list(&self) -> &[Run] {
+        &self.list
+    }
+
+    /// The run of a facet's pixels around pixel `k`; `run` makes it if there is none yet.
+    #[inline(always)]
+    fn find(&mut self, k: usize, tile: u32, facet: usize, run: impl FnOnce() -> Run) -> u32 {
+        let key = u64::from(tile) << 44 | (facet as u64) << 16 | (k >> LOG_LONGEST_RUN) as u64;
+        let entry = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - LOG_ENTRIES)) as usize;
+        let Some((found, number)) = self.found.get_mut(entry) else { return Line::SKY };
+        if *found != key {
+            (*found, *number) = (key, self.list.len() as u32);
+            self.list.push(run());
+        }
+        *number
+    }
+}
+
+impl Strip<'_> {
+    #[inline(always)]
+    pub(crate) fn pixel(&self, k: usize) -> [u32; 2] {
+        self.pixels[k].map(u32::from)
+    }
+
+    /// Whether all pixels are in one column or row.
+    pub(crate) fn is_straight(&self) -> bool {
+        match (self.pixels.first(), self.pixels.last()) {
+            (Some(a), Some(b)) => a[0] == b[0] || a[1] == b[1],
+            _ => true,
+        }
+    }
+
+    /// Pixel `k` sees sky.
+    #[inline]
+    pub(crate) fn put_sky(&mut self, k: usize) {
+        self.run_of[k] = Line::SKY;
+    }
+
+    /// Pixel `k` sees a facet of a tile, this one of its facets, at a depth.
+    #[inline]
+    pub(crate) fn put(&mut self, k: usize, depth: f32, tile: u32, facet: usize, slope: Vec2) {
+        let nearness = 1.0 / depth;
+        let pixel = self.pixels[k];
+        self.nearness[k] = nearness;
+        self.run_of[k] = self.runs.find(k, tile, facet, || Run { pixel, nearness, tile, slope });
+    }
+
+    /// Pixels from `first` to `last`, sixteen of a multiple of sixteen at most, see a facet, `nearness` of a pixel being linear: its
+    /// value at pixel `at`, and from pixel to pixel.
+    #[inline(always)]
+    pub(crate) fn put_run(
+        &mut self,
+        [first, last]: [usize; 2],
+        at: f32,
+        [nearness, per_pixel]: [f32; 2],
+        [tile, facet]: [usize; 2],
+        slope: impl FnOnce() -> Vec2,
+    ) {
+        let mut by = first as f32 - at;
+        let (pixel, nearest) = (self.pixels[first], nearness + by * per_pixel);
+        let tile = tile as u32;
+        let run = self.runs.find(first, tile, facet, || Run { pixel, nearness: nearest, tile, slope: slope() });
+        for (value, run_of) in self.nearness[first..last + 1].iter_mut().zip(&mut self.run_of[first..last + 1]) {
+            *value = nearness + by * per_pixel;
+            *run_of = run;
+            by += 1.0;
+        }
+    }
+}

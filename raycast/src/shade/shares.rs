@@ -1,0 +1,132 @@
+//! Holes, and ground that was made up (`terravision_common::validity`): what pixels see once all rays have been cast.
+//!
+//! All methods cast their rays at the whole surface, holes and all: what they prove of the air above it stays true, and worlds
+//! without holes know nothing of them. Then the pixels whose ray meets a hole are cast on, one by one, from facet to facet:
+//! under the surface until the ray comes out of it, or above it again. A point is in a hole where the share of ground,
+//! linear over its facet, is less than a half: the same rule as the mesh's.
+
+use crate::coherent::cast::Counts;
+use crate::exact::facets::{LEAST_BELOW, LEAST_BELOW_M};
+use crate::exact::mipmap::{Side, past};
+use crate::frame::{Frame, Place};
+use crate::view::Ray;
+use crate::workers::Workers;
+use glam::Vec2;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use terravision_common::validity::HALF;
+
+/// A ray passes no more holes: a bound that no rounding can keep from being reached.
+const MOST_HOLES: u32 = 1 << 10;
+/// Bits of a colour's alpha that say that its ground was made up: cleared.
+const MARK: u32 = 1 << 24;
+
+/// What a ray meets at a point of the surface.
+#[derive(Debug, Clone, Copy)]
+struct Met {
+    tile: u32,
+    /// Share that is ground.
+    ground: f32,
+    /// Share that was measured.
+    measured: f32,
+    /// Where the ray goes on: under the facet, or above it.
+    beyond: Side,
+}
+
+impl Frame<'_> {
+    /// Sends the rays on that met a hole, and marks pixels whose ground was made up.
+    pub(crate) fn look_at_shares(&self, workers: &Workers) {
+        let rows = self.picture.size()[1] as usize;
+        let next = AtomicUsize::new(0);
+        workers.run(|_| {
+            let mut counts = Counts::default();
+            // Relaxed: which worker takes a row shows nowhere.
+            while let Some(row) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|row| *row < rows) {
+                self.look_at_row(row, &mut counts);
+            }
+            counts
+        });
+    }
+
+    fn look_at_row(&self, row: usize, counts: &mut Counts) {
+        for ((color, depth), x) in self.picture.rows(row..row + 1).zip(0u32..) {
+            if !depth.is_finite() {
+                continue;
+            }
+            let pixel = [x, row as u32];
+            let ray = self.view.ray(pixel);
+            let s = depth / ray.depth;
+            let Some(met) = self.met(&ray, s) else { continue };
+            let mark = |met: &Met| if met.measured < HALF { MARK } else { 0 };
+            if met.ground >= HALF {
+                if mark(&met) != 0 {
+                    self.picture.put(pixel, color & !MARK, depth);
+                }
+                continue;
+            }
+            match self.beyond_hole(&ray, s, met, counts) {
+                Some((s, met)) => {
+                    let color = self.shade(met.tile, &ray, s) & !mark(&met);
+                    self.picture.put(pixel, color, s * ray.depth);
+                }
+                None => self.picture.put(pixel, self.sky, f32::NAN),
+            }
+        }
+    }
+
+    /// Where a ray that passes the surface at a hole meets ground, if it does.
+    fn beyond_hole(&self, ray: &Ray, mut s: f32, mut met: Met, counts: &mut Counts) -> Option<(f32, Met)> {
+        let border = self.departure(ray);
+        for _ in 0..MOST_HOLES {
+            let mut current = self.enter_exact(met.tile)?;
+            s = self.next_hit(ray, met.beyond, [past(s), border], &mut current, counts)?.s;
+            met = self.met_in(current.index, ray, s)?;
+            if met.ground >= HALF {
+                return Some((s, met));
+            }
+        }
+        None
+    }
+
+    fn met(&self, ray: &Ray, s: f32) -> Option<Met> {
+        match self.find(ray, s) {
+            Place::Tile(tile) => self.met_in(tile, ray, s),
+            Place::HoleUntil(_) | Place::Left => None,
+        }
+    }
+
+    /// What a ray meets where it passes the surface of this tile at `s`.
+    fn met_in(&self, tile: u32, ray: &Ray, s: f32) -> Option<Met> {
+        let current = self.enter_exact(tile)?;
+        let along = current.along(ray);
+        let [columns, rows] = current.tile.cells;
+        let at = current.at(&along, s).clamp(Vec2::ZERO, Vec2::new(columns as f32, rows as f32));
+        let cell = [(at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1)];
+        let by = at - Vec2::new(cell[0] as f32, cell[1] as f32);
+        // Up per cell of the facet that the point is on.
+        let slope = |[sw, se, nw, ne]: [f32; 4]| match by.x >= by.y {
+            true => Vec2::new(se - sw, ne - se),
+            false => Vec2::new(ne - nw, nw - sw),
+        };
+        let shares = self.ground.shares_of_cell(current.tile, cell);
+        let share = |plane: usize| {
+            let corners = shares.map(|share| share[plane]);
+            corners[0] + slope(corners).dot(by)
+        };
+        let corners = current.corners(cell);
+        let rise = slope(corners);
+        let above = along.rise * s + current.eye_height - corners[0] - rise.dot(by);
+        // A ray that meets voxels may be away from the facet yet, or past it.
+        let beyond = match above {
+            above if above.abs() > LEAST_BELOW * s + LEAST_BELOW_M => {
+                if above > 0.0 {
+                    Side::Above
+                } else {
+                    Side::Below
+                }
+            }
+            _ if along.rise <= rise.dot(along.per_s) => Side::Below,
+            _ => Side::Above,
+        };
+        Some(Met { tile, ground: share(0), measured: share(1), beyond })
+    }
+}
