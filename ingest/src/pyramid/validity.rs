@@ -344,7 +344,8 @@ mod tests {
         let clipped = shares(&clipped);
         // Where a thread meets what lies beyond, a post or two may go with either.
         let is_near_beyond = |i: usize, j: usize| {
-            (-2..=2).any(|d: isize| is_beyond(i.wrapping_add_signed(d), j) || is_beyond(i, j.wrapping_add_signed(d)))
+            (-2..=2)
+                .any(|d: isize| is_beyond(i.saturating_add_signed(d), j) || is_beyond(i, j.saturating_add_signed(d)))
         };
         for (share, (i, j)) in clipped.iter().zip(all) {
             let expected = match (is_beyond(i, j), is_thread(i, j) || is_gap(i, j)) {
