@@ -28,6 +28,7 @@ mod memory;
 mod mirror;
 mod network;
 mod options;
+mod payload;
 mod redirect;
 mod remote;
 mod remote_backend;
@@ -36,6 +37,7 @@ mod store;
 mod tar;
 mod transport;
 mod wire;
+mod wire_error;
 
 pub use cache::CacheFigures;
 pub use error::{Cause, Fault, FetchError, StoreError};
@@ -43,8 +45,9 @@ pub use error_log::{ErrorLog, Folded};
 pub use location::{Location, LocationError};
 pub use mirror::OnProgress;
 pub use options::{DEFAULT_CACHE_BYTES, StoreOptions, default_cache_dir};
+pub use payload::Payload;
 pub use retry::{FailedTiles, NegativeCache, RetryOptions, patience};
-pub use store::{Figures, Payload, Store};
+pub use store::{Figures, Store};
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -61,7 +61,7 @@ pub(crate) struct Network {
 impl Network {
     pub(crate) fn new(transport: Transport, options: &StoreOptions, log: Arc<ErrorLog>) -> Self {
         Self {
-            policy: RetryPolicy::new(options, transport.is_local()),
+            policy: RetryPolicy::new(options.retries, options.deadline, options.is_hasty, transport.is_local()),
             transport,
             request_timeout: options.request_timeout,
             permits: Semaphore::new(options.parallel_requests.max(1)),

@@ -8,6 +8,7 @@ use crate::location::Location;
 use crate::mirror::OnProgress;
 use crate::network::Network;
 use crate::options::StoreOptions;
+use crate::payload::Payload;
 use crate::remote_backend::{RemoteBackend, unfinished};
 use crate::retry::NegativeCache;
 use crate::transport::Transport;
@@ -37,24 +38,6 @@ pub struct Figures {
     pub under_way: usize,
     /// The disk cache.
     pub cache: CacheFigures,
-}
-
-/// A tile as it is stored.
-#[derive(Debug, Clone)]
-#[non_exhaustive]
-pub struct Payload {
-    /// Its bytes; their checksum is right.
-    pub bytes: Bytes,
-    /// When the request was made that was answered, if it was made anew because the one before took much longer than usual.
-    pub resent_at: Option<Instant>,
-}
-
-impl Payload {
-    /// One whose first request was answered.
-    #[must_use]
-    pub fn new(bytes: Bytes) -> Self {
-        Self { bytes, resent_at: None }
-    }
 }
 
 /// A terrain database, open for reading, wherever it is. Used by any thread; reads are shared, and their results are

@@ -7,7 +7,6 @@ use super::patience::{UsualTime, patience};
 use super::{LOCAL_RETRIES, RetryOptions};
 use crate::error::{Fault, FetchError};
 use crate::lock;
-use crate::options::StoreOptions;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -41,13 +40,14 @@ pub(crate) struct Allowance {
 }
 
 impl RetryPolicy {
-    pub(crate) fn new(options: &StoreOptions, is_local: bool) -> Self {
+    /// `deadline`: of one read. `is_local`: the database is a file of this machine.
+    pub(crate) fn new(options: RetryOptions, deadline: Duration, is_hasty: bool, is_local: bool) -> Self {
         Self {
-            options: options.retries,
-            deadline: options.deadline,
+            options,
+            deadline,
             is_local,
-            is_hasty: options.is_hasty && !is_local,
-            budget: Mutex::new(Budget::new(&options.retries)),
+            is_hasty: is_hasty && !is_local,
+            budget: Mutex::new(Budget::new(&options)),
             breakers: Mutex::default(),
             usual: UsualTime::default(),
             repeated: AtomicU64::new(0),
