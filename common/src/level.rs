@@ -19,6 +19,7 @@
 //! `√2·r_z` pixels wide and a picture of a million pixels takes 10,000 facets at 10 px (terravision-1995 §2.3).
 
 use crate::camera::Camera;
+use crate::rig::{MAX_VIEWS, Views};
 use crate::world::World;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -55,25 +56,46 @@ pub struct WorldBox {
     pub max: DVec3,
 }
 
-/// The level functions of one frame. The same inputs give the same bits in every process and for every caller: plain
+/// The level functions of one frame: at each point the finest level that one of its views wants. The same inputs give the same bits in every process and for every caller: plain
 /// IEEE operations in one order, no fused multiply-add, and [`log2_approximate`] for the logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelFunction {
     eye: DVec3,
-    forward: DVec3,
     exaggeration: f64,
     measure: Measure,
-    /// cos² of half the diagonal field of view.
-    cos2_half_diagonal: f64,
-    /// Elevation level where the scale `w/g` is 1 m.
-    elevation_offset: f64,
+    views: [ViewLevel; MAX_VIEWS],
+    view_count: usize,
     /// Colour level minus elevation level, everywhere.
     color_minus_elevation: f64,
 }
 
+/// What one view wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ViewLevel {
+    eye: DVec3,
+    forward: DVec3,
+    /// cos² of half the diagonal field of view.
+    cos2_half_diagonal: f64,
+    /// Elevation level where the scale `w/g` is 1 m.
+    elevation_offset: f64,
+}
+
+impl ViewLevel {
+    fn new(camera: &Camera, world: &World, cell_px: f64) -> Self {
+        let [tx, ty] = camera.half_tangents();
+        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
+        Self {
+            eye: camera.eye(),
+            forward: camera.axes_in_world()[2],
+            cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
+            elevation_offset: log2_approximate(elevation_scale),
+        }
+    }
+}
+
 impl LevelFunction {
-    /// The level functions for `camera`, which the caller has checked with [`Camera::is_valid`]; `r_z_px` and
-    /// `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions for a frame of one view. `camera` is one that the caller has checked with [`Camera::is_valid`];
+    /// `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -83,18 +105,33 @@ impl LevelFunction {
         r_z_px: f64,
         r_c_px: f64,
     ) -> LevelFunction {
-        let [tx, ty] = camera.half_tangents();
+        Self::for_views(camera, &Views::single(camera), world, exaggeration, measure, r_z_px, r_c_px)
+    }
+
+    /// The level functions for a frame of these views, carried by `pose`.
+    #[must_use]
+    pub fn for_views(
+        pose: &Camera,
+        views: &Views,
+        world: &World,
+        exaggeration: f64,
+        measure: Measure,
+        r_z_px: f64,
+        r_c_px: f64,
+    ) -> LevelFunction {
         let cell_px = SQRT_2 * r_z_px;
-        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
         let color_over_elevation =
             r_c_px * f64::from(world.color_tile()) / (cell_px * f64::from(world.elevation_tile()));
+        let mut levels = [ViewLevel::new(&views[0].camera, world, cell_px); MAX_VIEWS];
+        for (level, view) in levels.iter_mut().zip(views.iter()).skip(1) {
+            *level = ViewLevel::new(&view.camera, world, cell_px);
+        }
         LevelFunction {
-            eye: camera.eye(),
-            forward: camera.axes_in_world()[2],
+            eye: pose.eye(),
             exaggeration,
             measure,
-            cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
-            elevation_offset: log2_approximate(elevation_scale),
+            views: levels,
+            view_count: views.len(),
             color_minus_elevation: log2_approximate(color_over_elevation),
         }
     }
@@ -105,7 +142,7 @@ impl LevelFunction {
         self.exaggeration
     }
 
-    /// The eye, world coordinates.
+    /// The eye of the frame's pose, world coordinates.
     #[must_use]
     pub fn eye(&self) -> DVec3 {
         self.eye
@@ -128,22 +165,58 @@ impl LevelFunction {
     /// The elevation levels wanted at a row of points `(xs[i], y, zs[i])`, heights exaggerated already: the form that
     /// compiles to SIMD. All slices have the length of `out`; longer ones are cut.
     pub fn elevation_levels(&self, xs: &[f64], y: f64, zs: &[f64], out: &mut [f64]) {
-        match self.measure {
-            Measure::Max => self.row(xs, y, zs, out, 0.5, |w2, _| w2),
-            Measure::Min => self.row(xs, y, zs, out, 0.5, |w2, slant| w2 * slant),
-            Measure::Area => self.row(xs, y, zs, out, 0.25, |w2, slant| w2 * w2 * slant),
+        let (first, others) = self.views().split_first().expect("a frame has one view at least");
+        first.measure_row(self.measure, xs, y, zs, out, |_, level| level);
+        for view in others {
+            view.measure_row(self.measure, xs, y, zs, out, f64::min);
+        }
+    }
+
+    fn views(&self) -> &[ViewLevel] {
+        &self.views[..self.view_count]
+    }
+
+    /// A level that is not above the elevation level at any point of the box.
+    #[must_use]
+    pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
+        self.views().iter().map(|view| view.elevation_bound(self.measure, bounds)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// A level that is not above the colour level at any point of the box.
+    #[must_use]
+    pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
+        self.elevation_bound(bounds) + self.color_minus_elevation
+    }
+}
+
+impl ViewLevel {
+    /// Puts the levels of a row of points together with those that are there.
+    #[inline(always)]
+    fn measure_row(
+        &self,
+        measure: Measure,
+        xs: &[f64],
+        y: f64,
+        zs: &[f64],
+        out: &mut [f64],
+        with: impl Fn(f64, f64) -> f64 + Copy,
+    ) {
+        match measure {
+            Measure::Max => self.row([xs, zs], y, out, 0.5, |w2, _| w2, with),
+            Measure::Min => self.row([xs, zs], y, out, 0.5, |w2, slant| w2 * slant, with),
+            Measure::Area => self.row([xs, zs], y, out, 0.25, |w2, slant| w2 * w2 * slant, with),
         }
     }
 
     #[inline(always)]
     fn row(
         &self,
-        xs: &[f64],
+        [xs, zs]: [&[f64]; 2],
         y: f64,
-        zs: &[f64],
         out: &mut [f64],
         slope: f64,
         argument: impl Fn(f64, f64) -> f64 + Copy,
+        with: impl Fn(f64, f64) -> f64 + Copy,
     ) {
         let dy = y - self.eye.y;
         let dy2 = dy * dy;
@@ -154,8 +227,10 @@ impl LevelFunction {
             let horizontal2 = dx * dx + dy2;
             let dz2 = dz * dz;
             let depth = dx * self.forward.x + depth_y + dz * self.forward.z;
-            *out = slope * log2_approximate(self.argument_of(depth, horizontal2, dz2, horizontal2 + dz2, argument))
+            let level = slope
+                * log2_approximate(self.argument_of(depth, horizontal2, dz2, horizontal2 + dz2, argument))
                 + self.elevation_offset;
+            *out = with(*out, level);
         }
     }
 
@@ -177,9 +252,7 @@ impl LevelFunction {
         argument(w2, slant)
     }
 
-    /// A level that is not above the elevation level at any point of the box.
-    #[must_use]
-    pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
+    fn elevation_bound(&self, measure: Measure, bounds: &WorldBox) -> f64 {
         let min = bounds.min - self.eye;
         let max = bounds.max - self.eye;
         // Per axis: the distance to the nearest plane of the box, 0 inside.
@@ -190,18 +263,12 @@ impl LevelFunction {
         let dz2 = highest_dz * highest_dz;
         let depth = (self.forward * min).min(self.forward * max).element_sum();
         let of = |argument: fn(f64, f64) -> f64| self.argument_of(depth, horizontal2, dz2, distance2, argument);
-        let level = match self.measure {
+        let level = match measure {
             Measure::Max => 0.5 * log2_approximate(of(|w2, _| w2)),
             Measure::Min => 0.5 * log2_approximate(of(|w2, slant| w2 * slant)),
             Measure::Area => 0.25 * log2_approximate(of(|w2, slant| w2 * w2 * slant)),
         };
         level + self.elevation_offset - BOUND_MARGIN
-    }
-
-    /// A level that is not above the colour level at any point of the box.
-    #[must_use]
-    pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
-        self.elevation_bound(bounds) + self.color_minus_elevation
     }
 }
 

@@ -1,7 +1,8 @@
 //! What the processes of TerraVision share.
 //!
 //! * [`node`]: the id of a quad tree node. [`world`]: how nodes, elevation posts and colour texels lie in the plane.
-//! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
+//! * [`camera`]: pose, projection, view frustum. [`rig`]: several cameras that one pose carries. [`level`]: how fine to sample at a
+//!   point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`validity`]: which of it was
@@ -26,6 +27,7 @@ pub mod node;
 pub mod node_table;
 pub mod outcome;
 pub mod rate;
+pub mod rig;
 pub mod run;
 pub mod shm;
 pub mod slot;

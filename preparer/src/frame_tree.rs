@@ -1,5 +1,6 @@
 //! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed from here on.
 
+use glam::DVec3;
 use terravision_common::database::Layer;
 pub use terravision_common::database::Tile;
 use terravision_common::node::NodeId;
@@ -115,6 +116,23 @@ impl FrameTree {
             stack: Vec::with_capacity(4 * 26),
             wanted: Vec::with_capacity(2 * nodes),
         }
+    }
+
+    /// Whether the tree, whose nodes come near to far as seen from `eye`, is in that order for another eye, too: no two children
+    /// of a node lie between them.
+    #[must_use]
+    pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
+        if eye.truncate() == other.truncate() {
+            return true;
+        }
+        let unit = self.world.lattice_unit_m();
+        self.nodes.iter().filter(|node| node.child_count > 0).all(|node| {
+            let (origin, side) = (self.world.node_origin(node.id), self.world.node_side(node.id.q()));
+            (0..2).all(|axis| {
+                let middle = (origin[axis] as f64 + 0.5 * side as f64) * unit;
+                (eye[axis] >= middle) == (other[axis] >= middle)
+            })
+        })
     }
 
     /// Reads and checks a tree. An empty one is a frame in which nothing is visible.

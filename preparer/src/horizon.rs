@@ -110,9 +110,10 @@ impl Horizon {
         }
     }
 
-    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated. Nothing is hidden from
-    /// an eye beside the world, which may see under its edge, from one under the ground, nor in a steep view.
-    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
+    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated; `None` where leaves do not
+    /// come near to far for this eye. Nothing is hidden then, nor from an eye beside the world, which may see under its edge,
+    /// from one under the ground, nor in a steep view.
+    pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
         let (sin, cos) = camera.heading_rad.sin_cos();
         let ahead = DVec2::new(sin, cos);
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
@@ -121,7 +122,7 @@ impl Horizon {
         let is_over = |axis: usize| (0.0..=self.extent_m[axis]).contains(&camera.eye_in_world[axis]);
         self.is_active = is_over(0)
             && is_over(1)
-            && camera.eye_in_world[2] > ground_m
+            && ground_m.is_some_and(|ground_m| camera.eye_in_world[2] > ground_m)
             && corners.iter().all(|corner| corner.dot(ahead) >= LEAST_AHEAD);
         self.entered = None;
         self.holed = [0; 2];
@@ -340,7 +341,7 @@ mod tests {
             height: 200,
             timestamp_nanos: 0,
         };
-        horizon.look(&camera, 0.0);
+        horizon.look(&camera, Some(0.0));
         horizon
     }
 

@@ -3,7 +3,7 @@
 //! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
 //! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
 //! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is trimmed would not have produced a
-//! pixel.
+//! pixel. With several views that holds for all of them: what one of them may see stays.
 
 use crate::horizon::{Horizon, Vertices};
 use terravision_common::camera::Camera;
@@ -17,58 +17,148 @@ const MARGIN: f32 = 1e-4;
 const MARGIN_M: f32 = 1e-3;
 const PLANES: usize = 5;
 
+/// A view, for [`Trim::look`].
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<'a> {
+    /// Its camera.
+    pub camera: &'a Camera,
+    /// Height of the ground under its eye, metres, of any level; `None` where leaves do not come near to far for it, so that
+    /// nothing is hidden from it.
+    pub ground_m: Option<f64>,
+}
+
 /// Trims blocks; keeps its buffers.
 #[derive(Debug)]
 pub struct Trim {
+    world: World,
+    /// Of each view of the frame, and those of frames before that had more.
+    eyes: Vec<Eye>,
+    view_count: usize,
+    /// Whether anything of the entered leaf is seen.
+    is_seen: bool,
+}
+
+/// What one view sees of the entered leaf.
+#[derive(Debug)]
+struct Eye {
     posts: usize,
-    has_validity: bool,
     unit: f64,
     extent: [u32; 2],
     normals: [glam::Vec3; PLANES],
     eye: glam::DVec3,
+    /// What heights are above, metres above the eye.
+    datum_m: f32,
     xs: Vec<f32>,
     ys: Vec<f32>,
+    /// Heights above the eye, where the datum is not the eye's own height.
+    heights: Vec<f32>,
     /// A bit per plane that the vertex is outside of; as wide as a coordinate, for SIMD.
     outside: Vec<u32>,
     horizon: Horizon,
-    /// Whether anything of the entered leaf is seen.
-    is_seen: bool,
 }
 
 impl Trim {
     /// Buffers for leaves of a world.
     #[must_use]
     pub fn new(world: &World) -> Self {
+        Self { world: *world, eyes: vec![Eye::new(world)], view_count: 0, is_seen: false }
+    }
+
+    /// Takes the views of a frame whose heights are above `datum_m`.
+    pub fn look<'a>(&mut self, datum_m: f64, views: impl Iterator<Item = Sight<'a>>) {
+        self.view_count = 0;
+        for view in views {
+            if self.view_count == self.eyes.len() {
+                self.eyes.push(Eye::new(&self.world));
+            }
+            self.eyes[self.view_count].look(datum_m, view);
+            self.view_count += 1;
+        }
+    }
+
+    fn eyes(&mut self) -> &mut [Eye] {
+        &mut self.eyes[..self.view_count]
+    }
+
+    /// Takes the array of an elevation leaf, near to far: heights above the frame's datum, as the slots of its blocks have it,
+    /// and behind them the shares of ground of a world with validity.
+    /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
+    /// between them are not looked at.
+    pub fn enter(&mut self, origin: [u64; 2], q: u8, array: &[f32], snaps: (u8, [u8; 4])) {
+        let posts = self.world.elevation_posts() as usize;
+        let heights = &array[..posts * posts];
+        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.world.has_validity());
+        let mut rows =
+            shares.into_iter().flat_map(|shares| shares.chunks_exact(posts).take(posts).step_by(1 << snaps.0));
+        let has_hole = rows.any(|row| row.iter().any(|share| *share < 1.0));
+        for eye in self.eyes() {
+            eye.enter(origin, q, heights, snaps);
+            if has_hole {
+                eye.horizon.enter_hole();
+            }
+        }
+        self.is_seen = false;
+    }
+
+    /// All blocks of the entered leaf were trimmed: what is seen of it hides what comes after it.
+    pub fn leave(&mut self) {
+        if self.is_seen {
+            self.eyes().iter_mut().for_each(|eye| eye.horizon.leave());
+        }
+    }
+
+    /// Trims a block of the entered leaf, or marks it as hidden; `false` when nothing of it is in any view.
+    pub fn trim(&mut self, slot: &mut TileSlot) -> bool {
+        let eyes = &self.eyes[..self.view_count];
+        if !trim_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
+            return false;
+        }
+        let mut seen = *slot;
+        let is_unseen = |eye: &Eye, from, to| eye.is_outside(from, to) || eye.horizon.is_hidden(from, to);
+        if trim_by(&mut seen, |from, to| eyes.iter().all(|eye| is_unseen(eye, from, to))) {
+            *slot = seen;
+            self.is_seen = true;
+        } else {
+            slot.is_hidden = 1;
+        }
+        true
+    }
+}
+
+impl Eye {
+    fn new(world: &World) -> Self {
         let posts = world.elevation_posts() as usize;
         Self {
             posts,
-            has_validity: world.has_validity(),
             unit: world.lattice_unit_m(),
             extent: world.extent(),
             normals: [glam::Vec3::ZERO; PLANES],
             eye: glam::DVec3::ZERO,
+            datum_m: 0.0,
             xs: vec![0.0; posts],
             ys: vec![0.0; posts],
+            heights: Vec::new(),
             outside: vec![0; posts * posts],
             horizon: Horizon::new(world),
-            is_seen: false,
         }
     }
 
-    /// Takes the frustum of a frame's camera; `ground_m` is the height of the ground under the eye, of any level.
-    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
+    fn look(&mut self, datum_m: f64, Sight { camera, ground_m }: Sight<'_>) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
         self.eye = camera.eye();
+        self.datum_m = (datum_m - self.eye.z) as f32;
         self.horizon.look(camera, ground_m);
     }
 
-    /// Takes the array of an elevation leaf, near to far: heights relative to the eye, as the slots of its blocks have it, and
-    /// behind them the shares of ground of a world with validity.
-    /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
-    /// between them are not looked at.
-    pub fn enter(&mut self, origin: [u64; 2], q: u8, array: &[f32], snaps: (u8, [u8; 4])) {
-        let heights = &array[..self.posts * self.posts];
+    fn enter(&mut self, origin: [u64; 2], q: u8, heights: &[f32], snaps: (u8, [u8; 4])) {
+        let heights = if self.datum_m == 0.0 {
+            heights
+        } else {
+            self.heights.clear();
+            self.heights.extend(heights.iter().map(|height| height + self.datum_m));
+            &self.heights
+        };
         let axes = [(&mut self.xs, self.eye.x), (&mut self.ys, self.eye.y)];
         for (axis, (metres, eye)) in axes.into_iter().enumerate() {
             for (index, metres) in (0u64..).zip(metres.iter_mut()) {
@@ -94,35 +184,6 @@ impl Trim {
         }
         let vertices = Vertices { xs: &self.xs, ys: &self.ys, heights };
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
-        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.has_validity);
-        let mut rows =
-            shares.into_iter().flat_map(|shares| shares.chunks_exact(self.posts).take(self.posts).step_by(grid));
-        if rows.any(|row| row.iter().any(|share| *share < 1.0)) {
-            self.horizon.enter_hole();
-        }
-        self.is_seen = false;
-    }
-
-    /// All blocks of the entered leaf were trimmed: what is seen of it hides what comes after it.
-    pub fn leave(&mut self) {
-        if self.is_seen {
-            self.horizon.leave();
-        }
-    }
-
-    /// Trims a block of the entered leaf, or marks it as hidden; `false` when nothing of it is in the picture.
-    pub fn trim(&mut self, slot: &mut TileSlot) -> bool {
-        if !trim_by(slot, |from, to| self.is_outside(from, to)) {
-            return false;
-        }
-        let mut seen = *slot;
-        if trim_by(&mut seen, |from, to| self.is_outside(from, to) || self.horizon.is_hidden(from, to)) {
-            *slot = seen;
-            self.is_seen = true;
-        } else {
-            slot.is_hidden = 1;
-        }
-        true
     }
 
     /// Whether all vertices of a closed range of the array are outside of the same plane.

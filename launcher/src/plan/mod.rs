@@ -375,7 +375,7 @@ impl<'a> Draft<'a> {
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
-            Quality::Finest => (Layout::finest_facet_px(world, [size.width, size.height]), 4),
+            Quality::Finest => (Layout::finest_facet_px(world, u64::from(size.width) * u64::from(size.height)), 4),
         };
         let r_z_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
@@ -385,7 +385,8 @@ impl<'a> Draft<'a> {
         let exaggeration = exaggeration(picture.exaggeration)?;
         let decoder_threads = decoder_threads(resources.threads)?;
         let layout = Layout::for_run(world, resources.memory.0, texels);
-        let layout = layout.map(|layout| layout.for_picture(world, [size.width, size.height], r_z_px));
+        let layout =
+            layout.map(|layout| layout.for_picture(world, u64::from(size.width) * u64::from(size.height), r_z_px));
         let layout = layout.map_err(|error| match error {
             ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
                 "--memory {}: the tile pools of this world need at least {}",
@@ -464,12 +465,13 @@ impl<'a> Draft<'a> {
                 has_validation: resources.validation,
                 frames_in_flight: FRAMES_IN_FLIGHT,
                 sink: self.sink,
-                depth: self.depth,
-                ground: self.ground,
+                depth: self.depth.into_iter().collect(),
+                ground: self.ground.into_iter().collect(),
                 share: self.share,
                 made_up: picture.made_up.into(),
             },
             realtime,
+            rig: None,
         };
         Ok(FlightPlan {
             data_set: self.planes.into_data_set(&config, &database),

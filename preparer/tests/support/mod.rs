@@ -7,12 +7,13 @@ use terravision_common::camera::Camera;
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::slot::{SlotContent, TileSlot};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::{TreeHeader, TreeNode};
 use terravision_common::world::{World, WorldFields};
-use terravision_preparer::frame::{FrameBuffer, FrameMaker};
+use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
 
@@ -92,7 +93,7 @@ impl Case {
     pub fn tree(&self) -> Vec<TreeNode> {
         let mut out = vec![bytemuck::Zeroable::zeroed(); NODES as usize];
         let mut traversal = Traversal::new(&self.world, TreeLimits { nodes: NODES, elevation_leaves: 2_000 });
-        let stats = traversal.build(&self.camera, &self.level(), &self.terrain(), &mut out);
+        let stats = traversal.build(&Views::single(&self.camera), &self.level(), &self.terrain(), &mut out);
         out.truncate(stats.node_count as usize);
         out
     }
@@ -138,7 +139,9 @@ impl Case {
         let mut frame_tree = FrameTree::new(&self.world, NODES, NODES);
         frame_tree.read(tree).expect("a valid tree");
         let mut out = FrameBuffer::new(16, (self.world.elevation_posts() as usize).pow(2));
-        maker.make(&self.header(tree), &self.level(), &frame_tree, tiles, 0, &mut out).expect("a frame");
+        let (header, views, level) = (self.header(tree), Views::single(&self.camera), self.level());
+        let request = FrameRequest { header: &header, views: &views, level: &level };
+        maker.make(&request, &frame_tree, tiles, 0, &mut out).expect("a frame");
         out
     }
 }

@@ -150,9 +150,13 @@ impl Recording<'_> {
         self.slot.commands
     }
 
-    /// Copies what was drawn to `target` for the processor to read. Its pixels come back with the slot.
-    pub fn read_back(&mut self, target: &mut Target, readback: Readback) {
-        target.record_copy(self, &readback);
+    /// Copies the view of this size that was drawn to `target` to its place in `readback`.
+    pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
+        target.record_copy(self, readback, size, at);
+    }
+
+    /// The pixels that the frame's views were copied to; they come back with the slot.
+    pub fn read_back(&mut self, readback: Readback) {
         self.slot.readback = Some(readback);
     }
 

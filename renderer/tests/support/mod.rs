@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
@@ -148,14 +149,16 @@ impl<'a> Scene<'a> {
     /// Adds a frame of these tiles.
     pub fn frame(&mut self, camera: &Camera, tiles: Vec<TileSlot>) {
         let (frame, camera) = (self.frame, *camera);
-        let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, ..FrameMarker::zeroed() };
+        let views = Views::single(&camera);
+        let picture = views.picture();
+        let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, picture, ..FrameMarker::zeroed() };
         let end = FrameEnd {
             frame: self.frame,
             tile_count: tiles.len() as u32,
             elevation_end: self.builder.arrays(),
             ..FrameEnd::zeroed()
         };
-        self.builder.add_frame(RecordedFrame { marker, tiles, end });
+        self.builder.add_frame(RecordedFrame { marker, views, tiles, end });
         self.frame += 1;
     }
 
@@ -170,7 +173,7 @@ pub fn node(m: u32, n: u32, q: u8) -> NodeId {
 
 /// Options of all tests: validation on, a size, nothing else special.
 pub fn options(size: [u32; 2]) -> EngineOptions {
-    EngineOptions { size, sky_rgb: SKY, has_validation: true, ..EngineOptions::default() }
+    EngineOptions { size, view_size: size, sky_rgb: SKY, has_validation: true, ..EngineOptions::default() }
 }
 
 /// Draws all frames of a recording.
