@@ -12,8 +12,8 @@ use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::world::{World, WorldFields};
-use terravision_raycast::color::{ColorLayout, ColorPlace};
-use terravision_raycast::ground::{Filter, Ground, GroundShape, TileSpec};
+use terravision_raycast::model::color::{ColorLayout, ColorPlace};
+use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
 use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 

@@ -11,7 +11,7 @@ mod support;
 
 use std::hint::black_box;
 use support::{Field, camera};
-use terravision_raycast::ground::Filter;
+use terravision_raycast::model::Filter;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
 const SIZE: [u32; 2] = [640, 360];

@@ -1,13 +1,13 @@
 //! Pictures of a ground.
 
-use crate::cast::{Coherence, Counts, LineOptions};
+use crate::coherent::cast::{Coherence, Counts, LineOptions};
+use crate::exact::projected::Projected;
+use crate::exact::strip::{Line, Strips};
 use crate::frame::{Frame, Placed, is_beside_world, place};
-use crate::ground::{Ground, Tile};
 use crate::lines::Lines;
+use crate::model::{Ground, Tile};
 use crate::picture::Picture;
-use crate::projected::Projected;
 use crate::steepness::Steepness;
-use crate::strip::{Line, Strips};
 use crate::view::{Planes, Sampling, View, Voxels};
 use crate::workers::{Workers, WorkersError};
 use glam::Vec2;

@@ -1,9 +1,9 @@
 //! One frame's ground as seen from its eye: what all rays of the frame share.
 
-use crate::color::Mip;
-use crate::ground::{Found, Ground, Tile};
+use crate::exact::projected::Projected;
+use crate::model::color::Mip;
+use crate::model::{Found, Ground, Tile};
 use crate::picture::Picture;
-use crate::projected::Projected;
 use crate::view::{Planes, Ray, View};
 use glam::{DVec2, Vec2, Vec3};
 

@@ -12,7 +12,7 @@
 //! Two neighbouring rays of a line lie, at the same parameter, in the same sector or in two beside each other, and so does the
 //! straight way between them. Where a field is steeper than the rays allow, and there alone, the way has to be looked at.
 
-use crate::ground::Ground;
+use crate::model::Ground;
 use crate::view::Ray;
 use glam::{Vec2, Vec3};
 

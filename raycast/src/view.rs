@@ -3,7 +3,7 @@
 //! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along a *guide*, a direction
 //! in the vertical plane of the view axis that is as level as the picture allows: samples of one `s` lie in a nearly
 //! vertical plane, and a ray that is higher in the picture passes it nearly above the lower one. That is what makes
-//! coherence provable (see [`crate::cast`]).
+//! coherence provable (see [`crate::coherent::cast`]).
 
 use glam::{DVec3, Vec3};
 use terravision_common::camera::Camera;

@@ -7,7 +7,7 @@ mod support;
 use proptest::prelude::*;
 use support::{Field, UNIT_M, camera};
 use terravision_common::camera::Camera;
-use terravision_raycast::ground::{Filter, Ground};
+use terravision_raycast::model::{Filter, Ground};
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
 const SIZE: [u32; 2] = [96, 72];

@@ -7,7 +7,7 @@ mod support;
 use glam::DVec3;
 use support::{Field, UNIT_M, camera};
 use terravision_common::camera::Camera;
-use terravision_raycast::ground::Filter;
+use terravision_raycast::model::Filter;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
 const SIZE: [u32; 2] = [80, 60];

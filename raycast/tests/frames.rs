@@ -5,7 +5,7 @@
 mod support;
 
 use support::{Field, camera};
-use terravision_raycast::ground::Filter;
+use terravision_raycast::model::Filter;
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
 const SIZE: [u32; 2] = [120, 90];

@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 
 use std::path::{Path, PathBuf};
-use terravision_raycast::ground::Filter;
+use terravision_raycast::model::Filter;
 use terravision_tests::flight::write_png;
 use terravision_tests::metrics::{compare, median_absolute_error};
 use terravision_tests::rays::{RaySettings, cast};

@@ -10,8 +10,8 @@
 use glam::DVec2;
 use terravision_common::camera::Camera;
 use terravision_common::facet::facet_linear;
-use terravision_raycast::color::{ColorLayout, ColorPlace};
-use terravision_raycast::ground::{Filter, Ground, GroundShape, TileSpec};
+use terravision_raycast::model::color::{ColorLayout, ColorPlace};
+use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
 
 /// Metres between posts.
 pub const UNIT_M: f64 = 10.0;

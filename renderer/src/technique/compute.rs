@@ -11,7 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 use terravision_common::world::{COLOR_BORDER, World};
-use terravision_raycast::ground::{Link, Tree};
+use terravision_raycast::model::{Link, Tree};
 use terravision_raycast::view::View;
 
 /// Casts rays through tiles.

@@ -7,8 +7,8 @@ use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::PLANES;
 use terravision_common::world::World;
-use terravision_raycast::color::ColorPlace;
-use terravision_raycast::ground::TileSpec;
+use terravision_raycast::model::TileSpec;
+use terravision_raycast::model::color::ColorPlace;
 
 /// Reads blocks; keeps its buffers.
 #[derive(Debug)]

@@ -14,12 +14,12 @@
 //! ([`Steepness`]); where the ground is steeper than the two rays allow, and there alone, the way is looked at, past blocks
 //! that are below it as a whole. A start that lies in the ground all the same is stepped back from.
 
+use crate::coherent::surface::Sample;
+use crate::coherent::voxels::{Current, cell};
 use crate::frame::{Frame, Place};
-use crate::ground::{LOG_BLOCK, THRESHOLD, Tile};
+use crate::model::{LOG_BLOCK, THRESHOLD, Tile};
 use crate::steepness::{Doubts, Steepness};
-use crate::surface::Sample;
 use crate::view::Ray;
-use crate::voxels::{Current, cell};
 use glam::Vec3;
 use std::ops::Add;
 

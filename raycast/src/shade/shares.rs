@@ -5,10 +5,10 @@
 //! under the surface until the ray comes out of it, or above it again. A point is in a hole where the share of ground,
 //! linear over its facet, is less than a half: the same rule as the mesh's.
 
-use crate::cast::Counts;
-use crate::facets::{LEAST_BELOW, LEAST_BELOW_M};
+use crate::coherent::cast::Counts;
+use crate::exact::facets::{LEAST_BELOW, LEAST_BELOW_M};
+use crate::exact::mipmap::{Side, past};
 use crate::frame::{Frame, Place};
-use crate::mipmap::{Side, past};
 use crate::view::Ray;
 use crate::workers::Workers;
 use glam::Vec2;

@@ -2,7 +2,7 @@
 //! draws.
 
 use crate::frame::exit;
-use crate::ground::{Ground, Tile};
+use crate::model::{Ground, Tile};
 use crate::view::Ray;
 use glam::Vec2;
 
@@ -126,7 +126,7 @@ impl Entered<'_> {
         }
     }
 
-    /// The number of a facet among those of the tile: twice that of its south western post ([`crate::projected`]), and which half.
+    /// The number of a facet among those of the tile: twice that of its south western post ([`crate::exact::projected`]), and which half.
     #[inline(always)]
     pub(crate) fn facet_number(&self, facet: &Facet) -> usize {
         let [i, j] = [facet.corner.x as usize + 1, facet.corner.y as usize + 1];

@@ -1,21 +1,21 @@
 //! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for fast, accurate,
 //! and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the same that the mesh draws. No
-//! voxels. Colours follow line by line ([`crate::paint`]).
+//! voxels. Colours follow line by line ([`crate::shade::paint`]).
 //!
 //! It takes no line of pixels for granted. Where the ground is gentle enough, pixels above one that hit are found by following
-//! the ground ([`crate::trace`]). Elsewhere, where the ray below proves that a stretch is in the air (see [`crate::cast`]; here for
+//! the ground ([`crate::exact::trace`]). Elsewhere, where the ray below proves that a stretch is in the air (see [`crate::coherent::cast`]; here for
 //! every parameter, not for samples alone) a ray starts behind that stretch; and where it starts over the facet that the ray
 //! below hit, and meets that facet, nothing else has to be looked at.
 //!
 //! The ground is a surface: it has no sides where tiles end. A ray that comes over it lower than its edge is under it, and meets
 //! facets from below, or none, as the mesh draws them (`docs/rendering.md`, culling). It proves nothing for others.
 
-use crate::cast::{Coherence, Counts, LineOptions};
-use crate::facets::{Crossing, Entered, Facet, Hit};
+use crate::coherent::cast::{Coherence, Counts, LineOptions};
+use crate::exact::facets::{Crossing, Entered, Facet, Hit};
+use crate::exact::strip::Strip;
+use crate::exact::trace::Column;
 use crate::frame::{Frame, Place, exit};
-use crate::ground::Link;
-use crate::strip::Strip;
-use crate::trace::Column;
+use crate::model::Link;
 use crate::view::Ray;
 use glam::Vec2;
 

@@ -5,16 +5,18 @@
 //! that they share. Per cell of four columns the *boundary array* has the lowest and the highest boundary cell: below them
 //! is ground, above them air.
 
+mod build;
+pub mod color;
 mod density;
-mod model;
 mod tree;
+pub mod world;
 
+pub(crate) use build::{LOG_BLOCK, Span, SteepBlock};
 pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
-pub(crate) use model::{LOG_BLOCK, Span, SteepBlock};
 pub(crate) use tree::Found;
 pub use tree::{Link, Node, Occupied, Tree};
 
-use crate::color::{ColorLayout, ColorPlace};
+use crate::model::color::{ColorLayout, ColorPlace};
 use glam::DVec3;
 
 /// Geometry that all tiles of a ground share.
@@ -165,7 +167,7 @@ pub struct Ground {
     densities: Vec<u8>,
     maxima: Vec<f32>,
     blocks: Vec<u16>,
-    scratch: model::Scratch,
+    scratch: build::Scratch,
     /// Tiles by their distance from the eye, the nearest first.
     order: Vec<(f64, u32)>,
     most_voxel_bytes: usize,
@@ -192,7 +194,7 @@ impl Ground {
             densities: Vec::new(),
             maxima: Vec::new(),
             blocks: Vec::new(),
-            scratch: model::Scratch::default(),
+            scratch: build::Scratch::default(),
             order: Vec::new(),
             most_voxel_bytes: usize::MAX,
             steep: Vec::new(),
@@ -266,7 +268,7 @@ impl Ground {
             }
         }
         let added = &self.heights[heights_at..];
-        let Some([lowest_m, highest_m]) = model::range(added, cells[0] as usize + 1, &mut self.scratch) else {
+        let Some([lowest_m, highest_m]) = build::range(added, cells[0] as usize + 1, &mut self.scratch) else {
             let index = added.iter().position(|height| !height.is_finite()).unwrap_or_default();
             self.heights.truncate(heights_at);
             return Err(GroundError::Height { origin, index });
@@ -404,7 +406,7 @@ impl Ground {
 
     /// A slope that no ground exceeds outside of [`Ground::steep_blocks`], metres up per metre.
     pub(crate) fn gentle(&self) -> f32 {
-        model::GENTLE
+        build::GENTLE
     }
 
     /// Blocks of cells that are steeper.

@@ -1,9 +1,9 @@
 //! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every method has seen the ground.
 
 use crate::caster::Caster;
-use crate::facets::Facet;
+use crate::exact::facets::Facet;
 use crate::frame::Placed;
-use crate::ground::{Found, Ground, Tile};
+use crate::model::{Found, Ground, Tile};
 use crate::picture::Picture;
 use crate::view::View;
 use glam::{DVec2, Vec2, Vec3, Vec4};

@@ -12,16 +12,16 @@
 //!    ·        │                  ·
 //! ```
 //!
-//! Posts are projected into the picture once a frame ([`crate::projected`]). A step from one facet to the next is then a
+//! Posts are projected into the picture once a frame ([`crate::exact::projected`]). A step from one facet to the next is then a
 //! comparison: on which side of the plane is the next post? Where the plane cuts the edge between, pixel and one over depth are linear
 //! along it, and so is one over depth from pixel to pixel within a facet.
 
-use crate::facets::{Entered, Hit};
+use crate::exact::facets::{Entered, Hit};
+use crate::exact::projected::Posts;
+use crate::exact::strip::{Seen, Strip};
 use crate::frame::Frame;
-use crate::ground::Found;
-use crate::projected::Posts;
+use crate::model::Found;
 use crate::steepness::Steepness;
-use crate::strip::{Seen, Strip};
 use crate::view::Ray;
 use glam::{Vec2, Vec3};
 

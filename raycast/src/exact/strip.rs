@@ -1,8 +1,8 @@
 //! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
 
+use crate::exact::trace::CHUNK;
 use crate::lines::Lines;
-use crate::paint::{Footprint, Scratch};
-use crate::trace::CHUNK;
+use crate::shade::paint::{Footprint, Scratch};
 use glam::Vec2;
 
 /// log2 of the pixels of a line within which a facet is measured once.

@@ -1,6 +1,6 @@
 //! A tile of voxels as rays sample it.
 
-use crate::ground::{Span, THRESHOLD};
+use crate::model::{Span, THRESHOLD};
 use glam::Vec3;
 
 /// The tile that a line's rays are in: the same for many of them.

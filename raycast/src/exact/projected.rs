@@ -1,7 +1,7 @@
 //! Posts of tiles as the picture shows them: once a frame, for all columns of pixels that follow the ground over them.
 
 use crate::frame::Placed;
-use crate::ground::{Ground, Tile};
+use crate::model::{Ground, Tile};
 use crate::view::View;
 use crate::workers::Workers;
 use glam::{Vec2, Vec4};

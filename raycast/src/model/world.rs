@@ -4,8 +4,8 @@
 //! Elevation and colour have levels of their own: a tile of elevation is drawn with the colour tile of the ancestor whose
 //! texels have the wanted size.
 
-use crate::color::{ColorLayout, ColorPlace};
-use crate::ground::{Filter, Ground, GroundError, GroundShape, TileSpec};
+use crate::model::color::{ColorLayout, ColorPlace};
+use crate::model::{Filter, Ground, GroundError, GroundShape, TileSpec};
 use std::collections::HashMap;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};

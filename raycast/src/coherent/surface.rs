@@ -1,11 +1,11 @@
 //! Where a ray passes the surface, once its samples have found it: between two samples, on the border of the ground, or at
 //! the top of a hill that is narrower than a sampling interval.
 
-use crate::cast::Counts;
+use crate::coherent::cast::Counts;
+use crate::coherent::voxels::{Current, cell};
 use crate::frame::{Frame, Place};
-use crate::ground::THRESHOLD;
+use crate::model::THRESHOLD;
 use crate::view::Ray;
-use crate::voxels::{Current, cell};
 use glam::Vec3;
 
 /// A sample in the ground.

@@ -5,9 +5,9 @@
 //! loops over arrays, which compilers turn into vector instructions. Neighbouring lines are painted a few pixels of each at a
 //! time: they share cache lines of colour tiles, and of the picture.
 
+use crate::exact::strip::{Line, Run, Strips};
 use crate::frame::Frame;
-use crate::ground::Tile;
-use crate::strip::{Line, Run, Strips};
+use crate::model::Tile;
 use crate::view::View;
 use glam::{Vec2, Vec4};
 
