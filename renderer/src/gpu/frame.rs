@@ -124,7 +124,7 @@ impl FrameSlot {
                 );
             }
         }
-        Ok(Recording { slot: self, device })
+        Ok(Recording { slot: self, device, has_copied: false })
     }
 }
 
@@ -133,6 +133,8 @@ impl FrameSlot {
 pub struct Recording<'a> {
     slot: &'a mut FrameSlot,
     device: Arc<Device>,
+    /// Whether a view was copied to the read-back buffer.
+    has_copied: bool,
 }
 
 impl Recording<'_> {
@@ -152,6 +154,11 @@ impl Recording<'_> {
 
     /// Copies the view of this size that was drawn to `target` to its place in `readback`.
     pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
+        if std::mem::replace(&mut self.has_copied, true) {
+            // Views beside each other share rows of the buffer, if no byte of them.
+            // SAFETY: recording, outside of rendering.
+            unsafe { barrier::memory(&self.device, self.slot.commands, Access::CopyTarget, Access::CopyTarget) };
+        }
         target.record_copy(self, readback, size, at);
     }
 
@@ -165,7 +172,7 @@ impl Recording<'_> {
     /// # Errors
     /// The device was lost or is out of memory.
     pub fn submit(self) -> Result<(), GpuError> {
-        let Self { slot, device } = self;
+        let Self { slot, device, .. } = self;
         // SAFETY: recording, outside of rendering.
         unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
         if let Some(queries) = &slot.queries {

@@ -148,8 +148,12 @@ impl<'a> Scene<'a> {
 
     /// Adds a frame of these tiles.
     pub fn frame(&mut self, camera: &Camera, tiles: Vec<TileSlot>) {
-        let (frame, camera) = (self.frame, *camera);
-        let views = Views::single(&camera);
+        self.frame_of_views(camera, Views::single(camera), tiles);
+    }
+
+    /// Adds a frame of these tiles, whose heights are above the pose's eye, seen by these views.
+    pub fn frame_of_views(&mut self, pose: &Camera, views: Views, tiles: Vec<TileSlot>) {
+        let (frame, camera) = (self.frame, *pose);
         let picture = views.picture();
         let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, picture, ..FrameMarker::zeroed() };
         let end = FrameEnd {
