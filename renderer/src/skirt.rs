@@ -309,6 +309,7 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
 mod tests {
     use super::*;
     use crate::pixels::Raster;
+    use terravision_common::camera::Camera;
 
     /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest ground -10 m; the eye 100 m
     /// west of it, 20 m high, looking east.
