@@ -6,12 +6,11 @@ use std::io::Write;
 use std::process::ExitCode;
 use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
-use terravision_common::rig::Rig;
 use terravision_common::run::{PlaneTarget, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
 use terravision_renderer::bench::floor;
-use terravision_renderer::engine::EngineOptions;
+use terravision_renderer::engine::{EngineOptions, ViewBounds};
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
@@ -114,8 +113,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],
-        view_size: config.rig.as_ref().map_or([config.width, config.height], Rig::view_size),
-        views: config.rig.as_ref().map_or(1, |rig| rig.views.len()),
+        views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views.len() }),
         samples: render.samples,
         sky_rgb: render.sky_rgb,
         skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),

@@ -11,13 +11,14 @@ use terravision_common::camera::Camera;
 use terravision_common::rig::{Rig, RigView, View, Views};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
-use terravision_renderer::engine::{EngineOptions, Finished};
+use terravision_renderer::engine::{EngineOptions, Finished, ViewBounds};
 use terravision_renderer::source::Recording;
 
 /// Of views that lie within `picture`.
 fn of_views(picture: [u32; 2], views: &Views) -> EngineOptions {
-    let view_size = [0, 1].map(|axis| views.iter().map(|view| view.size()[axis]).max().unwrap());
-    EngineOptions { view_size, views: views.len(), has_depth: true, ..options(picture) }
+    let size = [0, 1].map(|axis| views.iter().map(|view| view.size()[axis]).max().unwrap());
+    let views = Some(ViewBounds { size, count: views.len() });
+    EngineOptions { views, has_depth: true, ..options(picture) }
 }
 
 fn rays(rays: RaysChoice, options: EngineOptions) -> EngineOptions {
@@ -85,7 +86,7 @@ fn every_view_has_the_bytes_of_its_camera_alone() {
         assert_eq!((together.views, together.pose), (views, pose));
         for (index, view) in views.iter().enumerate() {
             let single = Views::single(&view.camera);
-            let options = EngineOptions { size: view.size(), view_size: view.size(), views: 1, ..options.clone() };
+            let options = EngineOptions { size: view.size(), views: None, ..options.clone() };
             let alone = draw(&options, &recording(&pose, &single)).unwrap().pop().unwrap();
             let (rgba, depth) = cut_out(&together, view);
             assert!(rgba == alone.pixels.rgba(), "{name}: view {index} has other colours than alone");
@@ -110,7 +111,7 @@ fn a_view_from_higher_up_sees_the_same_ground() {
     // Voxels are chosen by their distance from the pose.
     for (name, options) in ways([240, 90], &views).into_iter().filter(|(name, _)| *name != "coherent rays") {
         let together = draw(&options, &recording(&pose, &views)).unwrap().pop().unwrap();
-        let options = EngineOptions { size: [120, 90], views: 1, ..options };
+        let options = EngineOptions { size: [120, 90], views: None, ..options };
         let alone = draw(&options, &recording(&above, &Views::single(&above))).unwrap().pop().unwrap();
         let (rgba, depth) = cut_out(&together, &views[1]);
         // Heights were rounded from another eye: by a few micrometres.

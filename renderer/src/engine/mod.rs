@@ -33,10 +33,8 @@ pub struct EngineOptions {
     pub device: DeviceChoice,
     /// Size of a frame's picture, which holds all of its views, pixels.
     pub size: [u32; 2],
-    /// Size that no view exceeds, pixels.
-    pub view_size: [u32; 2],
-    /// Most views of a frame.
-    pub views: usize,
+    /// How large and how many the views of a frame are; `None` for one that is the whole picture.
+    pub views: Option<ViewBounds>,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
     /// Colour of the sky.
@@ -59,7 +57,21 @@ pub struct EngineOptions {
     pub lose_device_at: Option<u64>,
 }
 
+/// How large and how many the views of a frame are at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ViewBounds {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Views of a frame.
+    pub count: usize,
+}
+
 impl EngineOptions {
+    /// How large and how many views are at most.
+    fn view_bounds(&self) -> ViewBounds {
+        self.views.unwrap_or(ViewBounds { size: self.size, count: 1 })
+    }
+
     /// Whether a device casts rays.
     fn is_compute(&self) -> bool {
         self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Compute
@@ -71,8 +83,8 @@ impl EngineOptions {
             return self;
         }
         // Without Vulkan there is none.
-        let devices =
-            describe_adapters(&self.device, &Needs { size: self.view_size, ..Needs::LEAST }).unwrap_or_default();
+        let devices = describe_adapters(&self.device, &Needs { size: self.view_bounds().size, ..Needs::LEAST })
+            .unwrap_or_default();
         let is_gpu = |device: &AdapterDescription| device.kind > DeviceKind::Cpu && device.missing.is_empty();
         let has_gpu = devices.iter().any(|device| device.is_chosen && is_gpu(device));
         Self { rays: if has_gpu { RaysChoice::Compute } else { RaysChoice::Auto }, ..self }
@@ -87,8 +99,7 @@ impl Default for EngineOptions {
             workers: 1,
             device: DeviceChoice::from_environment(),
             size: [1280, 720],
-            view_size: [1280, 720],
-            views: 1,
+            views: None,
             samples: 1,
             sky_rgb: [150, 190, 235],
             skirt_low_m: None,

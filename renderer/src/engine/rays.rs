@@ -122,8 +122,8 @@ impl RaysEngine {
         if options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
         }
-        if options.view_size.iter().any(|side| *side > LONGEST_SIDE) {
-            return Err(EngineError::PictureSize { size: options.view_size, limit: LONGEST_SIDE });
+        if options.view_bounds().size.iter().any(|side| *side > LONGEST_SIDE) {
+            return Err(EngineError::PictureSize { size: options.view_bounds().size, limit: LONGEST_SIDE });
         }
         let SourceShape { world, texels, .. } = source.shape();
         if texels.is_compressed() {

@@ -177,7 +177,7 @@ pub fn node(m: u32, n: u32, q: u8) -> NodeId {
 
 /// Options of all tests: validation on, a size, nothing else special.
 pub fn options(size: [u32; 2]) -> EngineOptions {
-    EngineOptions { size, view_size: size, sky_rgb: SKY, has_validation: true, ..EngineOptions::default() }
+    EngineOptions { size, sky_rgb: SKY, has_validation: true, ..EngineOptions::default() }
 }
 
 /// Draws all frames of a recording.
