@@ -1,6 +1,7 @@
 //! What became of the tiles that the preparer wants, as it travels from the prefetcher to the preparer.
 
 use crate::database::{Layer, Tile};
+use crate::ids::SlotKey;
 use bytemuck::{Pod, Zeroable};
 
 /// The tile is in its pool.
@@ -32,10 +33,8 @@ const _: () = assert!(size_of::<TileOutcome>() == 32);
 pub enum Outcome {
     /// It can be read.
     Resident {
-        /// Slot of the pool.
-        slot: u32,
-        /// Generation of the slot.
-        generation: u32,
+        /// Where it lies in its pool.
+        key: SlotKey,
     },
     /// It cannot be had.
     Unavailable {
@@ -55,7 +54,9 @@ impl TileOutcome {
     pub fn new(tile: Tile, outcome: Outcome) -> Self {
         let record = Self { tile: tile.pack(), ..Self::zeroed() };
         match outcome {
-            Outcome::Resident { slot, generation } => Self { code: RESIDENT, slot, generation, ..record },
+            Outcome::Resident { key } => {
+                Self { code: RESIDENT, slot: key.slot.get(), generation: key.generation.get(), ..record }
+            }
             Outcome::Unavailable { code } => Self { code: u32::from(code).max(1), ..record },
             Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed, ..record },
         }
@@ -67,7 +68,7 @@ impl TileOutcome {
     pub fn read(&self) -> Option<(Tile, Outcome)> {
         let tile = Tile::unpack(self.tile)?;
         let outcome = match self.code {
-            RESIDENT => Outcome::Resident { slot: self.slot, generation: self.generation },
+            RESIDENT => Outcome::Resident { key: SlotKey::new(self.slot, self.generation) },
             NO_ROOM => Outcome::NoRoom { completed: self.completed },
             code => Outcome::Unavailable { code: u8::try_from(code).ok()? },
         };
@@ -102,7 +103,7 @@ mod tests {
         fn an_outcome_is_read_as_it_was_written(m in 0u32..100, code in 1u8.., slot: u32, generation: u32, completed: u64) {
             let tile = Tile { layer: Layer::Color, node: NodeId::new(m, 3, 2).unwrap() };
             for outcome in [
-                Outcome::Resident { slot, generation },
+                Outcome::Resident { key: SlotKey::new(slot, generation) },
                 Outcome::Unavailable { code },
                 Outcome::NoRoom { completed },
             ] {

@@ -11,6 +11,7 @@ use terravision_common::database::{
     Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_planes,
 };
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::SlotKey;
 use terravision_common::shm::{FillGuard, WantBell};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::threads::ensure;
@@ -54,8 +55,8 @@ pub enum Ended {
     Decoded {
         /// The tile.
         tile: Tile,
-        /// Slot and generation, or why there are none.
-        result: Result<(u32, u32), u8>,
+        /// Where it lies, or why it does not.
+        result: Result<SlotKey, u8>,
         /// The thread, from 1.
         thread: u32,
         /// When it began, nanoseconds of the monotonic clock.
@@ -89,12 +90,7 @@ pub struct DecodeScratch {
 ///
 /// # Errors
 /// The cause as a code: the payload is damaged.
-pub fn decode(
-    world: &World,
-    texels: TexelFormat,
-    job: DecodeJob,
-    scratch: &mut DecodeScratch,
-) -> Result<(u32, u32), u8> {
+pub fn decode(world: &World, texels: TexelFormat, job: DecodeJob, scratch: &mut DecodeScratch) -> Result<SlotKey, u8> {
     let DecodeJob { tile, payload, mut guard } = job;
     let is_decoded = match tile.layer {
         Layer::Elevation => {

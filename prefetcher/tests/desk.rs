@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};
 use support::{MS, Office, color, elevation, world};
 use terravision_common::database::{Layer, Tile};
+use terravision_common::ids::SlotKey;
 use terravision_common::outcome::Outcome;
 use terravision_common::shm::{Counter, Gauge, WantHead};
 use terravision_common::top_levels::top_levels;
@@ -85,8 +86,8 @@ fn outcomes_are_told_when_a_tile_ends_and_again_for_every_list_that_names_it() {
     office.crew.refuse(color(2), 3, office.now);
     office.step();
     let told: HashMap<Tile, Outcome> = office.told().into_iter().collect();
-    let (slot, generation) = office.colors.find(color(1).node).expect("it is there");
-    let resident = Outcome::Resident { slot, generation };
+    let key = office.colors.find(color(1).node).expect("it is there");
+    let resident = Outcome::Resident { key };
     let expected = [(color(1), resident), (color(2), Outcome::Unavailable { code: 3 })];
     assert_eq!(told, HashMap::from(expected));
     // For the launcher once, for the preparer with each list.
@@ -276,7 +277,7 @@ proptest! {
         let (top, _) = top_levels(&world());
         let (mut sequence, mut completed) = (0, 0);
         // Slot and generation of tiles that frames hold, and the last of these frames.
-        let mut named: HashMap<Tile, ((u32, u32), u64)> = HashMap::new();
+        let mut named: HashMap<Tile, (SlotKey, u64)> = HashMap::new();
         let (mut wanted, mut expected) = (HashSet::new(), HashSet::new());
         for step in steps {
             match step {
@@ -286,9 +287,9 @@ proptest! {
                     // As the preparer does it: what is there is kept, what is not is listed.
                     let (there, lacking): (Vec<Tile>, Vec<Tile>) = tiles.iter().partition(|tile| office.is_there(**tile));
                     for tile in there {
-                        let (slot, generation) = office.reader(tile.layer).find(tile.node).expect("it is there");
-                        prop_assert!(office.reader(tile.layer).touch(slot, generation, sequence));
-                        named.insert(tile, ((slot, generation), sequence));
+                        let key = office.reader(tile.layer).find(tile.node).expect("it is there");
+                        prop_assert!(office.reader(tile.layer).touch(key, sequence));
+                        named.insert(tile, (key, sequence));
                     }
                     wanted = lacking.iter().copied().collect();
                     office.want(sequence, &lacking);
@@ -320,13 +321,13 @@ proptest! {
             }
             // What came for a frame is told, and the frame holds it from its loading on.
             for (tile, outcome) in office.told() {
-                if let Outcome::Resident { slot, generation } = outcome && wanted.contains(&tile) {
-                    named.insert(tile, ((slot, generation), sequence));
+                if let Outcome::Resident { key } = outcome && wanted.contains(&tile) {
+                    named.insert(tile, (key, sequence));
                 }
             }
             named.retain(|_, (_, until)| *until > completed);
-            for (tile, ((slot, generation), _)) in &named {
-                prop_assert!(office.reader(tile.layer).bytes(*slot, *generation).is_some(), "{} is gone", tile);
+            for (tile, (key, _)) in &named {
+                prop_assert!(office.reader(tile.layer).bytes(*key).is_some(), "{} is gone", tile);
             }
             prop_assert!(top.iter().all(|tile| office.is_there(*tile)));
             let open = office.crew.open();

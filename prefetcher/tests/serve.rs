@@ -151,8 +151,8 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
         peer.want(1, &wanted);
         let outcomes = peer.outcomes_of(&wanted);
         for tile in [elevation(3), elevation(7)] {
-            let Outcome::Resident { slot, generation } = outcomes[&tile] else { panic!("{tile} is not there") };
-            let bytes = peer.elevation.bytes(slot, generation).expect("readable");
+            let Outcome::Resident { key } = outcomes[&tile] else { panic!("{tile} is not there") };
+            let bytes = peer.elevation.bytes(key).expect("readable");
             assert_eq!(bytes.f32()[..25], [height(tile); 25]);
         }
         assert_eq!(outcomes[&elevation(13)], Outcome::Unavailable { code: 2 });
@@ -162,8 +162,8 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
         peer.want(2, &top);
         let outcomes = peer.outcomes_of(&top);
         for tile in top.iter().filter(|tile| tile.layer == Layer::Elevation) {
-            let Outcome::Resident { slot, .. } = outcomes[tile] else { panic!("{tile} is not there") };
-            assert_eq!(peer.elevation.info(slot).map(|info| info.state), Some(SlotState::Locked));
+            let Outcome::Resident { key } = outcomes[tile] else { panic!("{tile} is not there") };
+            assert_eq!(peer.elevation.info(key.slot).map(|info| info.state), Some(SlotState::Locked));
         }
         assert_eq!(peer.control.counter(Counter::TilesUnavailable), 2 + 21);
         peer.end();

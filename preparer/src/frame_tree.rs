@@ -122,17 +122,10 @@ impl FrameTree {
     /// of a node lie between them.
     #[must_use]
     pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
-        if eye.truncate() == other.truncate() {
-            return true;
-        }
-        let unit = self.world.lattice_unit_m();
-        self.nodes.iter().filter(|node| node.child_count > 0).all(|node| {
-            let (origin, side) = (self.world.node_origin(node.id), self.world.node_side(node.id.q()));
-            (0..2).all(|axis| {
-                let middle = (origin[axis] as f64 + 0.5 * side as f64) * unit;
-                (eye[axis] >= middle) == (other[axis] >= middle)
-            })
-        })
+        let surface = self.world.surface();
+        let nearest = |node: &FrameNode, eye: DVec3| surface.near_to_far(node.id, eye)[0];
+        let mut split = self.nodes.iter().filter(|node| node.child_count > 0);
+        surface.foot(eye) == surface.foot(other) || split.all(|node| nearest(node, eye) == nearest(node, other))
     }
 
     /// Reads and checks a tree. An empty one is a frame in which nothing is visible.

@@ -19,12 +19,12 @@ mod view;
 
 pub use view::{Frustum, HeightRanges, node_box};
 
-use crate::camera::Camera;
 use crate::database::Layer;
-use crate::level::{LevelFunction, WorldBox};
+use crate::level::LevelFunction;
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
 use crate::rig::{MAX_VIEWS, Views};
+use crate::surface::{SIDES, Surface, WorldBox};
 use crate::tree::TreeNode;
 use crate::world::World;
 use std::num::NonZeroU32;
@@ -80,7 +80,7 @@ struct Full;
 
 /// What a view can see.
 #[derive(Clone, Copy)]
-struct Sight {
+struct ViewSight {
     frustum: Frustum,
     /// For an eye beside the world, which sees the walls under the world's border: the lowest ground, metres.
     skirt_low_m: Option<f64>,
@@ -88,48 +88,34 @@ struct Sight {
 
 /// What one search of one frame reads.
 struct Search<'a, R> {
-    sights: [Option<Sight>; MAX_VIEWS],
+    surface: Surface,
+    sights: [Option<ViewSight>; MAX_VIEWS],
     level: &'a LevelFunction,
     ranges: &'a R,
     /// Added to both wanted levels.
     coarser: f64,
 }
 
-impl Sight {
-    fn new(camera: &Camera, lowest_m: Option<f64>, world: &World) -> Self {
-        let extent_m = world.extent_m();
-        let is_beside = (0..2).any(|axis| !(0.0..=extent_m[axis]).contains(&camera.eye_in_world[axis]));
-        Self { frustum: Frustum::new(camera), skirt_low_m: lowest_m.filter(|_| is_beside) }
-    }
-
-    /// Whether the node may be seen, or the wall under it where it lies on the world's border. (How fine it has to be is a matter of
-    /// its ground alone.)
-    fn may_see(&self, world: &World, bounds: &WorldBox) -> bool {
-        let mut seen = *bounds;
-        if let Some(low) = self.skirt_low_m {
-            let extent_m = world.extent_m();
-            let is_on_border = (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= extent_m[axis]);
-            if is_on_border {
-                seen.min.z = seen.min.z.min(low);
-            }
-        }
-        self.frustum.may_see(&seen)
-    }
-}
-
 impl<'a, R: HeightRanges> Search<'a, R> {
     fn new(views: &Views, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
+        let surface = world.surface();
         let lowest_m = node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
         let mut sights = [None; MAX_VIEWS];
         for (sight, camera) in sights.iter_mut().zip(views.cameras()) {
-            *sight = Some(Sight::new(camera, lowest_m, world));
+            let skirt_low_m = lowest_m.filter(|_| !surface.is_over(camera.eye()));
+            *sight = Some(ViewSight { frustum: Frustum::new(camera), skirt_low_m });
         }
-        Self { sights, level, ranges, coarser: 0.0 }
+        Self { surface, sights, level, ranges, coarser: 0.0 }
     }
 
-    /// Whether the node may be seen in any of the views.
-    fn may_see(&self, world: &World, bounds: &WorldBox) -> bool {
-        self.sights.iter().flatten().any(|sight| sight.may_see(world, bounds))
+    /// Whether the node may be seen in any of the views, or the wall under it where it lies on the world's border. (How fine it has to
+    /// be is a matter of its ground alone.)
+    fn may_see(&self, bounds: &WorldBox) -> bool {
+        let is_on_border = self.surface.reaches_border(bounds);
+        self.sights.iter().flatten().any(|sight| {
+            let low = sight.skirt_low_m.filter(|_| is_on_border);
+            sight.frustum.may_see(&low.map_or(*bounds, |low| bounds.down_to(low)))
+        })
     }
 
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
@@ -209,7 +195,7 @@ impl Traversal {
         let Some(bounds) = node_box(&self.world, search.ranges, search.level.exaggeration(), id) else {
             return Ok(None);
         };
-        if !search.may_see(&self.world, &bounds) {
+        if !search.may_see(&bounds) {
             return Ok(None);
         }
         let at = self.found.len();
@@ -240,8 +226,8 @@ impl Traversal {
         let mut at = 0;
         while at < self.found.len() {
             if !self.found[at].is_split {
-                for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                    if let Some(neighbor) = neighbor_in(&self.world, self.found[at].id, east, north) {
+                for (east, north) in SIDES {
+                    if let Some(neighbor) = self.world.neighbor(self.found[at].id, east, north) {
                         self.reach(search, neighbor.parent(), capacity)?;
                     }
                 }
@@ -319,13 +305,6 @@ impl Traversal {
 #[must_use]
 pub fn deepest_color_below(world: &World) -> u8 {
     world.elevation_tile().ilog2() as u8 - 1
-}
-
-/// The node of the same level `east` columns and `north` rows away, when it exists.
-#[must_use]
-pub fn neighbor_in(world: &World, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
-    let (m, n) = (node.m().checked_add_signed(east)?, node.n().checked_add_signed(north)?);
-    NodeId::new(m, n, node.q()).filter(|id| world.contains(*id))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::crew::{Crew, DecodeJob, Ended};
 use crate::window::CycleNumber;
 use bytes::Bytes;
 use terravision_common::database::Tile;
+use terravision_common::ids::SlotKey;
 use terravision_common::outcome::Outcome;
 use terravision_common::shm::{Control, Counter, Gauge, Residency};
 
@@ -63,11 +64,11 @@ impl Desk {
         }
     }
 
-    fn decoded(&mut self, tile: Tile, result: Result<(u32, u32), u8>, now: u64, control: &Control) {
+    fn decoded(&mut self, tile: Tile, result: Result<SlotKey, u8>, now: u64, control: &Control) {
         self.books.held[tile.layer as usize] -= 1;
         self.books.decoding[tile.layer as usize] -= 1;
         match result {
-            Ok((slot, generation)) => {
+            Ok(key) => {
                 control.count(Counter::TilesLoaded, 1);
                 if self.locked.contains(&tile) {
                     self.lock(tile);
@@ -80,7 +81,7 @@ impl Desk {
                     let smoothed = self.latency_nanos.get_or_insert(latency);
                     *smoothed += (latency - *smoothed) / 8.0;
                 }
-                self.tell(tile, Outcome::Resident { slot, generation });
+                self.tell(tile, Outcome::Resident { key });
             }
             Err(code) => self.fail(tile, code, now, control),
         }

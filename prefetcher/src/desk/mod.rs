@@ -199,8 +199,8 @@ impl Desk {
 
     fn lock(&mut self, tile: Tile) {
         let pool = self.pool(tile.layer);
-        if let Some((slot, _)) = pool.find(tile.node) {
-            pool.lock(slot);
+        if let Some(key) = pool.find(tile.node) {
+            pool.lock(key.slot);
         }
     }
 
@@ -227,7 +227,7 @@ impl Desk {
                 continue;
             }
             match self.pool(tile.layer).touch_node(tile.node, sequence) {
-                Residency::Resident { slot, generation } => self.tell(tile, Outcome::Resident { slot, generation }),
+                Residency::Resident { key } => self.tell(tile, Outcome::Resident { key }),
                 Residency::Filling => {}
                 Residency::Absent => match self.books.is_unavailable(tile, now) {
                     Some(code) => {

@@ -228,8 +228,8 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
         }
         desk.step(now, &control, &mut link);
         for outcome in desk.outcomes.drain(..) {
-            if let Some((tile, Outcome::Resident { slot, generation })) = outcome.read() {
-                pools[tile.layer as usize].note(tile.node, slot, generation);
+            if let Some((tile, Outcome::Resident { key })) = outcome.read() {
+                pools[tile.layer as usize].note(tile.node, key);
             }
         }
         desk.news.clear();

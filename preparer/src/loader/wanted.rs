@@ -5,6 +5,7 @@ use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Layer;
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileOutcome, may_come};
 use terravision_common::shm::{
@@ -102,8 +103,8 @@ impl WantedTiles {
         // What says nothing that can be is passed over: the tile is still missing, and will be asked for again.
         let Some((tile, outcome)) = outcome.read() else { return };
         match outcome {
-            Outcome::Resident { slot, generation } => {
-                if self.index_mut(tile.layer).note(tile.node, slot, generation) {
+            Outcome::Resident { key } => {
+                if self.index_mut(tile.layer).note(tile.node, key) {
                     self.unavailable.remove(&tile);
                 }
             }
@@ -127,7 +128,7 @@ impl WantedTiles {
 }
 
 impl Tiles for WantedTiles {
-    fn color(&self, node: NodeId) -> Option<(u32, u32)> {
+    fn color(&self, node: NodeId) -> Option<SlotKey> {
         self.color.kept(node, self.sequence)
     }
 

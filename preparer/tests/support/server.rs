@@ -93,7 +93,7 @@ impl Desk {
         let mut is_full = [false; 2];
         for tile in tiles {
             let outcome = match self.pools[tile.layer as usize].touch_node(tile.node, head.sequence) {
-                Residency::Resident { slot, generation } => Some(Outcome::Resident { slot, generation }),
+                Residency::Resident { key } => Some(Outcome::Resident { key }),
                 Residency::Filling => unreachable!("one thread fills"),
                 Residency::Absent if self.source.is_missing(*tile) => Some(Outcome::Unavailable { code: 1 }),
                 Residency::Absent => self.load(*tile, head.sequence, &mut is_full, scratch),
@@ -121,11 +121,11 @@ impl Desk {
             Layer::Color => self.source.read_color(tile.node, guard.bytes_mut(), scratch),
         };
         read.expect("always");
-        let (slot, generation) = guard.publish();
+        let key = guard.publish();
         // The top levels stay for ever.
         if sequence == 0 {
-            self.pools[layer].lock(slot);
+            self.pools[layer].lock(key.slot);
         }
-        Some(Outcome::Resident { slot, generation })
+        Some(Outcome::Resident { key })
     }
 }
