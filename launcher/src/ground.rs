@@ -73,13 +73,14 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let [low, high] = [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_of_foot(foot));
+        let [low, high] =
+            [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_frame().place_of_foot(foot));
         Extent { low, high }
     }
 
     /// The foot of a position; `None` outside the world.
     fn foot(&self, x: f64, y: f64) -> Option<DVec2> {
-        let foot = self.world.foot_of_crs(DVec2::new(x, y));
+        let foot = self.world.crs_frame().foot(DVec2::new(x, y));
         self.world.surface().holds(foot).then_some(foot)
     }
 

@@ -1,7 +1,9 @@
 //! The plane: a foot is metres east and north of the world's origin, height is z.
 
+mod crs;
 mod eye;
 
+pub use crs::CrsFrame;
 pub use eye::{EyeFrame, EyeRow};
 
 use super::{LatticePoint, WorldBox};
@@ -193,6 +195,20 @@ impl Plane {
     #[must_use]
     pub fn lattice_of_foot(&self, foot: DVec2) -> DVec2 {
         foot / self.unit_m
+    }
+
+    /// Where a place on the lattice, in lattice units, lies from the foot of an eye.
+    #[inline(always)]
+    #[must_use]
+    pub fn lattice_from_eye(&self, lattice: DVec2, eye: DVec3) -> DVec2 {
+        self.foot_of_lattice(lattice) - self.foot(eye)
+    }
+
+    /// Where a point that lies so from the foot of an eye is on the lattice, in lattice units.
+    #[inline(always)]
+    #[must_use]
+    pub fn lattice_of_way(&self, way: DVec2, eye: DVec3) -> DVec2 {
+        self.lattice_of_foot(way + self.foot(eye))
     }
 
     /// The point of the surface under (or over) a position.
