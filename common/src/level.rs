@@ -75,11 +75,11 @@ impl LevelFunction {
     ) -> LevelFunction {
         let [tx, ty] = camera.half_tangents();
         let cell_px = SQRT_2 * r_z_px;
-        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
+        let elevation_scale = cell_px / (world.surface().unit_m() * camera.focal_px());
         let color_over_elevation =
             r_c_px * f64::from(world.color_tile()) / (cell_px * f64::from(world.elevation_tile()));
         LevelFunction {
-            frame: world.surface().seen_by(camera),
+            frame: world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]),
             exaggeration,
             measure,
             cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),

@@ -95,7 +95,7 @@ impl<'a> WorldGround<'a> {
             let mut values = vec![0f32; self.world.elevation_values()];
             self.source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
         });
-        Some(node_ground(self.world, node, tile.as_ref()?, foot))
+        Some(node_ground(&self.world.surface(), node, tile.as_ref()?, foot))
     }
 
     /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile can be had.

@@ -60,7 +60,7 @@ impl BlockCulling {
     pub fn look(&mut self, camera: &Camera, ground_m: f64) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
-        self.frame = Some(self.world.surface().seen_by(camera));
+        self.frame = Some(self.world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]));
         self.horizon.look(camera, ground_m);
     }
 

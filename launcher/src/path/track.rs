@@ -10,6 +10,7 @@ use super::times::for_people;
 use super::{CameraPath, Course, CourseOptions, Ground, PathError, PathSettings, Pose, Remarks};
 use glam::{DVec2, DVec3};
 use std::path::Path;
+use terravision_common::surface;
 
 /// Default height above ground, metres.
 pub(super) const DEFAULT_AGL_M: f64 = 150.0;

@@ -179,8 +179,9 @@ impl FrameMaker {
 
     /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
     fn ground_under_eye(&self, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
-        let (root, under) = (self.world.root(), self.world.surface().lattice_under(camera.eye()));
-        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, under);
+        let (root, surface) = (self.world.root(), self.world.surface());
+        let under = surface.lattice_under(camera.eye());
+        let height = |posts| exaggeration * node_elevation(&surface, root, posts, under);
         tiles.elevation(root).map_or(f64::INFINITY, height)
     }
 }

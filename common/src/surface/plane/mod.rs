@@ -7,7 +7,6 @@ pub use crs::CrsFrame;
 pub use eye::{EyeFrame, EyeRow};
 
 use super::{LatticePoint, WorldBox};
-use crate::camera::Camera;
 use crate::node::NodeId;
 use glam::{DVec2, DVec3};
 
@@ -68,6 +67,13 @@ impl Plane {
     #[must_use]
     pub const fn extent(&self) -> [u32; 2] {
         self.extent
+    }
+
+    /// Cells along the side of a tile: Nz.
+    #[inline]
+    #[must_use]
+    pub const fn cells(&self) -> u32 {
+        self.side
     }
 
     /// Side of a node of level `q`, lattice units.
@@ -313,10 +319,10 @@ impl Plane {
         (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= end[axis])
     }
 
-    /// The surface as a valid camera sees it.
+    /// The surface as an eye sees it that looks along a unit vector.
     #[must_use]
-    pub fn seen_by(&self, camera: &Camera) -> EyeFrame {
-        EyeFrame::new(camera)
+    pub fn seen_by(&self, eye: DVec3, forward: DVec3) -> EyeFrame {
+        EyeFrame::new(eye, forward)
     }
 
     /// The lattice cell that an eye is over.
