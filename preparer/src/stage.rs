@@ -2,7 +2,7 @@
 
 use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
-use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
+use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput, FrameRequest};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
@@ -12,6 +12,7 @@ use crate::truncation::RootMissing;
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
+use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
@@ -227,12 +228,14 @@ impl<L: TileLoader> Preparer<L> {
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
-        let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let views = self.config.views(&camera);
+        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let request = FrameRequest { header: &header, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
         // Of a frame that could not be made.
         self.slots.clear();
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
-        let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
+        let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
             FrameError::RootMissing(source) => {
@@ -247,7 +250,7 @@ impl<L: TileLoader> Preparer<L> {
         if is_realtime {
             let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let coverage = detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let coverage = detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
             let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
             events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
         }
@@ -306,8 +309,8 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     if header.frame != frame && !is_later {
         return bad("it belongs to another frame");
     }
-    if !header.camera.is_valid() {
-        return bad("its camera is not valid");
+    if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
+        return bad("one of its cameras is not valid");
     }
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
         return bad("its screen resolutions are not positive numbers");
