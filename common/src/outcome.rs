@@ -140,15 +140,6 @@ impl TileOutcome {
     }
 }
 
-/// The number of a layer in events: 0 elevation, 1 colour.
-#[must_use]
-pub const fn layer_number(layer: Layer) -> u64 {
-    match layer {
-        Layer::Elevation => 0,
-        Layer::Color => 1,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

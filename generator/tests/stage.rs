@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
 use terravision_common::run::{
@@ -135,7 +135,8 @@ fn cameras_become_trees_in_order() {
     }
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
     assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
-    assert!(told.iter().all(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::Generate as u64));
+    let span = EventContent::Span { name: SpanName::Generate, node: None };
+    assert!(told.iter().all(|event| event.content() == Some(span)));
 }
 
 #[test]
@@ -227,7 +228,8 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     assert_eq!(sides.next(), (34, camera(7), 10.0));
     assert!(!sides.generator.has_next());
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
-    let cameras: Vec<u64> = told.iter().filter(|e| e.kind == EventKind::FrameCamera as u32).map(|e| e.frame).collect();
+    let is_camera = |event: &&Event| matches!(event.content(), Some(EventContent::FrameCamera { .. }));
+    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame).collect();
     assert_eq!(cameras, [30, 32, 34]);
 }
 

@@ -13,7 +13,7 @@ use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::database::{DatabaseError, read_world};
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{
@@ -245,22 +245,14 @@ impl<L: TileLoader> Preparer<L> {
         let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
         control.set_prepare_nanos(finished.saturating_sub(started + waited_nanos));
         if is_realtime {
-            let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let coverage = detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
-            let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
-            events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
+            let sharp_share =
+                detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let lacked = EventContent::FrameLacked { tiles: counts.unavailable, sharp_share };
+            events.tell(control, Event::new(lacked).of_frame(frame).at(settled));
         }
-        events.tell(
-            control,
-            Event {
-                kind: EventKind::FrameWanted as u32,
-                frame,
-                start_nanos: settled,
-                value: u64::from(counts.wanted) | u64::from(counts.nodes) << 32,
-                ..Event::zeroed()
-            },
-        );
+        let wanted = EventContent::FrameWanted { tiles: counts.wanted, nodes: counts.nodes };
+        events.tell(control, Event::new(wanted).of_frame(frame).at(settled));
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);

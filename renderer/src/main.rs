@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use std::io::Write;
 use std::process::ExitCode;
 use terravision_common::database::Index;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, TextKind};
 use terravision_common::run::{RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
@@ -133,9 +133,9 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         &mut |engine, source| {
             let found = engine.describe();
             let texts = [
-                (EventKind::DeviceName, found.device.as_str()),
-                (EventKind::DriverName, &found.driver),
-                (EventKind::TechniqueName, found.technique),
+                (TextKind::Device, found.device.as_str()),
+                (TextKind::Driver, &found.driver),
+                (TextKind::Technique, found.technique),
             ];
             for (kind, text) in texts {
                 for event in Event::text(kind, text) {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use support::{Scene, camera, node, options, world};
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, EventContent};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
@@ -378,11 +378,11 @@ fn live_frames_are_the_recorded_ones_by_both_paths() {
         let (result, live, events) = live(&recording, options, None);
         assert_eq!(result.unwrap(), RunSummary { frames: 12, unsettled: 0, uploads: 4 });
         assert!(live == *kept, "imported: {is_imported}");
-        let of = |kind: EventKind| events.iter().filter(|event| event.kind == kind as u32).count();
-        assert_eq!((of(EventKind::FrameDone), of(EventKind::FrameWritten), of(EventKind::FrameUploaded)), (12, 12, 1));
-        let triangles: Vec<u64> =
-            events.iter().filter(|e| e.kind == EventKind::FrameDone as u32).map(|e| e.value).collect();
-        assert!(triangles.iter().all(|&count| count == 4 * 128));
+        let said: Vec<EventContent> = events.iter().filter_map(Event::content).collect();
+        let of = |content: EventContent| said.iter().filter(|found| **found == content).count();
+        assert_eq!(of(EventContent::FrameDone { triangles: 4 * 128 }), 12);
+        assert_eq!(of(EventContent::FrameWritten { is_settled: true }), 12);
+        assert_eq!(of(EventContent::FrameUploaded { tiles: 4 }), 1);
     }
 }
 
