@@ -309,10 +309,9 @@ impl Event {
             kind::FRAME_WRITTEN => EventContent::FrameWritten { is_settled: value == 1 },
             kind::FRAME_WANTED => EventContent::FrameWanted { tiles: low(value), nodes: high(value) },
             kind::FRAME_UPLOADED => EventContent::FrameUploaded { tiles: value },
-            kind::FRAME_CAMERA => EventContent::FrameCamera {
-                r_z_px: f32::from_bits(low(value)),
-                r_c_px: f32::from_bits(high(value)),
-            },
+            kind::FRAME_CAMERA => {
+                EventContent::FrameCamera { r_z_px: f32::from_bits(low(value)), r_c_px: f32::from_bits(high(value)) }
+            }
             kind::FRAME_LACKED => {
                 EventContent::FrameLacked { tiles: low(value), sharp_share: f32::from_bits(high(value)) }
             }

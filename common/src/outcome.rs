@@ -1,7 +1,7 @@
 //! What became of the tiles that the preparer wants, as it travels from the prefetcher to the preparer.
 
 use crate::database::{Layer, Tile};
-use crate::ids::SlotKey;
+use crate::ids::{Sequence, SlotKey};
 use bytemuck::{Pod, Zeroable};
 
 /// The tile is in its pool.
@@ -108,7 +108,7 @@ pub enum Outcome {
     /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.
     NoRoom {
         /// [`crate::shm::Control::completed_sequence`] as it was then: after a later one there may be room.
-        completed: u64,
+        completed: Sequence,
     },
 }
 
@@ -122,7 +122,7 @@ impl TileOutcome {
                 Self { code: RESIDENT, slot: key.slot.get(), generation: key.generation.get(), ..record }
             }
             Outcome::Unavailable { failure } => Self { code: u32::from(failure.number()), ..record },
-            Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed, ..record },
+            Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed: completed.get(), ..record },
         }
     }
 
@@ -133,7 +133,7 @@ impl TileOutcome {
         let tile = Tile::unpack(self.tile)?;
         let outcome = match self.code {
             RESIDENT => Outcome::Resident { key: SlotKey::new(self.slot, self.generation) },
-            NO_ROOM => Outcome::NoRoom { completed: self.completed },
+            NO_ROOM => Outcome::NoRoom { completed: Sequence::new(self.completed) },
             number => Outcome::Unavailable { failure: TileFailure::from_number(number.into())? },
         };
         Some((tile, outcome))
@@ -153,7 +153,7 @@ mod tests {
             for outcome in [
                 Outcome::Resident { key: SlotKey::new(slot, generation) },
                 Outcome::Unavailable { failure: TileFailure::from_number(number).unwrap() },
-                Outcome::NoRoom { completed },
+                Outcome::NoRoom { completed: Sequence::new(completed) },
             ] {
                 prop_assert_eq!(TileOutcome::new(tile, outcome).read(), Some((tile, outcome)));
             }

@@ -8,6 +8,7 @@
 use crate::GeneratorError;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent, monotonic_nanos};
+use terravision_common::ids::Sequence;
 use terravision_common::rate::{RateController, Resolutions};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Control;
@@ -64,7 +65,7 @@ impl Pace {
             (next, control.wait_camera(0, 0)?)
         } else {
             if self.sequence >= IN_FLIGHT {
-                control.wait_completed(self.sequence + 1 - IN_FLIGHT)?;
+                control.wait_completed(Sequence::new(self.sequence + 1 - IN_FLIGHT))?;
             }
             let clock = Clock { start_nanos: control.wait_clock_start()?, period_nanos: config.period_nanos() };
             let due = clock.moment(next - config.frames[0]);

@@ -4,6 +4,7 @@ use bytemuck::Zeroable;
 use std::sync::Arc;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
+use terravision_common::ids::Sequence;
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
 use terravision_common::run::{
@@ -217,13 +218,13 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     sides.control.publish_camera(&camera(0));
     assert_eq!(sides.next(), (30, camera(0), 10.0));
     // The moments of frames 31 and 32 have passed, 33 is not due yet.
-    sides.control.set_completed_sequence(1);
+    sides.control.set_completed_sequence(Sequence::new(1));
     sides.control.publish_camera(&camera(7));
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 5 / 2);
     assert_eq!(sides.next(), (32, camera(7), 10.0));
     assert!(sides.generator.has_next());
     // Long after the end there is still the last frame.
-    sides.control.set_completed_sequence(2);
+    sides.control.set_completed_sequence(Sequence::new(2));
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 40);
     assert_eq!(sides.next(), (34, camera(7), 10.0));
     assert!(!sides.generator.has_next());
@@ -249,7 +250,7 @@ fn slow_frames_make_facets_coarser_within_what_is_allowed() {
         let work_nanos = 4 * PERIOD_NANOS;
         let timing = FrameTiming { frame, sequence, r_z_px, work_nanos, ..bytemuck::Zeroable::zeroed() };
         sides.control.publish_timing(&timing);
-        sides.control.set_completed_sequence(sequence);
+        sides.control.set_completed_sequence(Sequence::new(sequence));
     }
     assert_eq!((seen[0], seen[18]), (10.0, 40.0));
     assert!(seen.windows(2).all(|pair| pair[0] <= pair[1]), "{seen:?}");
@@ -260,7 +261,7 @@ fn a_run_that_stops_ends_the_wait_for_the_clock() {
     let mut sides = realtime([0, 9]);
     sides.control.publish_camera(&camera(0));
     sides.frame().expect("the first needs no clock");
-    sides.control.set_completed_sequence(1);
+    sides.control.set_completed_sequence(Sequence::new(1));
     sides.control.set_state(RunState::Stopping);
     assert!(sides.frame().expect_err("stopped").is_stopping());
 }

@@ -11,6 +11,7 @@ use std::time::Duration;
 use support::{MS, color, elevation, world};
 use terravision_common::database::{Layer, Tile, color_tile_bytes, encode_elevation_tile};
 use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
@@ -136,7 +137,14 @@ fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'stati
 
 impl Peer {
     fn want(&mut self, sequence: u64, tiles: &[Tile]) {
-        self.wants.publish(WantHead { sequence, frame: 100 + sequence, is_last: false }, tiles);
+        self.wants.publish(
+            WantHead {
+                sequence: Sequence::new(sequence),
+                frame: FrameNumber::new(sequence.saturating_add(100)),
+                is_last: false,
+            },
+            tiles,
+        );
     }
 
     fn end(&mut self) {
@@ -181,7 +189,8 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
     });
     let events = events.expect("it ends in order");
     let spans = |name: SpanName| {
-        let of_name = move |event: &&Event| matches!(event.content(), Some(EventContent::Span { name: n, .. }) if n == name);
+        let of_name =
+            move |event: &&Event| matches!(event.content(), Some(EventContent::Span { name: n, .. }) if n == name);
         events.iter().filter(of_name).collect::<Vec<_>>()
     };
     let asked = source.asked.lock().expect("no panic").clone();

@@ -10,6 +10,7 @@ use support::{Scene, camera, node, options, world};
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
+use terravision_common::ids::Sequence;
 use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{RunState, memory};
@@ -339,7 +340,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                     let key = *placed.entry(tile.color_slot).or_insert_with(|| {
                         assert!(inner.read_color(tile.color(), &mut tile_bytes));
                         let mut fill = pool
-                            .allocate(node, sequence, control.completed_sequence())
+                            .allocate(node, Sequence::new(sequence), control.completed_sequence())
                             .expect("memory of this process holds the recording");
                         fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
                         fill.publish()
@@ -361,7 +362,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
         std::iter::from_fn(|| drained.try_pop().expect("memory of this process holds the recording")).collect();
     let kept = kept.0.lock().expect("memory of this process holds the recording").clone();
     if result.is_ok() {
-        assert_eq!(control.completed_sequence(), frames[1]);
+        assert_eq!(control.completed_sequence().get(), frames[1]);
         assert_eq!(control.written_frames(), frames[1]);
     }
     (result, kept, events)

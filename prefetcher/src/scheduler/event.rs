@@ -2,6 +2,7 @@
 
 use terravision_common::database::Tile;
 use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::ids::FrameNumber;
 use terravision_common::outcome::TileFailure;
 
 /// Requests are shown on tracks of their own in a trace, from this number on.
@@ -17,7 +18,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was made.
-        frame: u64,
+        frame: FrameNumber,
         /// When it was made, nanoseconds of the monotonic clock.
         start_nanos: u64,
         /// How long it took.
@@ -28,7 +29,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was asked for.
-        frame: u64,
+        frame: FrameNumber,
         /// The thread, from 1.
         thread: u32,
         /// When it began, nanoseconds of the monotonic clock.
@@ -41,7 +42,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was asked for.
-        frame: u64,
+        frame: FrameNumber,
         /// Why.
         failure: TileFailure,
         /// When, nanoseconds of the monotonic clock.
@@ -60,9 +61,9 @@ impl TileEvent {
     /// As the launcher is told of it.
     #[must_use]
     pub fn to_event(self) -> Event {
-        let span = |name, tile: Tile, frame, start_nanos, duration_nanos| {
+        let span = |name, tile: Tile, frame: FrameNumber, start_nanos, duration_nanos| {
             let span = Event::new(EventContent::Span { name, node: Some(tile.node) });
-            span.of_frame(frame).at(start_nanos).lasting(duration_nanos)
+            span.of_frame(frame.get()).at(start_nanos).lasting(duration_nanos)
         };
         match self {
             Self::Fetched { tile, frame, start_nanos, duration_nanos } => {
@@ -73,7 +74,7 @@ impl TileEvent {
                 span(SpanName::LoadTile, tile, frame, start_nanos, duration_nanos).on_thread(thread)
             }
             Self::Unavailable { tile, frame, failure, at_nanos } => {
-                Event::new(EventContent::TileUnavailable { tile, failure }).of_frame(frame).at(at_nanos)
+                Event::new(EventContent::TileUnavailable { tile, failure }).of_frame(frame.get()).at(at_nanos)
             }
             Self::Came { tile, at_nanos } => Event::new(EventContent::TileCame { tile }).at(at_nanos),
         }

@@ -13,8 +13,8 @@ use super::timing::{NANOS_PER_MS, frame_ms, frame_times, frames_per_second, medi
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use terravision_common::database::{Layer, Tile};
-use terravision_common::outcome::TileFailure;
 use terravision_common::event::SpanName;
+use terravision_common::outcome::TileFailure;
 use terravision_common::report::{self as schema, FrameTimes, Report, SCHEMA, Settings, TilesReport};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Stage;

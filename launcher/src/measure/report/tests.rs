@@ -6,12 +6,12 @@ use crate::measure::collector::Collector;
 use crate::measure::memory::MemoryPeaks;
 use crate::measure::stats::{PrefetchStats, TileStats};
 use bytemuck::Zeroable;
-use terravision_common::database::{Layer, Tile};
-use terravision_common::outcome::TileFailure;
 use terravision_common::camera::Camera;
+use terravision_common::database::{Layer, Tile};
 use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
+use terravision_common::outcome::TileFailure;
 use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice};
 
 pub(crate) fn config() -> RunConfig {
