@@ -99,12 +99,13 @@ impl Session {
                 has_validation: false,
                 frames_in_flight: 0,
                 sink: SinkConfig::Null,
-                depth: None,
-                ground: None,
+                depth: Vec::new(),
+                ground: Vec::new(),
                 share: None,
                 made_up: Default::default(),
             },
             realtime: None,
+            rig: None,
         };
         let deadline = Instant::now() + DEADLINE;
         Ok(Self { config, run, control, layout, stages: Vec::new(), deadline, _segments: segments })

@@ -1,7 +1,8 @@
 //! What the processes of TerraVision share.
 //!
 //! * [`node`]: the id of a quad tree node. [`world`]: what a database holds. [`surface`]: where its ground lies in space, the one home of geometry.
-//! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
+//! * [`camera`]: pose, projection, view frustum. [`rig`]: several cameras that one pose carries. [`level`]: how fine to sample at a
+//!   point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`ids`]: numbers that must not be mixed up.
@@ -29,6 +30,7 @@ pub mod node_table;
 pub mod outcome;
 pub mod rate;
 pub mod report;
+pub mod rig;
 pub mod run;
 pub mod shm;
 pub mod slot;

@@ -1,6 +1,6 @@
 //! What became of the tiles that the preparer wants, as it travels from the prefetcher to the preparer.
 
-use crate::database::{Layer, Tile};
+use crate::database::Tile;
 use crate::ids::{Sequence, SlotKey};
 use bytemuck::{Pod, Zeroable};
 
@@ -143,6 +143,7 @@ impl TileOutcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::database::Layer;
     use crate::node::NodeId;
     use proptest::prelude::*;
 

@@ -1,5 +1,6 @@
 //! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed from here on.
 
+use glam::DVec3;
 use terravision_common::database::Layer;
 pub use terravision_common::database::Tile;
 use terravision_common::node::NodeId;
@@ -115,6 +116,16 @@ impl FrameTree {
             stack: Vec::with_capacity(4 * 26),
             wanted: Vec::with_capacity(2 * nodes),
         }
+    }
+
+    /// Whether the tree, whose nodes come near to far as seen from `eye`, is in that order for another eye, too: no two children
+    /// of a node lie between them.
+    #[must_use]
+    pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
+        let surface = self.world.surface();
+        let nearest = |node: &FrameNode, eye: DVec3| surface.near_to_far(node.id, eye)[0];
+        let mut split = self.nodes.iter().filter(|node| node.child_count > 0);
+        surface.foot(eye) == surface.foot(other) || split.all(|node| nearest(node, eye) == nearest(node, other))
     }
 
     /// Reads and checks a tree. An empty one is a frame in which nothing is visible.

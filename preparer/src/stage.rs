@@ -2,7 +2,7 @@
 
 use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
-use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
+use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput, FrameRequest};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
@@ -11,6 +11,7 @@ use crate::resident_tiles::pin_resident;
 use crate::truncation::RootMissing;
 use std::sync::Arc;
 use std::time::Duration;
+use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::{FrameNumber, Sequence};
@@ -227,12 +228,14 @@ impl<L: TileLoader> Preparer<L> {
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
-        let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let views = self.config.views(&camera);
+        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let request = FrameRequest { header: &header, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
         // Of a frame that could not be made.
         self.slots.clear();
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
-        let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
+        let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
             FrameError::RootMissing(source) => {
@@ -247,7 +250,7 @@ impl<L: TileLoader> Preparer<L> {
         if is_realtime {
             let drawn = self.maker.truncation();
             let sharp_share =
-                detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+                detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
             let lacked = EventContent::FrameLacked { tiles: counts.unavailable, sharp_share };
             events.tell(control, Event::new(lacked).of_frame(frame).at(settled));
         }
@@ -298,7 +301,7 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     if header.frame != frame && !is_later {
         return bad("it is of another frame");
     }
-    if !header.camera.is_valid() {
+    if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
         return bad("its camera is none");
     }
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {

@@ -8,8 +8,7 @@ use super::stats::RunStats;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use terravision_common::event::{Event, EventContent, SpanName};
-use terravision_common::node::NodeId;
+use terravision_common::event::{Event, EventContent};
 use terravision_common::shm::Stage;
 
 /// Threads of a process are numbered below this; further rows of the same thread follow in steps of it.
@@ -196,6 +195,8 @@ impl<W: Write> List<'_, W> {
 mod tests {
     use super::*;
     use crate::measure::report::tests::stats;
+    use terravision_common::event::SpanName;
+    use terravision_common::node::NodeId;
 
     fn events(stats: &RunStats) -> Vec<Value> {
         let mut bytes = Vec::new();

@@ -206,6 +206,7 @@ impl<'a> Draft<'a> {
             prefetch: prefetch(self.realtime),
             realtime: self.realtime.and_then(|args| realtime(args, choice.wanted_px).transpose()).transpose()?,
             render: self.render_config(choice, exaggeration),
+            rig: None,
         })
     }
 
@@ -222,8 +223,8 @@ impl<'a> Draft<'a> {
             has_validation: self.resources.validation,
             frames_in_flight: FRAMES_IN_FLIGHT,
             sink: std::mem::replace(&mut self.sink, SinkConfig::Null),
-            depth: self.depth.take(),
-            ground: self.ground.take(),
+            depth: self.depth.take().into_iter().collect(),
+            ground: self.ground.take().into_iter().collect(),
             share: self.share.take(),
             made_up: picture.made_up.into(),
         }
@@ -232,9 +233,9 @@ impl<'a> Draft<'a> {
 
 /// The run's shared memory.
 fn layout(world: &World, choice: &PictureChoice, memory: MemorySize) -> Result<Layout, Failure> {
-    let size = [choice.size.width, choice.size.height];
+    let pixels = u64::from(choice.size.width) * u64::from(choice.size.height);
     let layout = Layout::for_run(world, memory.0, choice.texels);
-    layout.map(|layout| layout.for_picture(world, size, choice.wanted_px[0])).map_err(|error| match error {
+    layout.map(|layout| layout.for_picture(world, pixels, choice.wanted_px[0])).map_err(|error| match error {
         ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
             "--memory {}: the tile pools of this world need at least {}",
             bytes_for_people(memory.0),

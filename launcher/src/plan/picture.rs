@@ -66,7 +66,7 @@ impl PictureChoice {
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
-            Quality::Finest => (Layout::finest_facet_px(world, [size.width, size.height]), 4),
+            Quality::Finest => (Layout::finest_facet_px(world, u64::from(size.width) * u64::from(size.height)), 4),
         };
         let facet_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;

@@ -10,6 +10,7 @@ use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure};
+use terravision_common::rig::Views;
 use terravision_common::run::Prediction;
 use terravision_common::shm::{Control, Counter, PoolIndex, WantHead, memory};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -252,7 +253,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
         if frame > flown.sharp.len() as u64 {
             let camera = at(now);
             track.see(&camera, now);
-            let wanted = eye.tiles(&camera, &RESOLUTION);
+            let wanted = eye.tiles(&camera, &Views::single(&camera), &RESOLUTION);
             let missing: Vec<Tile> = wanted
                 .iter()
                 .copied()
@@ -274,7 +275,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
                 Foresight::None => {}
                 Foresight::Predicted(prediction) => {
                     if let Some(camera) = track.predict(now, secs_ahead, prediction) {
-                        let tiles = ahead.tiles(&camera, &RESOLUTION).to_vec();
+                        let tiles = ahead.tiles(&camera, &Views::single(&camera), &RESOLUTION).to_vec();
                         scheduler.expect(tiles, &control, &mut link);
                     }
                 }
@@ -283,7 +284,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
                     let mut seen = HashSet::new();
                     for step in 1..=8 {
                         let later = now + (secs_ahead * 1e9 * f64::from(step) / 4.0) as u64;
-                        let of_then = ahead.tiles(&at(later), &RESOLUTION);
+                        let of_then = ahead.tiles(&at(later), &Views::single(&at(later)), &RESOLUTION);
                         tiles.extend(of_then.iter().copied().filter(|tile| seen.insert(*tile)));
                     }
                     scheduler.expect(tiles, &control, &mut link);

@@ -210,7 +210,7 @@ fn hold_everything(run: &RunId) {
     let tree = trees.next(&control).unwrap();
     let mut array = arrays.begin(&control).unwrap();
     array.fill(1.0);
-    let mut guard = pool.allocate(node(1), 1, 0).unwrap();
+    let mut guard = pool.allocate(node(1), Sequence::FIRST, Sequence::NONE).unwrap();
     guard.bytes_mut().fill(1);
     control.set_written_frames(1);
     std::thread::sleep(DEADLINE);
@@ -235,7 +235,7 @@ fn what_a_killed_process_held_is_free_for_its_successor() {
         assert_eq!(ElevationWriter::open(&run).unwrap().begin(&control).unwrap().position(), 0);
         let mut pool = PoolWriter::open(&run, SegmentKind::ColorPool).unwrap();
         assert_eq!(pool.find(node(1)), None);
-        let guards: Vec<_> = (0..8).map_while(|i| pool.allocate(node(i), 1, 0)).collect();
+        let guards: Vec<_> = (0..8).map_while(|i| pool.allocate(node(i), Sequence::FIRST, Sequence::NONE)).collect();
         assert_eq!(guards.len(), 8, "a slot is lost");
     });
 }
