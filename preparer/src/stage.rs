@@ -66,8 +66,8 @@ pub enum PreparerError {
         /// What a person can do, behind a semicolon; may be empty.
         advice: &'static str,
     },
-    /// The generator wrote what cannot be.
-    #[error("the tree of frame {frame} has a header that cannot be: {what}")]
+    /// The generator wrote a header that does not fit the run.
+    #[error("the header of the generator's tree for frame {frame} cannot be used: {what}")]
     BadHeader {
         /// The frame that was expected.
         frame: u64,
@@ -188,7 +188,7 @@ impl<L: TileLoader> Preparer<L> {
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
         let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
-            // Behind what is no frame of the run nobody can go on.
+            // What is not a frame of the run says nothing about where to go on.
             Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
                 // Killed between the frame and giving back its tree?
                 ports.trees.return_tree_of(last.frame)?;
@@ -299,13 +299,13 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
     let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
     if header.frame != frame && !is_later {
-        return bad("it is of another frame");
+        return bad("it belongs to another frame");
     }
     if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
-        return bad("its camera is none");
+        return bad("one of its cameras is not valid");
     }
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
-        return bad("its screen resolutions are no positive numbers");
+        return bad("its screen resolutions are not positive numbers");
     }
     Ok(())
 }

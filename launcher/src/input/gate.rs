@@ -8,6 +8,7 @@ use glam::DVec3;
 use std::fmt;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::surface::CrsFrame;
 
 const LARGEST_ANGLE_DEG: f64 = 1e6;
 /// No clock shows more, not even one in nanoseconds that is given for seconds.
@@ -139,9 +140,9 @@ impl Gate {
         }
         self.accepted += 1;
         self.lifted += u64::from(ground::lift(&mut pose, ground));
-        let origin = self.settings.extent.low.extend(0.0);
+        let crs_frame = CrsFrame::new(self.settings.extent.low.to_array());
         let camera = Camera {
-            eye_in_world: (pose.position - origin).to_array(),
+            eye_in_world: crs_frame.position(pose.position).to_array(),
             heading_rad: pose.heading_rad,
             pitch_rad: pose.pitch_rad,
             roll_rad: pose.roll_rad,

@@ -9,6 +9,7 @@ use super::{CameraPath, Course, Ground, PathSettings, Pose};
 use crate::machine::grouped;
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
+use terravision_common::surface;
 
 /// Frames of one round.
 pub const ROUND_FRAMES: usize = 240;
@@ -150,12 +151,7 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> Orbi
         let turn = frame as f64 / ROUND_FRAMES as f64 * wishes.turns.signum();
         let eye = round.at(swing.turn(turn)).extend(eye_z);
         let sight = target - eye;
-        Pose {
-            position: eye,
-            heading_rad: sight.x.atan2(sight.y),
-            pitch_rad: sight.z.atan2(sight.truncate().length()),
-            roll_rad: 0.0,
-        }
+        Pose { position: eye, heading_rad: surface::heading(sight), pitch_rad: surface::pitch(sight), roll_rad: 0.0 }
     });
     let path = CameraPath { settings: PathSettings::default(), course: Course::Round(poses.collect()) };
     let note = format!(

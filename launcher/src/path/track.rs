@@ -10,6 +10,7 @@ use super::times::for_people;
 use super::{CameraPath, Course, CourseOptions, Ground, PathError, PathSettings, Pose, Remarks};
 use glam::{DVec2, DVec3};
 use std::path::Path;
+use terravision_common::surface;
 
 /// Default height above ground, metres.
 pub(super) const DEFAULT_AGL_M: f64 = 150.0;
@@ -328,9 +329,9 @@ impl Flight<'_> {
                 let (place, at) = ahead.look(i, metres);
                 let sight: DVec3 = place.extend(floor[at]) - eye;
                 if sight.truncate().length() > 1.0 {
-                    heading = sight.x.atan2(sight.y);
+                    heading = surface::heading(sight);
                 }
-                let pitch_rad = sight.z.atan2(sight.truncate().length()).clamp(-0.6, 0.3);
+                let pitch_rad = surface::pitch(sight).clamp(-0.6, 0.3);
                 let pose = Pose { position: eye, heading_rad: heading, pitch_rad, roll_rad: 0.0 };
                 Key::passing(self.end + i as f64 * step, pose)
             })

@@ -34,7 +34,7 @@ pub struct LoadedPath {
 pub fn georeference(database: &Store) -> Georeference {
     let (manifest, world) = (database.manifest(), database.world());
     let crs = &manifest.crs;
-    let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+    let middle = world.crs_frame().place_of_foot(0.5 * world.surface().end()).to_array();
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)
 }
 
@@ -126,7 +126,7 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         return Err(only_for_places("--lonlat"));
     }
     let world = database.world();
-    let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
+    let spacing = world.surface().end().max_element() / 200.0;
     let coarse = WorldGround::coarse(database, world, exaggeration, spacing).bounded(database.ranges());
     let extent = coarse.extent();
     let georeference = georeference(database);

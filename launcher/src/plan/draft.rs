@@ -21,7 +21,6 @@ use crate::path::{PathSettings, Pose};
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
-use glam::DVec2;
 use std::path::Path;
 use terravision_common::camera::Camera;
 use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
@@ -147,13 +146,12 @@ impl<'a> Draft<'a> {
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut self.warnings)?;
         }
-        let origin = DVec2::from_array(world.fields().origin);
         let mut lifted = 0;
         let mut cameras = Vec::with_capacity(self.poses.len());
         for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
             lifted += usize::from(ground::lift(&mut pose, &ground));
             let camera = Camera {
-                eye_in_world: (pose.position - origin.extend(0.0)).to_array(),
+                eye_in_world: world.crs_frame().position(pose.position).to_array(),
                 heading_rad: pose.heading_rad,
                 pitch_rad: pose.pitch_rad,
                 roll_rad: pose.roll_rad,

@@ -9,6 +9,7 @@ use crate::path::crs::{Georeference, Transform};
 use crate::path::{Ground, Pose};
 use anyhow::anyhow;
 use glam::{DVec2, DVec3};
+use terravision_common::surface;
 
 /// How heights and coordinates of a pose are read.
 #[derive(Clone, Copy)]
@@ -60,8 +61,7 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
             in_range("--from: the distance", distance, 1e-3, 1e9, "metres, more than 0")?;
             let azimuth = places.heading(target, azimuth)?;
             let target = places.target(target)?;
-            let (sin, cos) = elevation.to_radians().sin_cos();
-            let eye = target + DVec3::new(azimuth.sin() * cos, azimuth.cos() * cos, sin) * distance;
+            let eye = target + surface::direction(azimuth, elevation.to_radians()) * distance;
             // Straight down the direction alone would not tell what is up in the picture.
             let heading_rad = azimuth + std::f64::consts::PI;
             (Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target))
@@ -94,9 +94,7 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
 /// A camera that looks at a place; straight down it has north at the top.
 fn towards(eye: DVec3, target: DVec3, roll_rad: f64) -> Pose {
     let sight = target - eye;
-    let level = sight.truncate().length();
-    let heading_rad = if level > 1e-6 { sight.x.atan2(sight.y) } else { 0.0 };
-    Pose { position: eye, heading_rad, pitch_rad: sight.z.atan2(level), roll_rad }
+    Pose { position: eye, heading_rad: surface::heading(sight), pitch_rad: surface::pitch(sight), roll_rad }
 }
 
 /// Places as given, brought into the world's CRS.
