@@ -8,6 +8,7 @@
 
 use crate::bug::report_panics;
 use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
+use crate::log::start_stage;
 use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
@@ -171,6 +172,7 @@ pub trait StageError: std::error::Error {
 /// outcome, with one sentence on standard error when it is a failure.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
     report_panics("");
+    start_stage();
     let started = StageRun::parse(std::env::args().skip(1)).and_then(|stage_run| {
         set_up_process()?;
         Ok(stage_run)
@@ -179,7 +181,11 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
         Ok(stage_run) => stage_run,
         Err(error) => return fail(&error, BAD_USAGE),
     };
-    match run(&stage_run) {
+    let (run_id, [first, end]) = (stage_run.id(), stage_run.config().frames);
+    tracing::debug!(%run_id, first, end, "stage begins");
+    let ended = run(&stage_run);
+    tracing::debug!(error = ended.as_ref().err().map(tracing::field::display), "stage ends");
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
         Err(error) => fail(&error, if error.is_bad_input() { BAD_USAGE } else { 1 }),

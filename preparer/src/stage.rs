@@ -171,6 +171,7 @@ impl<L: TileLoader> Preparer<L> {
             next_frame: config.frames[0].saturating_add(ports.trees.returned()),
         };
         preparer.resume(ports)?;
+        tracing::debug!(next_frame = preparer.next_frame, "waits for the top levels");
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
@@ -259,6 +260,7 @@ impl<L: TileLoader> Preparer<L> {
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
+        tracing::trace!(frame, ?counts, "frame is in the ring");
         Ok(counts)
     }
 

@@ -90,6 +90,7 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
 }
 
 fn render(run_text: &str) -> anyhow::Result<()> {
+    terravision_common::log::start_stage();
     let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
@@ -133,6 +134,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         lanes,
         &mut |engine, source| {
             let found = engine.describe();
+            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
                 (TextKind::Device, found.device.as_str()),
                 (TextKind::Driver, &found.driver),

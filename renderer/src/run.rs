@@ -122,6 +122,7 @@ pub fn run(
 ) -> Result<RunSummary, RunError> {
     let mut looped = FrameLoop::new(options, source, lanes)?;
     on_device(&looped.engine, looped.source);
+    tracing::debug!(buffers = looped.buffers, "draws");
     let mut losses = Losses::default();
     while let Err(error) = looped.fly(observe) {
         if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
@@ -283,6 +284,7 @@ impl<'a> FrameLoop<'a> {
         }
         self.tell_of_recording(started, submitted?);
         self.source.progress();
+        tracing::trace!(frames = self.summary.frames, "frame is with the device");
         Ok(())
     }
 

@@ -1,8 +1,9 @@
-//! The house is in order: no file and no function is too long, and the modules at the top of each crate form no circle.
+//! The house is in order: no file and no function is too long, and the modules at the top of each
+//! crate form no circle.
 //!
 //! A circle that has to be is named in the header of the file that closes it, with its reason:
-//! ``//! Circle with `other`: why.`` The lists of exceptions below only ever get shorter: one that is no longer needed
-//! fails the test, too.
+//! ``//! Circle with `other`: why.`` The lists of exceptions below only ever get shorter: one that
+//! is no longer needed fails the test, too.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -93,7 +94,8 @@ fn no_function_is_too_long() {
     compare(lines, LONG_FUNCTIONS, FUNCTION_LINES);
 }
 
-/// Names and lengths of functions, in a text that is formatted: the last line of each is a brace below its first word.
+/// Names and lengths of functions, in a text that is formatted: the last line of each is a brace
+/// below its first word.
 fn functions(text: &str) -> Vec<(String, usize)> {
     let lines: Vec<&str> = text.lines().collect();
     let mut found = Vec::new();
@@ -105,7 +107,7 @@ fn functions(text: &str) -> Vec<(String, usize)> {
             line.strip_prefix(indent).is_some_and(|rest| rest == "}" || (rest.ends_with(';') && !rest.starts_with(' ')))
         };
         // One in a line ends there.
-        let length = if words.ends_with('}') { 0 } else { lines[at..].iter().position(|line| is_end(&line)).unwrap() };
+        let length = if words.ends_with('}') { 0 } else { lines[at..].iter().position(is_end).unwrap() };
         found.push((name.to_owned(), length + 1));
     }
     found
@@ -196,7 +198,8 @@ fn code_of(text: &str) -> String {
     lines[..end].iter().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
-/// What a file so deep in the crate names at the crate's root: by `crate::`, or by `super::` as often as it is deep.
+/// What a file so deep in the crate names at the crate's root: by `crate::`, or by `super::` as
+/// often as it is deep.
 fn names_at_root(code: &str, depth: usize) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for start in ["crate::".to_owned(), "super::".repeat(depth)] {

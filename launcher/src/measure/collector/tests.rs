@@ -14,7 +14,7 @@ fn span(name: SpanName) -> EventContent {
 }
 
 #[test]
-fn events_become_figures_of_their_frame() {
+fn events_become_stats_of_their_frame() {
     let mut collector = Collector::new(10, 2, true);
     collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 5, 7));
     collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 9, 3));
@@ -35,7 +35,7 @@ fn events_become_figures_of_their_frame() {
 }
 
 #[test]
-fn a_flight_without_a_known_end_has_figures_of_the_frames_that_came() {
+fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
     let mut collector = Collector::new(0, 0, false).open_ended(true);
     for frame in 0..3 {
         collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, frame, 7, 0));

@@ -86,8 +86,8 @@ pub(crate) fn stats() -> RunStats {
     }
 }
 
-/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the third while the second was
-/// drawn.
+/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the
+/// third while the second was drawn.
 #[test]
 fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
     let mut stats = stats();
