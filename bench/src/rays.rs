@@ -12,9 +12,9 @@ use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::world::{World, WorldFields};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
-use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
 /// Posts of the volume along a side, and its layers.
