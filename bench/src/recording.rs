@@ -6,6 +6,7 @@ use anyhow::{Context, bail, ensure};
 use std::ops::Range;
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::event::{Event, SpanName, monotonic_nanos};
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, PoolWriter, Producer, Residency, RunId,
@@ -261,9 +262,8 @@ impl RecordedFrames {
                     SlotContent::Tile(mut tile) => {
                         tile.elevation_position = tile.elevation_position - frame.first_position + first_position;
                         let node = color_node(flight, &tile)?;
-                        (tile.color_slot, tile.color_generation) =
-                            resident(&mut pool, control, flight, node, sequence, &mut scratch)?;
-                        SlotContent::Tile(tile)
+                        let key = resident(&mut pool, control, flight, node, sequence, &mut scratch)?;
+                        SlotContent::Tile(tile.with_color(key))
                     }
                     SlotContent::End(mut end) => {
                         end.frame = sequence - 1;
@@ -284,7 +284,7 @@ impl RecordedFrames {
     }
 }
 
-/// Slot and generation of a node's colour tile, which is loaded if need be.
+/// Where a node's colour tile lies; it is loaded if need be.
 fn resident(
     pool: &mut PoolWriter,
     control: &Control,
@@ -292,10 +292,10 @@ fn resident(
     node: NodeId,
     sequence: u64,
     scratch: &mut TileScratch,
-) -> anyhow::Result<(u32, u32)> {
+) -> anyhow::Result<SlotKey> {
     loop {
-        if let Residency::Resident { slot, generation } = pool.touch_node(node, sequence) {
-            return Ok((slot, generation));
+        if let Residency::Resident { key } = pool.touch_node(node, sequence) {
+            return Ok(key);
         }
         let completed = control.completed_sequence();
         if let Some(mut guard) = pool.allocate(node, sequence, completed) {

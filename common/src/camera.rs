@@ -8,6 +8,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
+/// Most pixels along one side that a picture may have; the device may allow fewer.
+pub const MAX_SIDE_PX: u32 = 65_536;
+
 /// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value; [`Camera::is_valid`] says
 /// whether it is a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -42,8 +45,8 @@ impl Camera {
             && self.eye_in_world.iter().all(|v| v.abs() < 1e12)
             && self.vfov_rad > 1e-4
             && self.vfov_rad < 3.1
-            && (1..=65536).contains(&self.width)
-            && (1..=65536).contains(&self.height)
+            && (1..=MAX_SIDE_PX).contains(&self.width)
+            && (1..=MAX_SIDE_PX).contains(&self.height)
     }
 
     /// Whether this is the same view as the other's, whenever each was made.

@@ -6,6 +6,7 @@
 //! the one that was killed in it.
 
 use crate::camera::Camera;
+use crate::ids::SlotKey;
 use bytemuck::{Pod, Zeroable};
 
 /// Kind of a [`FrameMarker`] slot.
@@ -74,6 +75,20 @@ pub struct TileSlot {
     /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it out; a technique with a surface of
     /// its own may see some of it past the edge of what hides it.
     pub is_hidden: u8,
+}
+
+impl TileSlot {
+    /// Where the colour tile lies in its pool.
+    #[must_use]
+    pub const fn color(&self) -> SlotKey {
+        SlotKey::new(self.color_slot, self.color_generation)
+    }
+
+    /// The same block, with the colour tile that lies there.
+    #[must_use]
+    pub const fn with_color(self, key: SlotKey) -> Self {
+        Self { color_slot: key.slot.get(), color_generation: key.generation.get(), ..self }
+    }
 }
 
 /// Closes a frame.

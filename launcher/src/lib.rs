@@ -4,43 +4,35 @@
 //! * [`path`]: camera paths, from files or built in; [`ground`]: the ground that they keep above.
 //! * [`input`]: poses that another program sends while the flight goes on.
 //! * [`flight`]: runs the four stages: starts them, flies the camera, watches, collects, cleans up.
-//! * [`report`] (of a flight against the clock also [`realtime_report`], of where tiles came from [`network_report`]), [`trace`]: what a run says about itself afterwards;
-//!   [`output`]: files that appear whole or not at all. [`stream`]: films and Y4M.
+//! * [`measure`]: what a run says about itself, while it goes on and afterwards.
+//! * [`output`]: files that appear whole or not at all. [`stream`]: films and Y4M.
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
-//! * [`metrics`]: figures of a run while it goes on, for Prometheus.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`doctor`], [`info`] (with [`places`]), [`machine`], [`export`], [`passed_on`]: the other commands.
+//! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and what runs on it.
 
 pub mod cli;
+pub mod command;
 pub mod data_set;
 pub mod device;
-pub mod doctor;
-pub mod export;
 pub mod failure;
 pub mod flight;
 pub mod ground;
-pub mod info;
 pub mod input;
 pub mod machine;
-pub mod metrics;
-pub mod network_report;
+pub mod measure;
 pub mod output;
-pub mod passed_on;
 pub mod path;
-pub mod places;
 pub mod plan;
-pub mod realtime_report;
-pub mod report;
+pub mod process;
 pub mod stream;
-pub mod thread;
-pub mod trace;
 pub mod world;
 
 use clap::Parser;
 use clap::error::ErrorKind;
 use cli::planes::with_planes_last;
 use cli::{Cli, Command};
+use command::{doctor, exec, export, info};
 use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
 use terravision_common::event::monotonic_nanos;
@@ -77,11 +69,9 @@ fn parse(arguments: Vec<OsString>) -> Result<Cli, clap::Error> {
 fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
     let with_verb = |verb: &str, arguments: Vec<OsString>| [vec![OsString::from(verb)], arguments].concat();
     match command {
-        Command::Synth(passed) => passed_on::become_program("terravision-ingest", with_verb("synth", passed.arguments)),
-        Command::Ingest(passed) => {
-            passed_on::become_program("terravision-ingest", with_verb("ingest", passed.arguments))
-        }
-        Command::Bench(passed) => passed_on::become_program("terravision-bench", passed.arguments),
+        Command::Synth(args) => exec::exec_program("terravision-ingest", with_verb("synth", args.arguments)),
+        Command::Ingest(args) => exec::exec_program("terravision-ingest", with_verb("ingest", args.arguments)),
+        Command::Bench(args) => exec::exec_program("terravision-bench", args.arguments),
         Command::Info(args) => info::info(&args),
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Path(args) => export::export(&args),

@@ -21,7 +21,7 @@ pub fn outcome_words(output: &Output) -> Result<String, String> {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
     let words = String::from_utf8_lossy(&output.stderr);
-    let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed without a word");
+    let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed and left no message");
     Err(last.trim().to_owned())
 }
 

@@ -1,7 +1,7 @@
 //! Where results go: written under a temporary name beside the final one, and renamed when all is well, so that an
 //! interrupted run leaves no half film.
 
-use crate::flight::interrupt;
+use crate::process::interrupt;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 use std::collections::BTreeSet;

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 use std::time::{Duration, Instant};
-use terravision_launcher::flight::supervisor::{adopt_orphans, children_of, end_orphans};
+use terravision_launcher::process::orphans::{adopt_orphans, children_of, end_orphans};
 
 #[test]
 fn an_orphan_of_a_stage_is_ended() {

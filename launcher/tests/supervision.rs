@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use terravision_common::shm::{Activity, Control, Layout, RunId, RunSegments, RunState, Stage};
-use terravision_launcher::flight::hang::HangRules;
-use terravision_launcher::flight::restart::{RestartRules, Restarts};
+use terravision_launcher::flight::restart::Restarts;
 use terravision_launcher::flight::stage::{StageProcess, StartError};
-use terravision_launcher::flight::supervisor::{Ending, watch};
+use terravision_launcher::flight::supervisor::{Death, Ending, watch};
+use terravision_launcher::plan::supervision::{HangRules, RestartRules};
 
 /// A folder of stage programs, removed at the end.
 struct Programs(PathBuf);
@@ -136,7 +136,7 @@ fn a_killed_stage_is_named_and_the_others_are_ended() {
         let stages = programs.start();
         let pid = rustix::process::Pid::from_raw(stages[victim].pid().cast_signed()).unwrap();
         rustix::process::kill_process(pid, Signal::KILL).unwrap();
-        let Ending::Died { stage, how, is_bad_input, .. } = flight.watch(stages, || false, |_| ()) else {
+        let Ending::Died(Death { stage, how, is_bad_input, .. }) = flight.watch(stages, || false, |_| ()) else {
             panic!("not noticed")
         };
         assert_eq!(stage, Stage::ALL[victim]);
@@ -151,9 +151,9 @@ fn a_stage_that_gives_up_is_quoted() {
     let says = "echo 'loading'; echo 'warming up' >&2; echo 'there is no room for the picture' >&2; exit 1";
     let programs = Programs::new([(Generator, WAIT), (Preparer, WAIT), (Renderer, says), (Prefetcher, WAIT)]);
     let ending = Flight::new().watch(programs.start(), || false, |_| ());
-    let Ending::Died { stage, how, words, is_bad_input, .. } = ending else { panic!("not noticed") };
+    let Ending::Died(Death { stage, how, message, is_bad_input, .. }) = ending else { panic!("not noticed") };
     assert_eq!((stage, is_bad_input), (Renderer, false));
-    assert_eq!((how.as_str(), words.as_str()), ("ended with exit code 1", "there is no room for the picture"));
+    assert_eq!((how.as_str(), message.as_str()), ("ended with exit code 1", "there is no room for the picture"));
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn a_stage_that_finds_bad_input_says_so_by_its_exit_code() {
         (Prefetcher, WAIT),
     ]);
     let ending = Flight::new().watch(programs.start(), || false, |_| ());
-    assert!(matches!(ending, Ending::Died { stage: Renderer, is_bad_input: true, .. }), "{ending:?}");
+    assert!(matches!(ending, Ending::Died(Death { stage: Renderer, is_bad_input: true, .. })), "{ending:?}");
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn a_stage_that_was_killed_is_blamed_before_those_that_gave_up_over_it() {
             std::thread::sleep(Duration::from_millis(5));
         }
         let ending = Flight::new().watch(stages, || false, |_| ());
-        assert!(matches!(ending, Ending::Died { stage: Preparer, .. }), "{kill}: {ending:?}");
+        assert!(matches!(ending, Ending::Died(Death { stage: Preparer, .. })), "{kill}: {ending:?}");
     }
 }
 
@@ -213,7 +213,7 @@ fn a_stage_that_hears_of_an_interruption_first_is_not_blamed() {
     let ending = Flight::new().watch(programs.start(), || ticks.get() > 3, |_| ticks.set(ticks.get() + 1));
     assert_eq!(ending, Ending::Interrupted);
     let alone = Flight::new().watch(programs.start(), || false, |_| ());
-    assert!(matches!(&alone, Ending::Died { stage: Preparer, how, .. } if how.contains("signal")), "{alone:?}");
+    assert!(matches!(&alone, Ending::Died(Death { stage: Preparer, how, .. }) if how.contains("signal")), "{alone:?}");
 }
 
 #[test]
@@ -227,10 +227,10 @@ fn a_panic_is_quoted_whole() {
     let panics = "echo \"thread 'main' panicked at a.rs:1:2:\" >&2; echo 'out of tiles' >&2; \
                   echo 'note: run with RUST_BACKTRACE=1' >&2; exit 101";
     let programs = Programs::new([(Generator, panics), (Preparer, WAIT), (Renderer, WAIT), (Prefetcher, WAIT)]);
-    let Ending::Died { words, .. } = Flight::new().watch(programs.start(), || false, |_| ()) else {
+    let Ending::Died(Death { message, .. }) = Flight::new().watch(programs.start(), || false, |_| ()) else {
         panic!("not noticed")
     };
-    assert_eq!(words, "thread 'main' panicked at a.rs:1:2: out of tiles");
+    assert_eq!(message, "thread 'main' panicked at a.rs:1:2: out of tiles");
 }
 
 #[test]
@@ -267,20 +267,21 @@ fn a_stage_that_is_killed_twice_is_started_twice_and_the_run_ends_well() {
         let (ending, said, count) = fly_again(RULES, scripts, &flight);
         assert_eq!((ending, count, said.len()), (Ending::Finished, 2, 2), "{victim}");
         // Nothing was done in between: the second has to wait.
-        let expected = format!("the {victim} was killed by signal 9 (KILL); it said last: I fall; it is started again");
+        let expected =
+            format!("the {victim} was killed by signal 9 (KILL); its last message: I fall; it is started again");
         assert_eq!(said, [expected.clone(), format!("{expected} in 0.5 s")]);
         flight.assert_no_segment_is_left();
     }
 }
 
 #[test]
-fn after_five_restarts_in_a_minute_the_run_ends_with_the_last_words() {
+fn after_five_restarts_in_a_minute_the_run_ends_with_the_last_message() {
     let falls = "echo 'no more' >&2; kill -11 $$";
     let scripts = [(Generator, WAIT), (Preparer, falls), (Renderer, WAIT), (Prefetcher, WAIT)];
     let flight = Flight::new();
     let (ending, said, count) = fly_again(RULES, scripts, &flight);
-    let Ending::Died { stage, how, words, restarts, .. } = ending else { panic!("not noticed") };
-    assert_eq!((stage, words.as_str(), restarts, count, said.len()), (Preparer, "no more", 5, 5, 5));
+    let Ending::Died(Death { stage, how, message, restarts, .. }) = ending else { panic!("not noticed") };
+    assert_eq!((stage, message.as_str(), restarts, count, said.len()), (Preparer, "no more", 5, 5, 5));
     assert!(how.contains("signal 11"), "{how}");
     assert_eq!(flight.control.state(), RunState::Failed);
     flight.assert_no_segment_is_left();
@@ -293,7 +294,7 @@ fn what_would_happen_again_is_not_tried_again() {
     for script in [bad_input, gives_up] {
         let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, script), (Prefetcher, WAIT)];
         let (ending, said, _) = fly_again(RULES, scripts, &Flight::new());
-        assert!(matches!(&ending, Ending::Died { stage: Renderer, restarts: 0, .. }), "{ending:?}");
+        assert!(matches!(&ending, Ending::Died(Death { stage: Renderer, restarts: 0, .. })), "{ending:?}");
         assert!(said.is_empty(), "{said:?}");
     }
     // Once there was a picture, a stage that gives up may have a better day.
@@ -301,7 +302,7 @@ fn what_would_happen_again_is_not_tried_again() {
     flight.control.set_completed_sequence(1);
     let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, gives_up), (Prefetcher, WAIT)];
     let (ending, said, _) = fly_again(RULES, scripts, &flight);
-    assert!(matches!(&ending, Ending::Died { stage: Renderer, restarts: 5, .. }), "{ending:?}");
+    assert!(matches!(&ending, Ending::Died(Death { stage: Renderer, restarts: 5, .. })), "{ending:?}");
     let told = |sentence: &String| sentence.starts_with("the renderer gave up: no device; it is started again");
     assert!(said.iter().all(told), "{said:?}");
 }
@@ -328,7 +329,7 @@ fn blamed(rules: HangRules, waits: [(Stage, Activity); 4]) -> Option<(Stage, Str
         |_| handles.iter().for_each(|(stage, control)| control.heartbeat(*stage)),
     );
     match ending {
-        Ending::Died { stage, how, .. } => Some((stage, how)),
+        Ending::Died(Death { stage, how, .. }) => Some((stage, how)),
         _ => None,
     }
 }
@@ -417,5 +418,8 @@ fn a_stage_that_falls_silent_is_killed_and_started_again() {
         },
     );
     assert_eq!(ending, Ending::Interrupted);
-    assert_eq!(said, ["the preparer gave no sign of life for 1 s and was killed, without a word; it is started again"]);
+    assert_eq!(
+        said,
+        ["the preparer gave no sign of life for 1 s and was killed; it left no message; it is started again"]
+    );
 }

@@ -9,6 +9,7 @@ use std::io::Write;
 use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
+use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
 use terravision_common::slot::SlotContent;
@@ -27,8 +28,8 @@ const REPEATS: u32 = 30;
 struct All(HashMap<NodeId, Vec<f32>>);
 
 impl Tiles for All {
-    fn color(&self, _: NodeId) -> Option<(u32, u32)> {
-        Some((1, 1))
+    fn color(&self, _: NodeId) -> Option<SlotKey> {
+        Some(SlotKey::new(1, 1))
     }
 
     fn elevation(&self, node: NodeId) -> Option<&[f32]> {

@@ -233,6 +233,7 @@ impl TileWait {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use terravision_common::ids::SlotKey;
     use terravision_common::node::NodeId;
     use terravision_common::shm::memory;
     use terravision_common::world::WorldFields;
@@ -244,7 +245,7 @@ mod tests {
     }
 
     impl<F> crate::truncation::Tiles for Scripted<F> {
-        fn color(&self, _node: NodeId) -> Option<(u32, u32)> {
+        fn color(&self, _node: NodeId) -> Option<SlotKey> {
             None
         }
 

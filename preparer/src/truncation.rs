@@ -9,9 +9,10 @@
 
 use crate::frame_tree::{FrameTree, Tile};
 use terravision_common::database::Layer;
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::node_table::NodeTable;
-use terravision_common::traversal::neighbor_in;
+use terravision_common::surface::SIDES;
 use terravision_common::world::World;
 
 /// Where a tile lies in the colour pool.
@@ -19,16 +20,14 @@ use terravision_common::world::World;
 pub struct ColorPlace {
     /// The node whose tile it is.
     pub node: NodeId,
-    /// Slot of the pool.
-    pub slot: u32,
-    /// Generation of the slot.
-    pub generation: u32,
+    /// Where it is.
+    pub key: SlotKey,
 }
 
 /// The tiles that are there. They stay while a frame is made.
 pub trait Tiles {
-    /// Slot and generation of a node's colour tile.
-    fn color(&self, node: NodeId) -> Option<(u32, u32)>;
+    /// Where a node's colour tile lies in its pool.
+    fn color(&self, node: NodeId) -> Option<SlotKey>;
     /// Posts of a node's elevation tile, `(Nz + 1)²`, row 0 in the south.
     fn elevation(&self, node: NodeId) -> Option<&[f32]>;
 }
@@ -93,7 +92,7 @@ impl ColorLeaf {
 #[derive(Debug)]
 pub struct Truncation {
     world: World,
-    colors: Vec<Option<(u32, u32)>>,
+    colors: Vec<Option<SlotKey>>,
     is_there: Vec<bool>,
     is_blocked: Vec<bool>,
     stack: Vec<Step>,
@@ -166,11 +165,11 @@ impl Truncation {
         }
         let Some(root) = tree.nodes.first() else { return Ok(()) };
         let missing = |layer| RootMissing { tile: Tile { layer, node: root.id } };
-        let (slot, generation) = self.colors[0].ok_or(missing(Layer::Color))?;
+        let root_color = self.colors[0].ok_or(missing(Layer::Color))?;
         if !self.is_there[0] {
             return Err(missing(Layer::Elevation));
         }
-        let color = ColorPlace { node: root.id, slot, generation };
+        let color = ColorPlace { node: root.id, key: root_color };
         loop {
             self.collect(tree, color);
             if self.meet(tree) {
@@ -213,11 +212,7 @@ impl Truncation {
                 continue;
             }
             for child in children.rev() {
-                let own = self.colors[child].map(|(slot, generation)| ColorPlace {
-                    node: tree.nodes[child].id,
-                    slot,
-                    generation,
-                });
+                let own = self.colors[child].map(|key| ColorPlace { node: tree.nodes[child].id, key });
                 self.stack.push(Step { index: child as u32, color: own.unwrap_or(color) });
             }
         }
@@ -264,13 +259,13 @@ impl Truncation {
     /// it is.
     #[must_use]
     pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
-        [(-1, 0), (1, 0), (0, -1), (0, 1)].map(|(east, north)| self.leaf_at(node, east, north))
+        SIDES.map(|(east, north)| self.leaf_at(node, east, north))
     }
 
     fn seams(&self, node: NodeId) -> Seams {
         let leaves = &self.elevation_leaves;
         let level = |east, north| self.leaf_at(node, east, north).map_or(node.q(), |at| leaves[at as usize].node.q());
-        let edges = [level(-1, 0), level(1, 0), level(0, -1), level(0, 1)];
+        let edges = SIDES.map(|(east, north)| level(east, north));
         let [west, east, south, north] = edges;
         let corners = [
             level(-1, -1).max(south).max(west),
@@ -283,7 +278,7 @@ impl Truncation {
 
     /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or none.
     fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
-        let mut id = neighbor_in(&self.world, node, east, north)?;
+        let mut id = self.world.neighbor(node, east, north)?;
         loop {
             if let Some(at) = self.table.get(id) {
                 return Some(at);

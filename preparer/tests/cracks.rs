@@ -77,7 +77,7 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
         );
         let leaf = NodeId::unpack(tile.node).expect("an id");
         prop_assert_eq!(Some(leaf.ancestor(tile.color_level)), color);
-        prop_assert_eq!(tiles.color.get(&leaf.ancestor(tile.color_level)).map(|c| c.0), Some(tile.color_slot));
+        prop_assert_eq!(tiles.color.get(&leaf.ancestor(tile.color_level)).map(|key| key.slot), Some(tile.color().slot));
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use terravision_common::ids::SlotKey;
 use terravision_common::texels::TexelFormat;
 
 /// A frame is waited for no longer than this.
@@ -99,7 +100,7 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
         let Some(readback) = spare.take() else { break };
         let mut recording = slot.begin()?;
         if frame == 0 {
-            let room = colors.upload_staged(&recording, 0, 0)?;
+            let room = colors.upload_staged(&recording, SlotKey::new(0, 0))?;
             room.iter_mut().enumerate().for_each(|(i, byte)| *byte = (i * 97 % 251) as u8);
             debug_assert_eq!(room.len() as u64, texels.tile_bytes(side));
         }

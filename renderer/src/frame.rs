@@ -3,6 +3,7 @@
 //! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
 
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
+use terravision_common::ids::Generation;
 use terravision_common::node::NodeId;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::world::World;
@@ -188,7 +189,7 @@ pub struct FrameReader {
     /// Counts the frames that were opened.
     opened: u64,
     /// Of each colour slot: which opened frame named it last, and the generation.
-    named: Vec<(u64, u32)>,
+    named: Vec<(u64, Generation)>,
 }
 
 /// Frames that may have been made and lost between two that are read, at most.
@@ -214,7 +215,7 @@ impl FrameReader {
             slots_end: 0,
         };
         let mut reader = Self {
-            named: vec![(0, 0); shape.color_slots as usize],
+            named: vec![(0, Generation::NEVER_FILLED); shape.color_slots as usize],
             shape,
             size,
             frame,
@@ -338,11 +339,12 @@ impl FrameReader {
         if let Err(fault) = check_tile(tile, &self.shape.world, self.shape.color_slots) {
             return fail(fault);
         }
-        let named = &mut self.named[tile.color_slot as usize];
-        if named.0 == self.opened && named.1 != tile.color_generation {
+        let key = tile.color();
+        let named = &mut self.named[key.slot.index()];
+        if named.0 == self.opened && named.1 != key.generation {
             return fail(TileFault::Generation);
         }
-        *named = (self.opened, tile.color_generation);
+        *named = (self.opened, key.generation);
         self.frame.tiles.push(*tile);
         Ok(())
     }

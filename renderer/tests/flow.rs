@@ -336,15 +336,15 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                     guard.values_mut().copy_from_slice(&values);
                     tile.elevation_position = guard.publish();
                     let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
-                    let (slot, generation) = *placed.entry(tile.color_slot).or_insert_with(|| {
-                        assert!(inner.read_color(tile.color_slot, tile.color_generation, &mut tile_bytes));
+                    let key = *placed.entry(tile.color_slot).or_insert_with(|| {
+                        assert!(inner.read_color(tile.color(), &mut tile_bytes));
                         let mut fill = pool
                             .allocate(node, sequence, control.completed_sequence())
                             .expect("memory of this process holds the recording");
                         fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
                         fill.publish()
                     });
-                    (tile.color_slot, tile.color_generation) = (slot, generation);
+                    *tile = tile.with_color(key);
                     if ring.push(&Slot::new(&SlotContent::Tile(*tile)), &control).is_err() {
                         return;
                     }

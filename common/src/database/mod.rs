@@ -37,7 +37,7 @@ pub use elevation::{
     ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_planes, decode_elevation_tile, encode_elevation_tile,
     encode_elevation_tile_with_validity,
 };
-pub use ground::{GroundPoint, ground_at, ground_height};
+pub use ground::{ground_at, ground_height};
 pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
@@ -223,18 +223,6 @@ pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::
         Layer::Color => world.has_color(node),
     };
     has_place.then(|| tile_coord(world, node)).flatten().map(Into::into)
-}
-
-impl TileError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error.
-    #[must_use]
-    pub fn code(&self) -> u8 {
-        match self {
-            Self::Missing { .. } => 1,
-            Self::Corrupt { .. } => 2,
-            Self::Read { .. } => 3,
-        }
-    }
 }
 
 /// Buffers that a thread keeps between tiles, so that reading one allocates (almost) nothing.

@@ -10,6 +10,7 @@
 //! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that "nobody wants it,
 //! I take it" and "I want it, keep it" decide in one step which of them was first, whichever processes say so.
 
+use crate::ids::{Generation, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
 
@@ -38,6 +39,10 @@ impl SlotState {
     pub fn is_readable(self) -> bool {
         matches!(self, Self::Ready | Self::Locked)
     }
+}
+
+fn tag_of(generation: Generation) -> u64 {
+    u64::from(generation.get()) & TAG_MASK
 }
 
 /// The use word, taken apart.
@@ -72,8 +77,8 @@ impl Use {
         }
     }
 
-    fn is_of(self, generation: u32) -> bool {
-        self.tag == u64::from(generation) & TAG_MASK
+    fn is_of(self, generation: Generation) -> bool {
+        self.tag == tag_of(generation)
     }
 }
 
@@ -97,15 +102,23 @@ const _: () = assert!(size_of::<SlotWords>() as u64 == super::geometry::TABLE_EN
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SlotInfo {
     /// The slot.
-    pub slot: u32,
+    pub slot: SlotIndex,
     /// The tile's node; `None` for a slot that was never filled.
     pub node: Option<NodeId>,
     /// Its generation: changes whenever the slot is filled anew.
-    pub generation: u32,
+    pub generation: Generation,
     /// What the slot is doing.
     pub state: SlotState,
     /// Sequence of the last frame that wanted it.
     pub last_used: u64,
+}
+
+impl SlotInfo {
+    /// Where the tile lies that is in the slot now.
+    #[must_use]
+    pub fn key(&self) -> SlotKey {
+        SlotKey { slot: self.slot, generation: self.generation }
+    }
 }
 
 impl SlotWords {
@@ -124,27 +137,27 @@ impl SlotWords {
         Use::unpack(self.usage.load(Ordering::Acquire))
     }
 
-    pub(crate) fn generation(&self) -> u32 {
+    pub(crate) fn generation(&self) -> Generation {
         // Relaxed: compared with what the caller has; the use word orders.
-        self.generation.load(Ordering::Relaxed)
+        Generation::new(self.generation.load(Ordering::Relaxed))
     }
 
     /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be done with by an
     /// Acquire (SYNC control.completed), so nobody reads the old tile. Returns the new generation.
-    pub(crate) fn claim(&self, node: NodeId, sequence: u64, completed: u64) -> Option<u32> {
+    pub(crate) fn claim(&self, node: NodeId, sequence: u64, completed: u64) -> Option<Generation> {
         // Relaxed: the exchange below checks it.
         let word = self.usage.load(Ordering::Relaxed);
         let before = Use::unpack(word);
         if !before.is_reusable(completed) {
             return None;
         }
-        let generation = self.generation().wrapping_add(1).max(1);
-        let after = Use { state: SlotState::Filling, tag: u64::from(generation) & TAG_MASK, sequence };
+        let generation = self.generation().next();
+        let after = Use { state: SlotState::Filling, tag: tag_of(generation), sequence };
         // Acquire: SYNC pool.free, the fill that was abandoned here is over. A failure means that a reader wants it now.
         self.usage.compare_exchange(word, after.pack(), Ordering::Acquire, Ordering::Relaxed).ok()?;
         // SYNC pool.refill: whoever reads the new generation or node, and then fences, sees that the slot is not ready.
         fence(Ordering::Release);
-        self.generation.store(generation, Ordering::Relaxed);
+        self.generation.store(generation.get(), Ordering::Relaxed);
         self.node.store(node.pack(), Ordering::Relaxed);
         Some(generation)
     }
@@ -164,7 +177,7 @@ impl SlotWords {
 
     /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the slot no longer has this
     /// generation (any, for `None`).
-    pub(crate) fn touch(&self, generation: Option<u32>, sequence: u64) -> bool {
+    pub(crate) fn touch(&self, generation: Option<Generation>, sequence: u64) -> bool {
         let mut word = self.usage.load(Ordering::Relaxed);
         loop {
             let before = Use::unpack(word);
@@ -201,13 +214,16 @@ impl SlotWords {
     }
 
     /// Whether the slot holds the tile of this generation, readable.
-    pub(crate) fn is_readable(&self, generation: u32) -> bool {
+    pub(crate) fn is_readable(&self, generation: Generation) -> bool {
         let usage = self.usage();
-        generation != 0 && usage.state.is_readable() && usage.is_of(generation) && self.generation() == generation
+        generation != Generation::NEVER_FILLED
+            && usage.state.is_readable()
+            && usage.is_of(generation)
+            && self.generation() == generation
     }
 
     /// State, node and generation that belong together. A slot that changes meanwhile is reported as being filled.
-    pub(crate) fn info(&self, slot: u32) -> SlotInfo {
+    pub(crate) fn info(&self, slot: SlotIndex) -> SlotInfo {
         let before = self.usage();
         // Relaxed, both: ordered by the Acquire before and the fence behind.
         let generation = self.generation();
@@ -217,7 +233,7 @@ impl SlotWords {
         let after = Use::unpack(self.usage.load(Ordering::Relaxed));
         let is_same = before.tag == after.tag && before.state.is_readable() == after.state.is_readable();
         let state = if is_same { after.state } else { SlotState::Filling };
-        let node = if generation == 0 { None } else { NodeId::unpack(node) };
+        let node = if generation == Generation::NEVER_FILLED { None } else { NodeId::unpack(node) };
         SlotInfo { slot, node, generation, state, last_used: after.sequence }
     }
 

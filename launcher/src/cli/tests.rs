@@ -33,10 +33,10 @@ fn negative_numbers_are_values() {
 #[test]
 fn the_arguments_of_other_programs_are_passed_on_as_they_are() {
     let words = ["ingest", "--elevation", "a.tif", "b.tif", "--help", "-o", "w.tv"];
-    let Command::Ingest(passed) = parse(&words).unwrap().command else { panic!("not ingest") };
-    assert_eq!(passed.arguments, words[1..]);
-    let Command::Synth(passed) = parse(&["synth", "--help"]).unwrap().command else { panic!("not synth") };
-    assert_eq!(passed.arguments, ["--help"]);
+    let Command::Ingest(args) = parse(&words).unwrap().command else { panic!("not ingest") };
+    assert_eq!(args.arguments, words[1..]);
+    let Command::Synth(args) = parse(&["synth", "--help"]).unwrap().command else { panic!("not synth") };
+    assert_eq!(args.arguments, ["--help"]);
 }
 
 #[test]

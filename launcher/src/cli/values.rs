@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 use std::time::Duration;
+use terravision_common::camera::MAX_SIDE_PX;
 
 /// Why a value of the command line is none.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -10,9 +11,6 @@ pub struct ValueError {
     /// What was expected, in words and with an example.
     pub expected: &'static str,
 }
-
-/// Most pixels along one side that a picture may have; the device may allow fewer.
-pub const MAX_SIDE_PX: u32 = 65_536;
 
 /// Width and height of a picture, pixels; both from 1 to [`MAX_SIDE_PX`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

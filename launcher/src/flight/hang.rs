@@ -13,54 +13,15 @@
 //! ten times as long as the slowest thing that it got done so far.
 
 use super::stage::StageProcess;
-use super::vitals::Mark;
+use crate::plan::supervision::HangRules;
+use crate::process::vitals::{BUSY, LONGEST_TICK, MARK_AFTER, Mark};
 use std::time::{Duration, Instant};
-use terravision_common::run::{OPEN_END, RunConfig};
 use terravision_common::shm::{Activity, Control, Stage};
 
 /// A stage that opens a device or a database gives no sign of life; it may take this long over its start.
 const START_PATIENCE: Duration = Duration::from_secs(60);
-/// Time that passes unseen is no silence of a stage: this program was stopped itself.
-pub(crate) const LONGEST_TICK: Duration = Duration::from_secs(1);
-/// Who computes has this many times as long: a frame may be very large, and the machine have other work.
-pub(crate) const BUSY: u32 = 20;
 /// Everybody has this many times as long as the slowest thing that it got done.
 const SLOWEST: u32 = 10;
-/// What a process had done is marked when it has been still for so long.
-const MARK_AFTER: Duration = Duration::from_millis(500);
-
-/// How long is waited for what.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct HangRules {
-    /// A stage, or ffmpeg, that gets nothing done for so long hangs.
-    pub after: Duration,
-    /// As long as requests to the database are out: they have timeouts of their own.
-    pub storage: Duration,
-    /// A camera comes within this time, when one is due.
-    pub camera: Duration,
-    /// The launcher has all cameras; else another program sends them, and may rest as long as it likes.
-    pub has_path: bool,
-}
-
-impl HangRules {
-    /// Nothing ever hangs.
-    pub const NEVER: Self =
-        Self { after: Duration::MAX, storage: Duration::MAX, camera: Duration::MAX, has_path: true };
-    /// A database on a disk that is slow has this long for one tile.
-    const DISK: Duration = Duration::from_secs(60);
-
-    /// For a run in which a stage hangs `after` so long.
-    #[must_use]
-    pub fn new(after: Duration, config: &RunConfig) -> Self {
-        // A read is asked again within three times what a request may take.
-        let request = Duration::from_millis(config.database.request_timeout_ms);
-        let storage = if config.database.is_remote() { request.saturating_mul(4) } else { Self::DISK };
-        let is_realtime = config.realtime.is_some();
-        let frame = if is_realtime { Duration::from_nanos(config.period_nanos() as u64) } else { Duration::ZERO };
-        let camera = after.max(frame.saturating_mul(3));
-        Self { after, storage: after.max(storage), camera, has_path: config.frames[1] != OPEN_END }
-    }
-}
 
 /// A stage that hangs.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,9 +5,9 @@ use super::progress::Progress;
 use crate::data_set::{FRAMES_FILE, FlownFrame, TRANSFORMS_FILE};
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
+use crate::measure::stats::RunStats;
 use crate::output::FrameFolder;
 use crate::plan::FlightPlan;
-use crate::report::RunFigures;
 use std::collections::BTreeSet;
 use terravision_common::camera::Camera;
 use terravision_common::run::OPEN_END;
@@ -66,12 +66,12 @@ impl Kept {
     ///
     /// # Errors
     /// The listing cannot be written.
-    pub fn list(&self, plan: &FlightPlan, figures: &RunFigures, progress: &Progress) -> Result<(), Failure> {
+    pub fn list(&self, plan: &FlightPlan, stats: &RunStats, progress: &Progress) -> Result<(), Failure> {
         let (Some(set), Some(frames)) = (&plan.data_set, &self.frames) else { return Ok(()) };
         if frames.is_empty() {
             return Ok(());
         }
-        let flown: Vec<FlownFrame> = flown(plan, figures).filter(|flown| frames.contains(&flown.frame)).collect();
+        let flown: Vec<FlownFrame> = flown(plan, stats).filter(|flown| frames.contains(&flown.frame)).collect();
         let listed = set.list(&flown, &plan.config.run_id).map_err(Failure::failed)?;
         let folder = set.folder();
         if listed.dropped > 0 {
@@ -86,15 +86,15 @@ impl Kept {
             "{} listed in {}{also}{}",
             super::frames(listed.frames as u64),
             folder.join(FRAMES_FILE).display(),
-            rate(set.plane_bytes(frames), figures)
+            rate(set.plane_bytes(frames), stats)
         ));
         Ok(())
     }
 }
 
 /// How fast planes were written: a clause.
-fn rate(bytes: u64, figures: &RunFigures) -> String {
-    let frames = &figures.collector.frames;
+fn rate(bytes: u64, stats: &RunStats) -> String {
+    let frames = &stats.collector.frames;
     let first = frames.iter().map(|frame| frame.draw_started_nanos).filter(|nanos| *nanos > 0).min();
     let last = frames.iter().map(|frame| frame.written_nanos).max();
     let seconds = first.zip(last).map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 / 1e9);
@@ -105,18 +105,18 @@ fn rate(bytes: u64, figures: &RunFigures) -> String {
 }
 
 /// The cameras of a flight, by frame: those of the plan, or those that came.
-fn flown<'a>(plan: &'a FlightPlan, figures: &'a RunFigures) -> impl Iterator<Item = FlownFrame> + 'a {
+fn flown<'a>(plan: &'a FlightPlan, stats: &'a RunStats) -> impl Iterator<Item = FlownFrame> + 'a {
     let (first, fps) = (plan.config.frames[0], plan.config.fps);
     let planned = (first..).zip(&plan.cameras);
     let planned = planned.map(move |(frame, camera)| FlownFrame { frame, time_s: frame as f64 / fps, camera: *camera });
-    let since = figures.poses.first().map_or(0, |first| first.camera.timestamp_nanos);
+    let since = stats.poses.first().map_or(0, |first| first.camera.timestamp_nanos);
     // A sender without a clock is taken to have that of this machine, from its first pose.
     let own = move |camera: &Camera| camera.timestamp_nanos.saturating_sub(since) as f64 / 1e9;
     let timed = move |flown: &FlownFrame| {
         let time_s = if flown.time_s.is_finite() { flown.time_s } else { own(&flown.camera) };
         FlownFrame { time_s, ..*flown }
     };
-    planned.chain(figures.poses.iter().map(timed))
+    planned.chain(stats.poses.iter().map(timed))
 }
 
 /// Where half files of killed stages may be.

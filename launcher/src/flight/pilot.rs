@@ -2,13 +2,13 @@
 //! those of the plan, or come from another program while it flies. In realtime mode it publishes where the camera is now:
 //! several times a frame along a path, or whenever a pose comes, whether anybody looks or not.
 
-use super::interrupt;
 use crate::data_set::FlownFrame;
 use crate::ground::WorldGround;
 use crate::input::{Incoming, LiveCamera};
 use crate::path::MAX_FRAMES;
 use crate::plan::FlightPlan;
-use crate::thread::in_thread;
+use crate::process::interrupt;
+use crate::process::thread::in_thread;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -39,7 +39,7 @@ const CUT: f64 = 8.0;
 #[derive(Debug)]
 pub struct Pilot {
     thread: JoinHandle<Flown>,
-    words: Receiver<String>,
+    messages: Receiver<String>,
     failure: Arc<OnceLock<ShmError>>,
 }
 
@@ -50,6 +50,17 @@ pub struct Flown {
     pub frames: Option<u64>,
     /// Their cameras, up to as many as a path may have.
     pub poses: Vec<FlownFrame>,
+}
+
+/// How a pilot ended.
+#[derive(Debug)]
+pub struct Landing {
+    /// Of a live input: what it has flown.
+    pub flown: Flown,
+    /// What it had to say and was not asked for.
+    pub messages: Vec<String>,
+    /// Why no pose could come any more, if that broke it off.
+    pub failure: Option<ShmError>,
 }
 
 /// What the pilot flies with.
@@ -79,7 +90,7 @@ impl Pilot {
         let failure = Arc::new(OnceLock::new());
         let first = plan.config.frames[0];
         let cockpit = Cockpit { control, ring, first, times, path, failure: Arc::clone(&failure) };
-        let (tell, words) = channel();
+        let (tell, messages) = channel();
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
         let thread = match plan.live.take() {
             Some(live) => {
@@ -100,7 +111,7 @@ impl Pilot {
                 })
             }
         }?;
-        Ok(Self { thread, words, failure })
+        Ok(Self { thread, messages, failure })
     }
 
     /// Why no pose can come any more, if none can: the run is to be broken off.
@@ -110,16 +121,17 @@ impl Pilot {
     }
 
     /// What it has to say since it was asked last.
-    pub fn words(&self) -> impl Iterator<Item = String> {
-        self.words.try_iter()
+    pub fn messages(&self) -> impl Iterator<Item = String> {
+        self.messages.try_iter()
     }
 
-    /// Waits for its end, which comes with the last camera or the end of the run. Of a live input: what it has flown; and
-    /// its last words. Also why no pose could come any more, if that broke it off.
-    pub fn join(self) -> (Flown, Vec<String>, Option<ShmError>) {
+    /// Waits for its end, which comes with the last camera or the end of the run.
+    #[must_use]
+    pub fn join(self) -> Landing {
         // It has nothing that can panic.
         let flown = self.thread.join().unwrap_or_default();
-        (flown, self.words.try_iter().collect(), Arc::into_inner(self.failure).and_then(OnceLock::into_inner))
+        let failure = Arc::into_inner(self.failure).and_then(OnceLock::into_inner);
+        Landing { flown, messages: self.messages.try_iter().collect(), failure }
     }
 }
 

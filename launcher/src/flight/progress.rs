@@ -44,7 +44,12 @@ impl Progress {
         self.line(&format!("terravision: warning: {text}"));
     }
 
-    /// Something that is good to know.
+    /// Something about the input that is good to know.
+    pub fn note(&self, text: &str) {
+        self.say(&format!("note: {text}"));
+    }
+
+    /// What happens.
     pub fn say(&self, text: &str) {
         if !self.is_quiet {
             self.line(&format!("terravision: {text}"));

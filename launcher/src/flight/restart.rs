@@ -1,7 +1,8 @@
 //! Starting stages again: which of those that died, how often, and how soon.
 
-use super::hang::{Hang, HangRules, HangWatch};
+use super::hang::{Hang, HangWatch};
 use super::stage::{StageProcess, StartError};
+use crate::plan::supervision::RestartRules;
 use rustix::process::Signal;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
@@ -13,20 +14,6 @@ const WINDOW: Duration = Duration::from_secs(60);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
 /// ... and at most this: what it lacks, memory say, may come back.
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(10);
-
-/// How stages of a run are started again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RestartRules {
-    /// Most restarts within a minute, and most between two pictures, of all stages together; 0 for none at all.
-    pub limit: u32,
-    /// Which stages hang; they are killed.
-    pub hang: HangRules,
-}
-
-impl RestartRules {
-    /// The first death ends the run, and nothing hangs.
-    pub const NONE: Self = Self { limit: 0, hang: HangRules::NEVER };
-}
 
 /// A stage that died, and what is to become of it.
 #[derive(Debug)]
@@ -67,7 +54,7 @@ impl std::fmt::Debug for Restarts<'_> {
 }
 
 impl<'a> Restarts<'a> {
-    /// `start` starts a stage, on the calling thread; `say` hears of every restart, in a sentence.
+    /// `start` starts a stage, on the calling thread; `say` hears of every restart.
     pub fn new(
         rules: RestartRules,
         start: &'a mut dyn FnMut(Stage) -> Result<StageProcess, StartError>,
@@ -128,7 +115,7 @@ impl<'a> Restarts<'a> {
         self.since_picture += 1;
         let back_off = self.back_off(stage, control.progress_of(stage));
         let soon = if back_off.is_zero() { String::new() } else { format!(" in {} s", back_off.as_secs_f64()) };
-        (self.say)(&format!("{}; it is started again{soon}", sentence(stage, how, &place.last_words())));
+        (self.say)(&format!("{}; it is started again{soon}", death_message(stage, how, &place.last_message())));
         self.waiting.push(Waiting { stage, due: now + back_off.max(least) });
         true
     }
@@ -186,13 +173,13 @@ impl<'a> Restarts<'a> {
     }
 }
 
-/// What happened to a stage, in words.
+/// What happened to a stage: how it died, and its last message.
 #[must_use]
-pub fn sentence(stage: Stage, how: &str, words: &str) -> String {
-    match words {
-        "" => format!("the {stage} {how}, without a word"),
-        words if how.contains("was ") => format!("the {stage} {how}; it said last: {words}"),
-        words => format!("the {stage} gave up: {words}"),
+pub fn death_message(stage: Stage, how: &str, message: &str) -> String {
+    match message {
+        "" => format!("the {stage} {how}; it left no message"),
+        message if how.contains("was ") => format!("the {stage} {how}; its last message: {message}"),
+        message => format!("the {stage} gave up: {message}"),
     }
 }
 
@@ -214,13 +201,13 @@ mod tests {
     }
 
     #[test]
-    fn deaths_are_told_in_a_sentence() {
-        let told = |how: &str, words: &str| sentence(Stage::Preparer, how, words);
+    fn a_death_is_one_sentence() {
+        let told = |how: &str, message: &str| death_message(Stage::Preparer, how, message);
         assert_eq!(
             told("was killed by signal 9 (KILL)", ""),
-            "the preparer was killed by signal 9 (KILL), without a word"
+            "the preparer was killed by signal 9 (KILL); it left no message"
         );
         assert_eq!(told("ended with exit code 1", "no room"), "the preparer gave up: no room");
-        assert!(told("was killed by signal 11", "oh").ends_with("; it said last: oh"));
+        assert!(told("was killed by signal 11", "oh").ends_with("; its last message: oh"));
     }
 }

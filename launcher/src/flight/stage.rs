@@ -1,6 +1,6 @@
-//! One stage process: started beside this program, watched by a pidfd, its last words kept.
+//! One stage process: started beside this program, watched by a pidfd, its last messages kept.
 
-use crate::thread::in_thread;
+use crate::process::thread::in_thread;
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use std::collections::VecDeque;
@@ -20,7 +20,7 @@ const KEPT_LINES: usize = 20;
 /// Longest line that is kept, bytes.
 const LINE_BYTES: u64 = 4096;
 /// How long the end of a dead stage's standard error is waited for: a child of it may hold it open.
-const LAST_WORDS_WAIT: Duration = Duration::from_millis(200);
+const LAST_MESSAGE_WAIT: Duration = Duration::from_millis(200);
 
 /// Why a stage does not start.
 #[derive(Debug, thiserror::Error)]
@@ -72,14 +72,14 @@ fn program_of(stage: Stage, programs: &Path) -> PathBuf {
 
 /// What a stage wrote to its standard error.
 #[derive(Debug, Default)]
-struct Words {
+struct Lines {
     lines: VecDeque<String>,
     is_over: bool,
 }
 
 #[derive(Debug, Default)]
-struct SharedWords {
-    words: Mutex<Words>,
+struct Messages {
+    kept: Mutex<Lines>,
     over: Condvar,
 }
 
@@ -89,7 +89,7 @@ pub struct StageProcess {
     stage: Stage,
     child: Child,
     pidfd: Option<OwnedFd>,
-    words: Arc<SharedWords>,
+    messages: Arc<Messages>,
     status: Option<ExitStatus>,
 }
 
@@ -113,15 +113,15 @@ impl StageProcess {
             // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read. That one of them has died is noticed elsewhere.
             drop(stdin.write_all(run.as_bytes()));
         }
-        let words = Arc::new(SharedWords::default());
+        let messages = Arc::new(Messages::default());
         let stderr = child.stderr.take();
         let pid = Pid::from_child(&child);
         // Dropped, it takes the process along.
-        let place = Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, words, status: None };
+        let place = Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, messages, status: None };
         if let Some(stderr) = stderr {
-            let words = Arc::clone(&place.words);
+            let messages = Arc::clone(&place.messages);
             // Ends with the pipe; nobody waits for it.
-            let listening = in_thread(stage.name(), move || listen(stage, stderr, &words));
+            let listening = in_thread(stage.name(), move || listen(stage, stderr, &messages));
             drop(listening.map_err(|source| StartError::Thread { stage, source })?);
         }
         Ok(place)
@@ -165,22 +165,22 @@ impl StageProcess {
         }
     }
 
-    /// What it said last, as one line; empty when it said nothing.
+    /// Its last message, as one line; empty when it had none.
     #[must_use]
-    pub fn last_words(&self) -> String {
-        let end = Instant::now() + LAST_WORDS_WAIT;
-        let mut words = self.words.words.lock().unwrap_or_else(PoisonError::into_inner);
-        while !words.is_over && Instant::now() < end {
+    pub fn last_message(&self) -> String {
+        let end = Instant::now() + LAST_MESSAGE_WAIT;
+        let mut kept = self.messages.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        while !kept.is_over && Instant::now() < end {
             let rest = end.saturating_duration_since(Instant::now());
-            words = self.words.over.wait_timeout(words, rest).unwrap_or_else(PoisonError::into_inner).0;
+            kept = self.messages.over.wait_timeout(kept, rest).unwrap_or_else(PoisonError::into_inner).0;
         }
-        last_words(words.lines.iter().map(String::as_str))
+        last_message(kept.lines.iter().map(String::as_str))
     }
 
     /// All lines that were kept.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
-        self.words.words.lock().unwrap_or_else(PoisonError::into_inner).lines.iter().cloned().collect()
+        self.messages.kept.lock().unwrap_or_else(PoisonError::into_inner).lines.iter().cloned().collect()
     }
 }
 
@@ -193,8 +193,8 @@ impl Drop for StageProcess {
     }
 }
 
-/// The last thing that a process said: the last line, or what it said of a fault of its own.
-fn last_words<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> String {
+/// The last message of a process: its last line, or what it wrote about a fault of its own.
+fn last_message<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> String {
     let worth = |line: &&str| !line.trim().is_empty() && !line.starts_with("note: ");
     let lines: Vec<&str> = lines.filter(worth).collect();
     let from = lines.iter().rposition(|line| is_fault(line)).unwrap_or(lines.len().saturating_sub(1));
@@ -221,7 +221,7 @@ fn without_echo(text: &str) -> String {
     said
 }
 
-fn listen(stage: Stage, stderr: ChildStderr, shared: &SharedWords) {
+fn listen(stage: Stage, stderr: ChildStderr, messages: &Messages) {
     let is_passed_on = std::env::var_os("TERRAVISION_LOG").is_some_and(|value| value == "stages");
     let mut reader = BufReader::new(stderr);
     let mut line = Vec::new();
@@ -231,15 +231,15 @@ fn listen(stage: Stage, stderr: ChildStderr, shared: &SharedWords) {
         if is_passed_on {
             complain(&format!("{stage}: {text}"));
         }
-        let mut words = shared.words.lock().unwrap_or_else(PoisonError::into_inner);
-        if words.lines.len() == KEPT_LINES {
-            words.lines.pop_front();
+        let mut kept = messages.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.lines.len() == KEPT_LINES {
+            kept.lines.pop_front();
         }
-        words.lines.push_back(text);
+        kept.lines.push_back(text);
         line.clear();
     }
-    shared.words.lock().unwrap_or_else(PoisonError::into_inner).is_over = true;
-    shared.over.notify_all();
+    messages.kept.lock().unwrap_or_else(PoisonError::into_inner).is_over = true;
+    messages.over.notify_all();
 }
 
 #[cfg(test)]
@@ -247,11 +247,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn last_words_are_the_last_line_or_a_whole_panic() {
-        assert_eq!(last_words(["a", "cannot do it", "", " "].into_iter()), "cannot do it");
+    fn the_last_message_is_the_last_line_or_a_whole_panic() {
+        assert_eq!(last_message(["a", "cannot do it", "", " "].into_iter()), "cannot do it");
         let panic = ["a", "thread 'main' panicked at x.rs:1:2:", "oh no", "note: run with `RUST_BACKTRACE=1`"];
-        assert_eq!(last_words(panic.into_iter()), "thread 'main' panicked at x.rs:1:2: oh no");
-        assert_eq!(last_words([].into_iter()), "");
-        assert_eq!(last_words(["cannot write a: full: full"].into_iter()), "cannot write a: full");
+        assert_eq!(last_message(panic.into_iter()), "thread 'main' panicked at x.rs:1:2: oh no");
+        assert_eq!(last_message([].into_iter()), "");
+        assert_eq!(last_message(["cannot write a: full: full"].into_iter()), "cannot write a: full");
     }
 }

@@ -2,9 +2,8 @@
 
 use super::Incoming;
 use super::message::{Message, SentPose};
-use crate::ground::{self, CLEARANCE_M};
+use crate::ground::{self, CLEARANCE_M, FAR_FROM_WORLD};
 use crate::path::{Ground, Pose, orbit::Extent};
-use crate::plan::FAR_FROM_WORLD;
 use glam::DVec3;
 use std::fmt;
 use terravision_common::camera::Camera;

@@ -11,6 +11,7 @@ use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess,
 use serde_json::value::RawValue;
 use std::fmt;
 use std::path::Path;
+use terravision_common::camera::MAX_SIDE_PX;
 
 /// Most keyframes that are read.
 const MAX_KEYFRAMES: usize = 1_000_000;
@@ -268,9 +269,7 @@ fn number(raw: &RawValue) -> Option<f64> {
 
 fn pixels(raw: &RawValue) -> Option<u32> {
     // A whole number, also written as 1280.0, as some programs do.
-    number(raw)
-        .filter(|v| v.fract() == 0.0 && (1.0..=f64::from(crate::cli::values::MAX_SIDE_PX)).contains(v))
-        .map(|v| v as u32)
+    number(raw).filter(|v| v.fract() == 0.0 && (1.0..=f64::from(MAX_SIDE_PX)).contains(v)).map(|v| v as u32)
 }
 
 /// Reads the values of one object.

@@ -4,8 +4,8 @@
 
 use super::StreamError;
 use super::film::FilmFormat;
-use crate::flight::supervisor::signal_name;
-use crate::thread::in_thread;
+use crate::process::signals::killed_by;
+use crate::process::thread::in_thread;
 use rustix::process::{Pid, Signal, kill_process_group};
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -94,8 +94,8 @@ impl Encoder {
         match words.lines().rev().find(|line| !line.trim().is_empty()) {
             None => match status.map(|status| (status.success(), status.signal())) {
                 Ok((true, _)) => Ok(()),
-                Ok((_, Some(signal))) => Err(format!("it was killed by signal {signal}{}", signal_name(signal))),
-                _ => Err("it ended without a word".to_owned()),
+                Ok((_, Some(signal))) => Err(format!("it {}", killed_by(signal))),
+                _ => Err("it ended and left no message".to_owned()),
             },
             Some(line) => Err(line.trim().to_owned()),
         }

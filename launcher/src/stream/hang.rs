@@ -2,13 +2,9 @@
 
 use super::StreamKeeper;
 use super::encoder::kill_group;
-use crate::flight::hang::{BUSY, LONGEST_TICK};
-use crate::flight::vitals::Mark;
+use crate::process::vitals::{BUSY, LONGEST_TICK, MARK_AFTER, Mark};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
-
-/// What the encoder had done is marked when it has been still for so long.
-const MARK_AFTER: Duration = Duration::from_millis(500);
 
 /// Watches the encoder of a film, and kills it when it hangs. While it computes, reads or writes, or waits for a disk, it is slow
 /// and has longer. Time counts as that of stages ([`crate::flight::hang`]).

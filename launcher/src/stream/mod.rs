@@ -12,7 +12,7 @@ pub mod film;
 pub mod hang;
 pub mod relay;
 
-use crate::thread::in_thread;
+use crate::process::thread::in_thread;
 use encoder::Encoder;
 use film::FilmFormat;
 use hang::EncoderWatch;

@@ -5,8 +5,9 @@ use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Layer;
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
-use terravision_common::outcome::{Outcome, TileOutcome, may_come};
+use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{
     Activity, Consumer, Control, PoolIndex, PoolReader, RunId, SegmentKind, ShmError, Stage, WAIT_BOUND, WaitError,
     WantHead, WantListWriter,
@@ -31,7 +32,7 @@ pub struct WantedTiles {
     asked: HashSet<Tile>,
     /// The list that is out is not what the frame lacks.
     is_stale: bool,
-    unavailable: HashMap<Tile, u8>,
+    unavailable: HashMap<Tile, TileFailure>,
     /// By layer: the completed sequence at which it had no room.
     no_room: [Option<u64>; 2],
     loading: usize,
@@ -102,13 +103,13 @@ impl WantedTiles {
         // What says nothing that can be is passed over: the tile is still missing, and will be asked for again.
         let Some((tile, outcome)) = outcome.read() else { return };
         match outcome {
-            Outcome::Resident { slot, generation } => {
-                if self.index_mut(tile.layer).note(tile.node, slot, generation) {
+            Outcome::Resident { key } => {
+                if self.index_mut(tile.layer).note(tile.node, key) {
                     self.unavailable.remove(&tile);
                 }
             }
-            Outcome::Unavailable { code } => {
-                self.unavailable.insert(tile, code);
+            Outcome::Unavailable { failure } => {
+                self.unavailable.insert(tile, failure);
             }
             Outcome::NoRoom { completed } => self.no_room[tile.layer as usize] = Some(completed),
         }
@@ -127,7 +128,7 @@ impl WantedTiles {
 }
 
 impl Tiles for WantedTiles {
-    fn color(&self, node: NodeId) -> Option<(u32, u32)> {
+    fn color(&self, node: NodeId) -> Option<SlotKey> {
         self.color.kept(node, self.sequence)
     }
 
@@ -148,8 +149,8 @@ impl TileLoader for WantedTiles {
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }
-        if let Some(code) = self.unavailable.get(&tile) {
-            return TileState::Unavailable { may_come: may_come(*code) };
+        if let Some(failure) = self.unavailable.get(&tile) {
+            return TileState::Unavailable { may_come: failure.may_pass() };
         }
         if self.has_no_room(tile.layer, control) {
             return TileState::NoRoom;

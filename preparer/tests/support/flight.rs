@@ -349,7 +349,7 @@ impl Flight {
         let [m, n] = tile.color_origin.map(|c| c / side);
         let node = NodeId::new(m, n, tile.color_level).expect("an id");
         assert!(!self.source.is_missing(Tile { layer: Layer::Color, node }));
-        let found = colors.bytes(tile.color_slot, tile.color_generation).expect("resident");
+        let found = colors.bytes(tile.color()).expect("resident");
         let mut expected = vec![0; found.len()];
         self.source.terrain.read_color(node, &mut expected, &mut TileScratch::default()).expect("always");
         assert_eq!(found[..4], expected[..4], "the slot of {node} holds another tile");

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};
 use terravision_common::camera::Camera;
 use terravision_common::database::{TileScratch, TileSource};
+use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
 use terravision_common::slot::{SlotContent, TileSlot};
@@ -117,7 +118,7 @@ impl Case {
             let hash = |salt: u64| ((node.pack() ^ self.seed ^ salt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as u8;
             let is_there = |salt| node == self.world.root() || hash(salt) >= self.missing;
             if self.world.has_color(node) && is_there(1) {
-                tiles.color.insert(node, (hash(3).into(), 1));
+                tiles.color.insert(node, SlotKey::new(hash(3).into(), 1));
             }
             if self.world.has_elevation(node) && is_there(2) {
                 let mut out = vec![0.0; posts];
@@ -147,11 +148,11 @@ impl Case {
 #[derive(Debug, Clone)]
 pub struct SomeTiles {
     pub elevation: HashMap<NodeId, Vec<f32>>,
-    pub color: HashMap<NodeId, (u32, u32)>,
+    pub color: HashMap<NodeId, SlotKey>,
 }
 
 impl Tiles for SomeTiles {
-    fn color(&self, node: NodeId) -> Option<(u32, u32)> {
+    fn color(&self, node: NodeId) -> Option<SlotKey> {
         self.color.get(&node).copied()
     }
 

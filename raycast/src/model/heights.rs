@@ -1,4 +1,4 @@
-//! The height of the ground at a point, linear on facets as everywhere (`terravision_common::facet`).
+//! The height of the ground at a point, linear on facets as everywhere (`terravision_common::surface::facet`).
 
 use super::Ground;
 use super::tile::Tile;

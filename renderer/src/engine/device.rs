@@ -188,18 +188,18 @@ impl DeviceEngine {
         // Colours.
         let before = monotonic_nanos();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let (slot, generation) = (tile.color_slot, tile.color_generation);
-            if colors.holds(slot, generation) {
+            let key = tile.color();
+            if colors.holds(key) {
                 continue;
             }
             let is_there = if colors.is_imported() {
-                match source.color_offset(slot, generation) {
-                    Some(offset) => colors.upload_imported(slot, generation, offset).map(|()| true)?,
+                match source.color_offset(key) {
+                    Some(offset) => colors.upload_imported(key, offset).map(|()| true)?,
                     None => false,
                 }
             } else {
-                let room = colors.upload_staged(&recording, slot, generation)?;
-                source.read_color(slot, generation, room)
+                let room = colors.upload_staged(&recording, key)?;
+                source.read_color(key, room)
             };
             if !is_there {
                 let fault = TileFault::Stale;

@@ -225,7 +225,7 @@ impl RaysEngine {
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let colors = source.color(tile.color_slot, tile.color_generation);
+            let colors = source.color(tile.color());
             layers.push(colors.ok_or_else(|| fail(index, TileFault::Stale))?);
         }
         let prepared_nanos = monotonic_nanos();
@@ -251,7 +251,7 @@ impl RaysEngine {
         }
         for (index, tile) in frame.tiles.iter().enumerate() {
             // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
-            if source.color(tile.color_slot, tile.color_generation).is_none() {
+            if source.color(tile.color()).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }
         }

@@ -12,6 +12,7 @@ use super::requirements::DeviceKind;
 use super::target::COLOR_FORMAT;
 use ash::vk;
 use std::sync::Arc;
+use terravision_common::ids::{Generation, SlotKey};
 use terravision_common::texels::{MipPlace, TexelFormat};
 use terravision_common::world::COLOR_MIPS;
 
@@ -41,7 +42,7 @@ pub struct ColorPool {
     /// Staging buffer of each frame slot, else.
     staging: Vec<Option<Buffer>>,
     /// Generation that each layer holds.
-    generations: Vec<Option<u32>>,
+    generations: Vec<Option<Generation>>,
     /// Copies of the frame being recorded.
     copies: Vec<vk::BufferImageCopy2<'static>>,
     staged_tiles: u64,
@@ -123,8 +124,8 @@ impl ColorPool {
 
     /// Whether the layer already holds this generation. A slot outside the pool holds nothing.
     #[must_use]
-    pub fn holds(&self, slot: u32, generation: u32) -> bool {
-        self.generations.get(slot as usize) == Some(&Some(generation))
+    pub fn holds(&self, key: SlotKey) -> bool {
+        self.generations.get(key.slot.index()) == Some(&Some(key.generation))
     }
 
     /// Has the tile at `offset` of the imported memory copied to its layer by the frame being recorded. The bytes must not
@@ -132,25 +133,20 @@ impl ColorPool {
     ///
     /// # Errors
     /// The slot or the offset lies outside, or nothing is imported.
-    pub fn upload_imported(&mut self, slot: u32, generation: u32, offset: u64) -> Result<(), GpuError> {
+    pub fn upload_imported(&mut self, key: SlotKey, offset: u64) -> Result<(), GpuError> {
         let limit = self.imported.as_ref().map_or(0, Buffer::len);
         let end = offset.saturating_add(self.tile_bytes);
         if end > limit || !offset.is_multiple_of(self.texels.unit_bytes()) {
             return Err(GpuError::TooMany { what: "bytes of the shared colour pool", found: end, limit });
         }
-        self.add_copies(slot, generation, offset)
+        self.add_copies(key, offset)
     }
 
     /// Room for a tile that the frame being recorded is to upload; the caller fills it: mips back to back, row 0 north.
     ///
     /// # Errors
     /// The slot lies outside, or out of memory.
-    pub fn upload_staged(
-        &mut self,
-        recording: &Recording<'_>,
-        slot: u32,
-        generation: u32,
-    ) -> Result<&mut [u8], GpuError> {
+    pub fn upload_staged(&mut self, recording: &Recording<'_>, key: SlotKey) -> Result<&mut [u8], GpuError> {
         let index = recording.slot_index();
         let (staging_count, limit) = (self.staging.len() as u64, self.staged_tiles);
         let Some(place) = self.staging.get_mut(index) else {
@@ -166,18 +162,18 @@ impl ColorPool {
             }
             *place = Some(grown);
         }
-        self.add_copies(slot, generation, offset)?;
+        self.add_copies(key, offset)?;
         self.staged_tiles += 1;
         let bytes = self.staging[index].as_mut().map_or(&mut [][..], Buffer::bytes_mut);
         Ok(&mut bytes[offset as usize..needed as usize])
     }
 
-    fn add_copies(&mut self, slot: u32, generation: u32, offset: u64) -> Result<(), GpuError> {
+    fn add_copies(&mut self, key: SlotKey, offset: u64) -> Result<(), GpuError> {
         let limit = u64::from(self.layers());
-        let Some(held) = self.generations.get_mut(slot as usize) else {
-            return Err(GpuError::TooMany { what: "colour slots", found: u64::from(slot) + 1, limit });
+        let Some(held) = self.generations.get_mut(key.slot.index()) else {
+            return Err(GpuError::TooMany { what: "colour slots", found: u64::from(key.slot.get()) + 1, limit });
         };
-        *held = Some(generation);
+        *held = Some(key.generation);
         // Rows are dense (of whole blocks), so no row length is named; a level whose side is no multiple of a block is
         // copied up to its edge, which Vulkan allows for the extent alone.
         for (mip, MipPlace { side, offset: start, .. }) in (0..).zip(self.texels.mips(self.side)) {
@@ -187,7 +183,7 @@ impl ColorPool {
                     .image_subresource(vk::ImageSubresourceLayers {
                         aspect_mask: vk::ImageAspectFlags::COLOR,
                         mip_level: mip,
-                        base_array_layer: slot,
+                        base_array_layer: key.slot.get(),
                         layer_count: 1,
                     })
                     .image_extent(vk::Extent3D { width: side, height: side, depth: 1 }),

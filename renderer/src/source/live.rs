@@ -4,6 +4,7 @@ use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
+use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
     Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
@@ -142,17 +143,17 @@ impl FrameSource for LiveSource {
         Ok(true)
     }
 
-    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
-        self.colors.bytes(slot, generation)?;
-        self.colors.slot_offset(slot)
+    fn color_offset(&mut self, key: SlotKey) -> Option<u64> {
+        self.colors.bytes(key)?;
+        self.colors.slot_offset(key.slot)
     }
 
-    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
-        self.colors.bytes(slot, generation)?.bytes().get(..self.tile_bytes as usize)
+    fn color(&self, key: SlotKey) -> Option<&[u8]> {
+        self.colors.bytes(key)?.bytes().get(..self.tile_bytes as usize)
     }
 
-    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
-        let Some(tile) = self.colors.bytes(slot, generation) else { return false };
+    fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool {
+        let Some(tile) = self.colors.bytes(key) else { return false };
         let Some(bytes) = tile.bytes().get(..out.len().min(self.tile_bytes as usize)) else { return false };
         out[..bytes.len()].copy_from_slice(bytes);
         tile.is_still_valid()

@@ -10,6 +10,7 @@ pub use recorder::Recorder;
 
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
+use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{Activity, Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
@@ -126,13 +127,13 @@ pub trait FrameSource {
     fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError>;
 
     /// Byte offset of a colour tile in [`FrameSource::color_memory`]; `None` when the slot holds another generation.
-    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64>;
+    fn color_offset(&mut self, key: SlotKey) -> Option<u64>;
 
     /// A colour tile with its mips, in place; `None` when the slot holds another generation.
-    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]>;
+    fn color(&self, key: SlotKey) -> Option<&[u8]>;
 
     /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
-    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool;
+    fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool;
 
     /// Position of the slot that comes next; counts up over all slots.
     fn position(&self) -> u64;

@@ -5,6 +5,7 @@ use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
 use terravision_common::event::Event;
+use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
@@ -31,8 +32,8 @@ pub struct Recording {
     elevations: HostMemory,
     arrays: u64,
     colors: HostMemory,
-    /// Where the tile of a slot and generation lies.
-    color_offsets: HashMap<(u32, u32), u64>,
+    /// Where each colour tile lies.
+    color_offsets: HashMap<SlotKey, u64>,
     color_slots: u32,
 }
 
@@ -64,7 +65,7 @@ pub struct RecordingBuilder {
     frames: Vec<RecordedFrame>,
     elevations: Vec<f32>,
     colors: Vec<u8>,
-    color_offsets: HashMap<(u32, u32), u64>,
+    color_offsets: HashMap<SlotKey, u64>,
     color_slots: u32,
 }
 
@@ -106,15 +107,15 @@ impl RecordingBuilder {
 
     /// Whether the tile is there already.
     #[must_use]
-    pub fn has_color(&self, slot: u32, generation: u32) -> bool {
-        self.color_offsets.contains_key(&(slot, generation))
+    pub fn has_color(&self, key: SlotKey) -> bool {
+        self.color_offsets.contains_key(&key)
     }
 
     /// Adds a colour tile: its mips back to back, row 0 north, in the recording's format.
-    pub fn add_color(&mut self, slot: u32, generation: u32, texels: &[u8]) {
-        self.color_offsets.insert((slot, generation), self.colors.len() as u64);
+    pub fn add_color(&mut self, key: SlotKey, texels: &[u8]) {
+        self.color_offsets.insert(key, self.colors.len() as u64);
         self.colors.extend_from_slice(texels);
-        self.color_slots = self.color_slots.max(slot + 1);
+        self.color_slots = self.color_slots.max(key.slot.get().saturating_add(1));
     }
 
     /// Adds a frame.
@@ -254,19 +255,19 @@ impl FrameSource for RecordedSource {
         Ok(true)
     }
 
-    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
-        self.recording.color_offsets.get(&(slot, generation)).copied()
+    fn color_offset(&mut self, key: SlotKey) -> Option<u64> {
+        self.recording.color_offsets.get(&key).copied()
     }
 
-    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
-        let offset = *self.recording.color_offsets.get(&(slot, generation))? as usize;
+    fn color(&self, key: SlotKey) -> Option<&[u8]> {
+        let offset = *self.recording.color_offsets.get(&key)? as usize;
         let Recording { world, texels, .. } = &*self.recording;
         let bytes = texels.tile_bytes(world.color_stored()) as usize;
         self.recording.colors.constant_bytes()?.get(offset..offset + bytes)
     }
 
-    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
-        let Some(offset) = self.color_offset(slot, generation) else { return false };
+    fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool {
+        let Some(offset) = self.color_offset(key) else { return false };
         let all = self.recording.colors.constant_bytes().unwrap_or_default();
         let Some(bytes) = all.get(offset as usize..offset as usize + out.len()) else { return false };
         out.copy_from_slice(bytes);

@@ -3,6 +3,7 @@
 use super::{Done, FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
+use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot};
@@ -65,11 +66,9 @@ impl<S: FrameSource> Recorder<S> {
                 }
                 let mut tiles = self.tiles.clone();
                 for tile in &mut tiles {
-                    let (slot, generation) = (tile.color_slot, tile.color_generation);
-                    if !self.builder.has_color(slot, generation)
-                        && self.inner.read_color(slot, generation, &mut self.texels)
-                    {
-                        self.builder.add_color(slot, generation, &self.texels);
+                    let key = tile.color();
+                    if !self.builder.has_color(key) && self.inner.read_color(key, &mut self.texels) {
+                        self.builder.add_color(key, &self.texels);
                     }
                     tile.elevation_position = tile.elevation_position.wrapping_sub(start).wrapping_add(first);
                 }
@@ -118,16 +117,16 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.read_elevation(position, out)
     }
 
-    fn color_offset(&mut self, slot: u32, generation: u32) -> Option<u64> {
-        self.inner.color_offset(slot, generation)
+    fn color_offset(&mut self, key: SlotKey) -> Option<u64> {
+        self.inner.color_offset(key)
     }
 
-    fn color(&self, slot: u32, generation: u32) -> Option<&[u8]> {
-        self.inner.color(slot, generation)
+    fn color(&self, key: SlotKey) -> Option<&[u8]> {
+        self.inner.color(key)
     }
 
-    fn read_color(&mut self, slot: u32, generation: u32, out: &mut [u8]) -> bool {
-        self.inner.read_color(slot, generation, out)
+    fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool {
+        self.inner.read_color(key, out)
     }
 
     fn position(&self) -> u64 {

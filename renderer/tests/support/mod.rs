@@ -5,6 +5,7 @@ use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
+use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
@@ -141,7 +142,7 @@ impl<'a> Scene<'a> {
             texels.resize(self.texels.tile_bytes(side) as usize, 0);
             compress_tile(&rgba, side, &mut texels);
         }
-        self.builder.add_color(slot, 1, &texels);
+        self.builder.add_color(SlotKey::new(slot, 1), &texels);
         slot
     }
 

@@ -1,6 +1,7 @@
 //! Pool slots: shown when whole, filled anew when no frame reads them.
 
 use super::model;
+use crate::ids::{Generation, SlotIndex};
 use crate::node::NodeId;
 use crate::shm::slot_words::{SlotState, SlotWords};
 use loom::cell::UnsafeCell;
@@ -24,7 +25,7 @@ impl HeapPool {
     /// A slot that holds the tile of node 1, generation 1, wanted last by frame `sequence`.
     fn with_tile(sequence: u64) -> Arc<Self> {
         let pool = Self { words: SlotWords::new(), tile: UnsafeCell::new(0), completed: AtomicU64::new(0) };
-        assert_eq!(pool.words.claim(node(1), sequence, 0), Some(1));
+        assert_eq!(pool.words.claim(node(1), sequence, 0), Some(Generation::new(1)));
         pool.fill(1);
         pool.words.publish();
         Arc::new(pool)
@@ -60,7 +61,7 @@ fn loom_pool_shows_a_tile_only_when_it_is_whole() {
             assert_eq!(pool.read(), 7);
         }
         filler.join().unwrap();
-        let info = pool.words.info(0);
+        let info = pool.words.info(SlotIndex::new(0));
         assert_eq!((info.state, info.last_used, info.node), (SlotState::Ready, 5, Some(node(7))));
     });
 }
@@ -72,7 +73,7 @@ fn loom_pool_refills_no_slot_that_a_frame_in_flight_reads() {
         let renderer = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
-                assert!(pool.words.is_readable(1));
+                assert!(pool.words.is_readable(Generation::new(1)));
                 assert_eq!(pool.read(), 1);
                 // SYNC control.completed.
                 pool.completed.fetch_max(1, Ordering::Release);
@@ -80,7 +81,7 @@ fn loom_pool_refills_no_slot_that_a_frame_in_flight_reads() {
         };
         let completed = pool.completed.load(Ordering::Acquire);
         if let Some(generation) = pool.words.claim(node(2), 2, completed) {
-            assert_eq!(generation, 2);
+            assert_eq!(generation, Generation::new(2));
             pool.fill(2);
             pool.words.publish();
         }
@@ -96,8 +97,8 @@ fn loom_pool_lets_either_the_wish_or_the_eviction_win() {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
                 // Frame 2 wants the tile. When that was in time, the tile stays until frame 2 is completed.
-                let is_kept = pool.words.touch(Some(1), 2);
-                if is_kept && pool.words.is_readable(1) {
+                let is_kept = pool.words.touch(Some(Generation::new(1)), 2);
+                if is_kept && pool.words.is_readable(Generation::new(1)) {
                     assert_eq!(pool.read(), 1);
                 } else {
                     assert!(!is_kept, "a tile that was to stay is gone");
@@ -120,13 +121,13 @@ fn loom_pool_reports_node_and_generation_that_belong_together() {
         let writer = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
-                assert_eq!(pool.words.claim(node(2), 2, 1), Some(2));
+                assert_eq!(pool.words.claim(node(2), 2, 1), Some(Generation::new(2)));
                 pool.words.publish();
             })
         };
-        let info = pool.words.info(0);
+        let info = pool.words.info(SlotIndex::new(0));
         if info.state.is_readable() {
-            assert_eq!(info.node, Some(node(info.generation)));
+            assert_eq!(info.node, Some(node(info.generation.get())));
         }
         writer.join().unwrap();
     });

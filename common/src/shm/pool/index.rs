@@ -2,6 +2,7 @@
 
 use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader};
+use crate::ids::{Generation, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
@@ -11,14 +12,14 @@ use std::hash::BuildHasherDefault;
 #[derive(Debug)]
 pub struct PoolIndex {
     reader: PoolReader,
-    slot_of: HashMap<u64, u32, BuildHasherDefault<NodeHasher>>,
+    slot_of: HashMap<u64, SlotIndex, BuildHasherDefault<NodeHasher>>,
     entries: Vec<Option<Entry>>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     node: NodeId,
-    generation: u32,
+    generation: Generation,
     /// Sequence of the last frame that this reader keeps it for; `None` before the first.
     kept_for: Option<u64>,
 }
@@ -33,7 +34,7 @@ impl PoolIndex {
         let mut index = Self { reader: reader.clone(), slot_of, entries: vec![None; capacity] };
         for info in reader.slots() {
             if let (Some(node), true) = (info.node, info.state.is_readable()) {
-                index.note(node, info.slot, info.generation);
+                index.note(node, info.key());
             }
         }
         index
@@ -45,13 +46,14 @@ impl PoolIndex {
         &self.reader
     }
 
-    /// A node's tile is said to be in a slot. `false` when it is not: it has gone again, or what was said cannot be.
-    pub fn note(&mut self, node: NodeId, slot: u32, generation: u32) -> bool {
+    /// A node's tile is said to lie there. `false` when it is not: it has gone again, or what was said cannot be.
+    pub fn note(&mut self, node: NodeId, key: SlotKey) -> bool {
+        let SlotKey { slot, generation } = key;
         let is_there = self
             .reader
             .info(slot)
-            .is_some_and(|info| info.node == Some(node) && info.generation == generation && info.state.is_readable());
-        let Some(entry) = self.entries.get_mut(slot as usize).filter(|_| is_there) else { return false };
+            .is_some_and(|info| info.node == Some(node) && info.key() == key && info.state.is_readable());
+        let Some(entry) = self.entries.get_mut(slot.index()).filter(|_| is_there) else { return false };
         let kept_for = entry.filter(|e| e.node == node && e.generation == generation).and_then(|e| e.kept_for);
         let before = entry.replace(Entry { node, generation, kept_for });
         if let Some(before) = before
@@ -66,29 +68,28 @@ impl PoolIndex {
     /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when it is not there.
     pub fn keep(&mut self, node: NodeId, sequence: u64) -> bool {
         let Some(&slot) = self.slot_of.get(&node.pack()) else { return false };
-        let Some(Some(entry)) = self.entries.get_mut(slot as usize) else { return false };
+        let Some(Some(entry)) = self.entries.get_mut(slot.index()) else { return false };
         // The wish first, then the look: what is readable after the wish stays so.
-        let is_kept =
-            self.reader.touch(slot, entry.generation, sequence) && self.reader.bytes(slot, entry.generation).is_some();
+        let key = SlotKey { slot, generation: entry.generation };
+        let is_kept = self.reader.touch(key, sequence) && self.reader.bytes(key).is_some();
         if is_kept {
             entry.kept_for = Some(sequence);
         }
         is_kept
     }
 
-    /// Slot and generation of a node's tile, if it is kept for frame `sequence`. One that came after the frame looked
+    /// Where a node's tile lies, if it is kept for frame `sequence`. One that came after the frame looked
     /// is not: it might go while the frame is drawn.
     #[must_use]
-    pub fn kept(&self, node: NodeId, sequence: u64) -> Option<(u32, u32)> {
+    pub fn kept(&self, node: NodeId, sequence: u64) -> Option<SlotKey> {
         let slot = *self.slot_of.get(&node.pack())?;
-        let entry = self.entries.get(slot as usize)?.filter(|entry| entry.kept_for == Some(sequence))?;
-        Some((slot, entry.generation))
+        let entry = self.entries.get(slot.index())?.filter(|entry| entry.kept_for == Some(sequence))?;
+        Some(SlotKey { slot, generation: entry.generation })
     }
 
     /// The bytes of a node's tile, if it is kept for frame `sequence`.
     #[must_use]
     pub fn bytes(&self, node: NodeId, sequence: u64) -> Option<PoolBytes<'_>> {
-        let (slot, generation) = self.kept(node, sequence)?;
-        self.reader.bytes(slot, generation)
+        self.reader.bytes(self.kept(node, sequence)?)
     }
 }

@@ -1,6 +1,7 @@
 //! The pool as its readers see it.
 
 use super::{check_is_pool, table};
+use crate::ids::{Generation, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::Segment;
@@ -50,8 +51,9 @@ impl PoolReader {
 
     /// Bytes from the start of the segment to the slot; `None` for a slot that does not exist.
     #[must_use]
-    pub fn slot_offset(&self, slot: u32) -> Option<u64> {
-        (u64::from(slot) < self.segment.geometry().capacity).then(|| self.segment.item_offset(slot.into()))
+    pub fn slot_offset(&self, slot: SlotIndex) -> Option<u64> {
+        let slot = u64::from(slot.get());
+        (slot < self.segment.geometry().capacity).then(|| self.segment.item_offset(slot))
     }
 
     /// The whole segment, for import into a device: address and length are multiples of 4096.
@@ -60,51 +62,59 @@ impl PoolReader {
         SegmentMemory::new(&self.segment)
     }
 
-    /// The tile of this generation in this slot, in place; `None` when the slot does not exist or holds another.
+    /// The tile of this key, in place; `None` when its slot does not exist or holds another.
     ///
     /// The bytes stay as they are while a frame that wanted the slot is not completed: read them for such frames only.
     #[must_use]
-    pub fn bytes(&self, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
-        bytes(&self.segment, slot, generation)
+    pub fn bytes(&self, key: SlotKey) -> Option<PoolBytes<'_>> {
+        bytes(&self.segment, key)
     }
 
     /// What a slot holds; `None` for a slot that does not exist.
     #[must_use]
-    pub fn info(&self, slot: u32) -> Option<SlotInfo> {
-        table(&self.segment).get(slot as usize).map(|words| words.info(slot))
+    pub fn info(&self, slot: SlotIndex) -> Option<SlotInfo> {
+        table(&self.segment).get(slot.index()).map(|words| words.info(slot))
     }
 
     /// What the slots hold, each read consistently for itself.
     pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
-        (0u32..).zip(table(&self.segment)).map(|(slot, words)| words.info(slot))
+        slots(&self.segment)
     }
 
-    /// Slot and generation of a node's tile, if it is readable. Looks through the whole table.
+    /// Where a node's tile lies, if it is readable. Looks through the whole table.
     #[must_use]
-    pub fn find(&self, node: NodeId) -> Option<(u32, u32)> {
-        self.slots()
-            .find(|info| info.node == Some(node) && info.state.is_readable())
-            .map(|info| (info.slot, info.generation))
+    pub fn find(&self, node: NodeId) -> Option<SlotKey> {
+        self.slots().find(|info| info.node == Some(node) && info.state.is_readable()).map(|info| info.key())
     }
 
-    /// Frame `sequence` wants the tile of this generation: it stays until that frame is completed. `false` when it is
+    /// Frame `sequence` wants the tile of this key: it stays until that frame is completed. `false` when it is
     /// gone already.
     #[must_use]
-    pub fn touch(&self, slot: u32, generation: u32, sequence: u64) -> bool {
-        table(&self.segment).get(slot as usize).is_some_and(|words| words.touch(Some(generation), sequence))
+    pub fn touch(&self, key: SlotKey, sequence: u64) -> bool {
+        table(&self.segment).get(key.slot.index()).is_some_and(|words| words.touch(Some(key.generation), sequence))
     }
 }
 
-pub(super) fn bytes(segment: &Segment, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
-    let words = table(segment).get(slot as usize)?;
-    if !words.is_readable(generation) {
+/// What the slots of a pool hold, each read consistently for itself.
+pub(super) fn slots(segment: &Segment) -> impl Iterator<Item = SlotInfo> {
+    numbered(segment).map(|(slot, words)| words.info(slot))
+}
+
+/// The slots of a pool, with their numbers.
+pub(super) fn numbered(segment: &Segment) -> impl Iterator<Item = (SlotIndex, &SlotWords)> {
+    (0u32..).map(SlotIndex::new).zip(table(segment))
+}
+
+pub(super) fn bytes(segment: &Segment, key: SlotKey) -> Option<PoolBytes<'_>> {
+    let words = table(segment).get(key.slot.index())?;
+    if !words.is_readable(key.generation) {
         return None;
     }
-    let offset = segment.item_offset(slot.into());
+    let offset = segment.item_offset(key.slot.get().into());
     // SAFETY: published (SYNC pool.publish), and not filled anew before the frames that want it are completed, by the
     // protocol that `PoolReader::bytes` states.
     let bytes = unsafe { segment.region().slice(offset, segment.geometry().item_bytes) };
-    Some(PoolBytes { bytes, words, generation })
+    Some(PoolBytes { bytes, words, generation: key.generation })
 }
 
 /// The bytes of a tile in its slot.
@@ -112,7 +122,7 @@ pub(super) fn bytes(segment: &Segment, slot: u32, generation: u32) -> Option<Poo
 pub struct PoolBytes<'a> {
     bytes: &'a [u8],
     words: &'a SlotWords,
-    generation: u32,
+    generation: Generation,
 }
 
 impl<'a> PoolBytes<'a> {

@@ -1,8 +1,9 @@
 //! The pool as its only writer sees it: who is in it, and which slot is filled next.
 
 use super::node_hasher::NodeHasher;
-use super::reader::{PoolBytes, PoolReader, bytes};
+use super::reader::{PoolBytes, PoolReader, bytes, numbered, slots};
 use super::{check_is_pool, table};
+use crate::ids::{SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::{Role, RoleClaim, Segment};
@@ -22,13 +23,13 @@ const CANDIDATES: usize = 256;
 pub struct PoolWriter {
     place: Arc<WriterPlace>,
     /// Slot of each node that is in the pool or was put into a slot that has not been claimed again.
-    slot_of: HashMap<u64, u32, BuildHasherDefault<NodeHasher>>,
+    slot_of: HashMap<u64, SlotIndex, BuildHasherDefault<NodeHasher>>,
     /// The node that [`PoolWriter::slot_of`] has for each slot.
     node_of: Vec<Option<NodeId>>,
     /// Sequence at which each slot's tile was last expected ([`PoolWriter::expect`]).
     expected_at: Vec<u64>,
     /// Slots to claim next, the least recently wanted last, with the sequence that they had.
-    candidates: Vec<(u64, u32)>,
+    candidates: Vec<(u64, SlotIndex)>,
     /// The completed sequence of that look.
     looked_at: u64,
 }
@@ -41,8 +42,8 @@ struct WriterPlace {
 }
 
 impl WriterPlace {
-    fn words(&self, slot: u32) -> Option<&SlotWords> {
-        table(&self.segment).get(slot as usize)
+    fn words(&self, slot: SlotIndex) -> Option<&SlotWords> {
+        table(&self.segment).get(slot.index())
     }
 }
 
@@ -55,10 +56,8 @@ pub enum Residency {
     Filling,
     /// It is, and can be read.
     Resident {
-        /// Its slot.
-        slot: u32,
-        /// Its generation.
-        generation: u32,
+        /// Where it lies.
+        key: SlotKey,
     },
 }
 
@@ -81,7 +80,7 @@ impl PoolWriter {
         // Twice the room: a map of this fill never grows, it only cleans itself in place.
         let mut slot_of = HashMap::with_capacity_and_hasher(2 * capacity, BuildHasherDefault::default());
         let mut node_of = vec![None; capacity];
-        for ((slot, words), node_of) in (0u32..).zip(table(segment)).zip(&mut node_of) {
+        for ((slot, words), node_of) in numbered(segment).zip(&mut node_of) {
             words.recover();
             let info = words.info(slot);
             if let (Some(node), true) = (info.node, info.state.is_readable()) {
@@ -127,16 +126,16 @@ impl PoolWriter {
             super::SlotState::Free => Residency::Absent,
             super::SlotState::Filling => Residency::Filling,
             super::SlotState::Ready | super::SlotState::Locked => {
-                Residency::Resident { slot, generation: words.generation() }
+                Residency::Resident { key: SlotKey { slot, generation: words.generation() } }
             }
         }
     }
 
-    /// Slot and generation of a node's tile, if it can be read. Costs one look into a hash table.
+    /// Where a node's tile lies, if it can be read. Costs one look into a hash table.
     #[must_use]
-    pub fn find(&self, node: NodeId) -> Option<(u32, u32)> {
+    pub fn find(&self, node: NodeId) -> Option<SlotKey> {
         match self.residency(node) {
-            Residency::Resident { slot, generation } => Some((slot, generation)),
+            Residency::Resident { key } => Some(key),
             Residency::Absent | Residency::Filling => None,
         }
     }
@@ -155,7 +154,7 @@ impl PoolWriter {
     /// else one that was neither wanted nor expected since before `sequence`. Nothing but that order protects the tile.
     pub fn allocate_expected(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
         let guard = self.fill(node, 0, completed_sequence, sequence)?;
-        self.expected_at[guard.slot as usize] = sequence;
+        self.expected_at[guard.key.slot.index()] = sequence;
         Some(guard)
     }
 
@@ -163,16 +162,17 @@ impl PoolWriter {
         if self.residency(node) != Residency::Absent {
             return None;
         }
-        let (slot, generation) = self.claim(node, sequence, completed, limit)?;
-        self.expected_at[slot as usize] = 0;
-        let before = self.node_of.get_mut(slot as usize)?.replace(node);
+        let key = self.claim(node, sequence, completed, limit)?;
+        let slot = key.slot;
+        self.expected_at[slot.index()] = 0;
+        let before = self.node_of.get_mut(slot.index())?.replace(node);
         if let Some(before) = before
             && self.slot_of.get(&before.pack()) == Some(&slot)
         {
             self.slot_of.remove(&before.pack());
         }
         self.slot_of.insert(node.pack(), slot);
-        Some(FillGuard { place: Arc::clone(&self.place), slot, generation, is_open: true })
+        Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true })
     }
 
     /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that frame had wanted it.
@@ -180,7 +180,7 @@ impl PoolWriter {
     pub fn expect(&mut self, node: NodeId, sequence: u64) -> Residency {
         let residency = self.residency(node);
         if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
-            let at = &mut self.expected_at[slot as usize];
+            let at = &mut self.expected_at[slot.index()];
             *at = (*at).max(sequence);
         }
         residency
@@ -189,7 +189,7 @@ impl PoolWriter {
     /// Slots that [`PoolWriter::allocate_expected`] would take. Looks through the whole table.
     #[must_use]
     pub fn unexpected_slots(&self, sequence: u64, completed_sequence: u64) -> u32 {
-        let slots = (0u32..).zip(table(&self.place.segment));
+        let slots = numbered(&self.place.segment);
         slots.filter(|(slot, words)| self.rank(*slot, words, completed_sequence).is_some_and(|r| r < sequence)).count()
             as u32
     }
@@ -201,18 +201,18 @@ impl PoolWriter {
     }
 
     /// The frame as of which a reusable slot's tile was last wanted or expected; 0 for a free slot.
-    fn rank(&self, slot: u32, words: &SlotWords, completed: u64) -> Option<u64> {
+    fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: u64) -> Option<u64> {
         let usage = words.usage();
         match usage.state {
             super::SlotState::Free => Some(0),
             // Never 0: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
             // room only when no slot is free.
-            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot as usize]).max(1)),
+            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot.index()]).max(1)),
             _ => None,
         }
     }
 
-    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<(u32, u32)> {
+    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<SlotKey> {
         let mut looks = 0;
         loop {
             if self.candidates.is_empty() {
@@ -240,7 +240,7 @@ impl PoolWriter {
                 return None;
             }
             if let Some(generation) = words.claim(node, sequence, completed) {
-                return Some((slot, generation));
+                return Some(SlotKey { slot, generation });
             }
         }
     }
@@ -250,13 +250,13 @@ impl PoolWriter {
     fn find_candidates(&mut self, completed: u64) {
         self.looked_at = completed;
         let mut candidates = std::mem::take(&mut self.candidates);
-        for (slot, words) in (0u32..).zip(table(&self.place.segment)) {
+        for (slot, words) in numbered(&self.place.segment) {
             if let Some(rank) = self.rank(slot, words, completed) {
                 candidates.push((rank, slot));
             }
         }
         self.candidates = candidates;
-        let newest_first = |a: &(u64, u32), b: &(u64, u32)| b.cmp(a);
+        let newest_first = |a: &(u64, SlotIndex), b: &(u64, SlotIndex)| b.cmp(a);
         let surplus = self.candidates.len().saturating_sub(CANDIDATES);
         if surplus > 0 {
             self.candidates.select_nth_unstable_by(surplus, newest_first);
@@ -267,7 +267,7 @@ impl PoolWriter {
 
     /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it stays until that frame
     /// is completed. `false` when the slot holds nothing or does not exist.
-    pub fn touch(&self, slot: u32, sequence: u64) -> bool {
+    pub fn touch(&self, slot: SlotIndex, sequence: u64) -> bool {
         self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
     }
 
@@ -283,19 +283,19 @@ impl PoolWriter {
     }
 
     /// Keeps the tile in this slot for ever; `false` when the slot holds none.
-    pub fn lock(&self, slot: u32) -> bool {
+    pub fn lock(&self, slot: SlotIndex) -> bool {
         self.place.words(slot).is_some_and(SlotWords::lock)
     }
 
-    /// The tile of this generation in this slot, in place; `None` when the slot does not exist or holds another.
+    /// The tile of this key, in place; `None` when its slot does not exist or holds another.
     #[must_use]
-    pub fn bytes(&self, slot: u32, generation: u32) -> Option<PoolBytes<'_>> {
-        bytes(&self.place.segment, slot, generation)
+    pub fn bytes(&self, key: SlotKey) -> Option<PoolBytes<'_>> {
+        bytes(&self.place.segment, key)
     }
 
     /// What the slots hold.
     pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
-        (0u32..).zip(table(&self.place.segment)).map(|(slot, words)| words.info(slot))
+        slots(&self.place.segment)
     }
 }
 
@@ -304,28 +304,21 @@ impl PoolWriter {
 #[must_use]
 pub struct FillGuard {
     place: Arc<WriterPlace>,
-    slot: u32,
-    generation: u32,
+    key: SlotKey,
     is_open: bool,
 }
 
 impl FillGuard {
-    /// The slot.
+    /// Where the tile will lie.
     #[must_use]
-    pub fn slot(&self) -> u32 {
-        self.slot
-    }
-
-    /// The generation that the tile will have.
-    #[must_use]
-    pub fn generation(&self) -> u32 {
-        self.generation
+    pub fn key(&self) -> SlotKey {
+        self.key
     }
 
     /// The slot's bytes, with whatever an earlier tile left there.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         let segment = &self.place.segment;
-        let offset = segment.item_offset(self.slot.into());
+        let offset = segment.item_offset(self.key.slot.get().into());
         // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader takes a slot that is
         // being filled); the slice borrows `self`, the one guard of the slot.
         unsafe { segment.region().slice_mut(offset, segment.geometry().item_bytes) }
@@ -344,20 +337,20 @@ impl FillGuard {
         self.is_open = false;
     }
 
-    /// Makes the tile visible. Returns its slot and generation.
-    pub fn publish(mut self) -> (u32, u32) {
+    /// Makes the tile visible. Returns where it lies.
+    pub fn publish(mut self) -> SlotKey {
         self.is_open = false;
-        if let Some(words) = self.place.words(self.slot) {
+        if let Some(words) = self.place.words(self.key.slot) {
             words.publish();
         }
-        (self.slot, self.generation)
+        self.key
     }
 }
 
 impl Drop for FillGuard {
     fn drop(&mut self) {
         if self.is_open
-            && let Some(words) = self.place.words(self.slot)
+            && let Some(words) = self.place.words(self.key.slot)
         {
             words.abandon();
         }

@@ -63,8 +63,8 @@ fn frames_pass_without_an_allocation() {
                 assert_eq!(pool.touch_node(node, sequence), Residency::Absent);
                 let mut guard = pool.allocate(node, sequence, control.completed_sequence()).unwrap();
                 guard.bytes_mut().fill(1);
-                let (slot, generation) = guard.publish();
-                assert!(tiles.bytes(slot, generation).is_some());
+                let key = guard.publish();
+                assert!(tiles.bytes(key).is_some());
             }
             for _ in 0..4 {
                 arrays.begin(&control).unwrap().publish();

@@ -1,6 +1,7 @@
 //! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor hang.
 
 use crate::database::{Layer, Tile};
+use crate::ids::{SlotIndex, SlotKey};
 use crate::shm::control::{Control, Counter};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
@@ -151,23 +152,23 @@ proptest! {
         let reader = PoolReader::attach(&segment).unwrap();
         let node = crate::node::NodeId::new(node, 0, 0).unwrap();
         for info in reader.slots() {
-            if let Some(tile) = reader.bytes(info.slot, info.generation) {
+            if let Some(tile) = reader.bytes(info.key()) {
                 prop_assert_eq!(tile.bytes().len(), 100);
                 prop_assert_eq!(tile.f32().len(), 25);
             }
         }
-        prop_assert!(reader.bytes(slot as u32, generation).is_none_or(|tile| tile.len() == 100));
-        prop_assert_eq!(reader.slot_offset(slot as u32).is_some(), (slot as u32) < 4);
+        prop_assert!(reader.bytes(SlotKey::new(slot as u32, generation)).is_none_or(|tile| tile.len() == 100));
+        prop_assert_eq!(reader.slot_offset(SlotIndex::new(slot as u32)).is_some(), (slot as u32) < 4);
         // A writer that takes such a pool over works with what it finds.
         let mut writer = PoolWriter::attach(&segment).unwrap();
-        writer.touch(slot as u32, completed);
-        writer.lock(slot as u32);
+        writer.touch(SlotIndex::new(slot as u32), completed);
+        writer.lock(SlotIndex::new(slot as u32));
         black_box(reader.find(node));
         if let Some(mut guard) = writer.allocate(node, completed, completed) {
             guard.bytes_mut().fill(7);
             guard.f32_mut().fill(1.0);
-            let (slot, generation) = guard.publish();
-            prop_assert_eq!(writer.find(node), Some((slot, generation)));
+            let key = guard.publish();
+            prop_assert_eq!(writer.find(node), Some(key));
         }
         scribble(&segment, segment.geometry().table_offset, &table);
         black_box(writer.residency(node));
@@ -183,7 +184,7 @@ proptest! {
         scribble(&segment, segment.geometry().table_offset, &table);
         for (number, slot, generation, sequence) in told {
             let node = crate::node::NodeId::new(number, 0, 0).unwrap();
-            let is_there = index.note(node, slot, generation);
+            let is_there = index.note(node, SlotKey::new(slot, generation));
             prop_assert!(!is_there || slot < 4);
             index.keep(node, sequence);
             if let Some(tile) = index.bytes(node, sequence) {

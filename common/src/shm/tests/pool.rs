@@ -1,6 +1,7 @@
 //! The pool against a simple model, and what its writer and readers are promised.
 
 use super::within_deadline;
+use crate::ids::{Generation, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::kind::SegmentKind;
 use crate::shm::memory::{self, segment};
@@ -39,8 +40,7 @@ fn step() -> impl Strategy<Value = Step> {
 
 #[derive(Debug, Clone, Copy)]
 struct Entry {
-    slot: u32,
-    generation: u32,
+    key: SlotKey,
     last_used: u64,
     is_locked: bool,
 }
@@ -58,8 +58,8 @@ proptest! {
                 Step::NextFrame => sequence += 1,
                 Step::Complete { behind } => completed = completed.max(sequence.saturating_sub(behind + 1)),
                 Step::Lock { node: number } => {
-                    if let Some((slot, _)) = writer.find(node(number)) {
-                        prop_assert!(writer.lock(slot));
+                    if let Some(key) = writer.find(node(number)) {
+                        prop_assert!(writer.lock(key.slot));
                         model.get_mut(&number).unwrap().is_locked = true;
                     }
                 }
@@ -67,8 +67,7 @@ proptest! {
                     let residency = writer.touch_node(node(number), sequence);
                     if let Some(entry) = model.get_mut(&number) {
                         entry.last_used = sequence;
-                        let Entry { slot, generation, .. } = *entry;
-                        prop_assert_eq!(residency, Residency::Resident { slot, generation });
+                        prop_assert_eq!(residency, Residency::Resident { key: entry.key });
                         prop_assert!(writer.allocate(node(number), sequence, completed).is_none());
                         continue;
                     }
@@ -83,17 +82,17 @@ proptest! {
                     prop_assert_eq!(guard.is_some(), has_room);
                     let Some(mut guard) = guard else { continue };
                     // Whoever was in that slot was the least recently wanted, and only gone if no slot was free.
-                    let evicted = model.iter().find(|(_, entry)| entry.slot == guard.slot()).map(|(n, e)| (*n, *e));
+                    let evicted = model.iter().find(|(_, entry)| entry.key.slot == guard.key().slot).map(|(n, e)| (*n, *e));
                     if let Some((evicted, entry)) = evicted {
                         prop_assert_eq!(Some(entry.last_used), oldest);
                         prop_assert!(!entry.is_locked);
-                        prop_assert!(reader.bytes(entry.slot, entry.generation).is_none());
+                        prop_assert!(reader.bytes(entry.key).is_none());
                         model.remove(&evicted);
                     }
                     guard.bytes_mut().fill(number as u8);
                     if is_good {
-                        let (slot, generation) = guard.publish();
-                        model.insert(number, Entry { slot, generation, last_used: sequence, is_locked: false });
+                        let key = guard.publish();
+                        model.insert(number, Entry { key, last_used: sequence, is_locked: false });
                     } else {
                         drop(guard);
                         prop_assert_eq!(writer.residency(node(number)), Residency::Absent);
@@ -101,9 +100,9 @@ proptest! {
                 }
             }
             for (&number, entry) in &model {
-                let tile = reader.bytes(entry.slot, entry.generation).unwrap();
+                let tile = reader.bytes(entry.key).unwrap();
                 prop_assert!(tile.iter().all(|&byte| byte == number as u8));
-                prop_assert_eq!(reader.find(node(number)), Some((entry.slot, entry.generation)));
+                prop_assert_eq!(reader.find(node(number)), Some(entry.key));
             }
             prop_assert_eq!(reader.slots().filter(|info| info.state.is_readable()).count(), model.len());
         }
@@ -115,10 +114,10 @@ fn a_slot_given_up_is_found_again_even_when_all_others_are_wanted() {
     let (mut writer, _) = memory::pool(2, 64).unwrap();
     writer.allocate(node(1), 1, 0).unwrap().publish();
     drop(writer.allocate(node(2), 1, 0).unwrap());
-    let (slot, _) = writer.allocate(node(3), 1, 0).unwrap().publish();
+    let key = writer.allocate(node(3), 1, 0).unwrap().publish();
     assert!(writer.allocate(node(4), 1, 0).is_none(), "both slots are wanted by frame 1");
     assert_eq!(writer.find(node(2)), None);
-    assert_eq!(writer.find(node(3)).map(|(slot, _)| slot), Some(slot));
+    assert_eq!(writer.find(node(3)).map(|found| found.slot), Some(key.slot));
 }
 
 #[test]
@@ -128,26 +127,28 @@ fn a_tile_that_is_being_loaded_is_neither_evicted_nor_loaded_twice() {
     assert_eq!(writer.residency(node(1)), Residency::Filling);
     assert!(writer.allocate(node(1), 1, u64::MAX).is_none());
     assert!(writer.allocate(node(2), 9, u64::MAX).is_none());
-    assert!(reader.bytes(guard.slot(), guard.generation()).is_none());
+    assert!(reader.bytes(guard.key()).is_none());
     // Wanted by a later frame while it loads: it stays for that frame.
     assert_eq!(writer.touch_node(node(1), 5), Residency::Filling);
-    let (slot, generation) = guard.publish();
+    let key = guard.publish();
     assert!(writer.allocate(node(2), 6, 4).is_none());
-    assert!(reader.bytes(slot, generation).is_some_and(|tile| tile.is_still_valid()));
+    assert!(reader.bytes(key).is_some_and(|tile| tile.is_still_valid()));
     assert!(writer.allocate(node(2), 6, 5).is_some());
 }
 
 #[test]
 fn generations_tell_a_tile_from_the_one_before_it() {
     let (mut writer, reader) = memory::pool(1, 64).unwrap();
-    let (slot, first) = writer.allocate(node(1), 1, 0).unwrap().publish();
-    let (_, second) = writer.allocate(node(2), 2, 1).unwrap().publish();
-    assert_ne!(first, second);
-    assert!(reader.bytes(slot, first).is_none());
-    assert!(!reader.touch(slot, first, 9) && reader.touch(slot, second, 9));
-    assert!(reader.bytes(slot, second).is_some());
-    assert!(reader.bytes(1, second).is_none() && reader.bytes(slot, 0).is_none());
-    assert_eq!(reader.info(slot).unwrap().last_used, 9);
+    let first = writer.allocate(node(1), 1, 0).unwrap().publish();
+    let second = writer.allocate(node(2), 2, 1).unwrap().publish();
+    assert!(first.slot == second.slot && first.generation != second.generation);
+    assert!(reader.bytes(first).is_none());
+    assert!(!reader.touch(first, 9) && reader.touch(second, 9));
+    assert!(reader.bytes(second).is_some());
+    let [elsewhere, empty] =
+        [SlotKey { slot: SlotIndex::new(1), ..second }, SlotKey { generation: Generation::NEVER_FILLED, ..second }];
+    assert!(reader.bytes(elsewhere).is_none() && reader.bytes(empty).is_none());
+    assert_eq!(reader.info(second.slot).unwrap().last_used, 9);
 }
 
 #[test]
@@ -157,7 +158,7 @@ fn a_writer_that_takes_over_keeps_published_tiles_and_frees_half_filled_slots() 
     let kept = first.allocate(node(1), 1, 0).unwrap().publish();
     let mut guard = first.allocate(node(2), 1, 0).unwrap();
     guard.bytes_mut().fill(1);
-    let half_filled = guard.slot();
+    let half_filled = guard.key().slot;
     // A guard on another thread still has the writer's place.
     drop(first);
     assert!(PoolWriter::attach(&segment).is_err());
@@ -202,8 +203,8 @@ fn decoding_threads_fill_slots_while_the_writer_goes_on() {
             }
         });
         for number in 0..64 {
-            let (slot, generation) = writer.find(node(number)).unwrap();
-            assert!(reader.bytes(slot, generation).unwrap().iter().all(|&byte| byte == number as u8));
+            let key = writer.find(node(number)).unwrap();
+            assert!(reader.bytes(key).unwrap().iter().all(|&byte| byte == number as u8));
         }
     });
 }
@@ -214,7 +215,7 @@ fn expected_tiles_take_only_what_nobody_wants_or_expects_and_are_evicted_in_one_
     for number in 1..=3 {
         writer.allocate(node(number), u64::from(number), 0).unwrap().publish();
     }
-    let locked = writer.find(node(1)).unwrap().0;
+    let locked = writer.find(node(1)).unwrap().slot;
     assert!(writer.lock(locked));
     // A free slot first.
     assert_eq!(writer.unexpected_slots(5, 3), 3);
@@ -246,16 +247,16 @@ fn an_index_keeps_what_is_there_and_forgets_what_has_gone() {
     assert!(index.keep(node(1), 2));
     assert!(index.kept(node(1), 2).is_some() && index.kept(node(1), 3).is_none());
     let guard = writer.allocate(node(2), 2, 0).unwrap();
-    let (slot, generation) = (guard.slot(), guard.generation());
-    assert!(!index.note(node(2), slot, generation), "it is being filled");
+    let key = guard.key();
+    assert!(!index.note(node(2), key), "it is being filled");
     guard.publish();
-    assert!(!index.note(node(3), slot, generation) && !index.note(node(2), slot, generation + 1));
-    assert!(!index.note(node(2), 7, generation) && !index.keep(node(2), 2));
-    assert!(index.note(node(2), slot, generation) && index.keep(node(2), 2));
+    assert!(!index.note(node(3), key) && !index.note(node(2), SlotKey { generation: key.generation.next(), ..key }));
+    assert!(!index.note(node(2), SlotKey { slot: SlotIndex::new(7), ..key }) && !index.keep(node(2), 2));
+    assert!(index.note(node(2), key) && index.keep(node(2), 2));
     assert!(index.bytes(node(2), 2).is_some());
     // Kept for frame 2, both of them: nothing is evicted before it is completed.
     assert!(writer.allocate(node(4), 3, 1).is_none());
-    let (other, generation) = writer.allocate(node(4), 3, 2).unwrap().publish();
+    let other = writer.allocate(node(4), 3, 2).unwrap().publish();
     assert!(!index.keep(node(1), 3) || !index.keep(node(2), 3));
-    assert!(index.note(node(4), other, generation) && index.keep(node(4), 3));
+    assert!(index.note(node(4), other) && index.keep(node(4), 3));
 }

@@ -103,14 +103,8 @@ fn generate_and_prepare(run: &RunId) {
             control.wait_completed(control.completed_sequence() + 1).unwrap();
         };
         guard.bytes_mut().fill(frame as u8);
-        let (color_slot, color_generation) = guard.publish();
-        let tile = TileSlot {
-            node: node(frame).pack(),
-            elevation_position,
-            color_slot,
-            color_generation,
-            ..TileSlot::zeroed()
-        };
+        let key = guard.publish();
+        let tile = TileSlot { node: node(frame).pack(), elevation_position, ..TileSlot::zeroed() }.with_color(key);
         let end = FrameEnd { frame, elevation_end: elevation_position + 1, ..FrameEnd::zeroed() };
         ring.push_all(&[Slot::new(&SlotContent::Tile(tile)), Slot::new(&SlotContent::End(end))], &control).unwrap();
     }
@@ -145,7 +139,7 @@ fn frames_pass_from_process_to_process_through_every_segment() {
                 assert_eq!(tile.node, node(frame).pack());
                 let values = arrays.read_array(tile.elevation_position).unwrap().unwrap();
                 assert!(values.len() == 25 && values.iter().all(|&value| value == frame as f32));
-                let bytes = pool.bytes(tile.color_slot, tile.color_generation).unwrap();
+                let bytes = pool.bytes(tile.color()).unwrap();
                 assert!(bytes.iter().all(|&byte| byte == frame as u8));
                 let Some(SlotContent::End(end)) = ring.pop(&control).unwrap().read() else { panic!("no end") };
                 assert_eq!(end.frame, frame);

@@ -1,0 +1,130 @@
+//! Elevation between the posts of a tile: the height under a point, of the lattice or of the plane.
+//!
+//! Tiles and elevation arrays have `(cells + 1)²` numbers, row 0 the southern one.
+
+use super::LatticePoint;
+use super::facet::facet_linear;
+use crate::node::NodeId;
+use crate::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
+use crate::world::World;
+use glam::DVec2;
+
+mod sampler;
+
+pub use sampler::TileSampler;
+
+/// Where one coordinate of a lattice point falls in a tile: the cell, and the offset within it in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CellPosition {
+    /// Index of the cell, 0 to Nz − 1.
+    pub cell: u32,
+    /// Offset within the cell, 0 to 1.
+    pub offset: f64,
+}
+
+impl CellPosition {
+    /// Position of lattice coordinate `at` in a tile that begins at `origin` and has `cells` cells of `1 << level`
+    /// lattice units. A coordinate outside of the tile is taken to its border; the last post belongs to the last cell.
+    #[inline]
+    #[must_use]
+    pub fn new(at: u64, origin: u64, level: u8, cells: u32) -> CellPosition {
+        let inside = at.saturating_sub(origin).min(u64::from(cells) << level);
+        let cell = ((inside >> level) as u32).min(cells - 1);
+        let rest = inside - (u64::from(cell) << level);
+        CellPosition { cell, offset: rest as f64 / (1u64 << level) as f64 }
+    }
+
+    /// Position of a coordinate in cells from the tile's corner, taken to its border likewise.
+    #[inline]
+    #[must_use]
+    pub fn within(at: f64, cells: u32) -> CellPosition {
+        let at = at.clamp(0.0, f64::from(cells));
+        let cell = (at as u32).min(cells - 1);
+        CellPosition { cell, offset: at - f64::from(cell) }
+    }
+}
+
+/// Elevation of a tile at a position; `posts` has `(cells + 1)²` values, row 0 the southern one.
+#[inline]
+#[must_use]
+pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPosition) -> f64 {
+    let stride = cells as usize + 1;
+    let south = y.cell as usize * stride + x.cell as usize;
+    let z = |index: usize| f64::from(posts[index]);
+    facet_linear(z(south), z(south + 1), z(south + stride), z(south + stride + 1), x.offset, y.offset)
+}
+
+/// Elevation of the tile of `node` at a lattice point, metres. `posts` are the tile's, `(Nz + 1)²`, row 0 the
+/// southern one. A point outside of the node is taken to its border.
+#[inline]
+#[must_use]
+pub fn node_elevation(world: &World, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
+    let cells = world.elevation_tile();
+    let [x0, y0] = world.node_origin(node);
+    let (x, y) = (CellPosition::new(point.x, x0, node.q(), cells), CellPosition::new(point.y, y0, node.q(), cells));
+    tile_elevation(posts, cells, x, y)
+}
+
+/// The ground at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundPoint {
+    /// Height, metres; also where there is a hole: that of the surface that has it.
+    pub height_m: f64,
+    /// Whether it was measured.
+    pub validity: Validity,
+}
+
+/// The ground at a foot in the tile of `node`, which has [`World::elevation_values`] `values`. A foot outside of the
+/// node is taken to its border.
+#[must_use]
+pub fn node_ground(world: &World, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
+    let (cells, posts) = (world.elevation_tile(), world.elevation_posts() as usize);
+    let place = world.surface().place_in_node(foot, node);
+    let [x, y] = [place.x, place.y].map(|at| CellPosition::within(at, cells));
+    let at = |plane: usize| tile_elevation(&values[plane * posts * posts..], cells, x, y);
+    let validity = match world.has_validity() {
+        true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
+        false => Validity::Measured,
+    };
+    GroundPoint { height_m: at(0), validity }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_last_post_is_the_end_of_the_last_cell() {
+        assert_eq!(CellPosition::new(164, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::new(116, 100, 4, 4), CellPosition { cell: 1, offset: 0.0 });
+        assert_eq!(CellPosition::new(999, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::new(7, 100, 4, 4), CellPosition { cell: 0, offset: 0.0 });
+    }
+
+    #[test]
+    fn a_place_in_cells_is_taken_to_the_border_likewise() {
+        assert_eq!(CellPosition::within(4.0, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::within(9.5, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::within(-0.5, 4), CellPosition { cell: 0, offset: 0.0 });
+        assert_eq!(CellPosition::within(1.25, 4), CellPosition { cell: 1, offset: 0.25 });
+    }
+
+    proptest! {
+        /// Splitting a facet at the next finer lattice changes nothing: interpolating the interpolated posts gives
+        /// the same bits.
+        #[test]
+        fn a_finer_lattice_draws_the_same_surface(
+            posts in prop::collection::vec(-8_000_000i32..8_000_000, 25),
+            x in 0u64..=64, y in 0u64..=64,
+        ) {
+            let posts: Vec<f32> = posts.iter().map(|&p| p as f32 / 128.0).collect();
+            let at = |x: u64, y: u64| tile_elevation(&posts, 4, CellPosition::new(x, 0, 4, 4), CellPosition::new(y, 0, 4, 4));
+            let finer: Vec<f64> = (0..81).map(|i| at(i % 9 * 8, i / 9 * 8)).collect();
+            let (fx, fy) = (CellPosition::new(x, 0, 3, 8), CellPosition::new(y, 0, 3, 8));
+            let z = |i: u32, j: u32| finer[((fy.cell + j) * 9 + fx.cell + i) as usize];
+            let twice = facet_linear(z(0, 0), z(1, 0), z(0, 1), z(1, 1), fx.offset, fy.offset);
+            prop_assert_eq!(at(x, y).to_bits(), twice.to_bits());
+        }
+    }
+}

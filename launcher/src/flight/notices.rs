@@ -1,0 +1,87 @@
+//! What the user is told while a flight goes on: that something is not as usual, and what went wrong.
+
+use super::progress::Progress;
+use crate::measure::collector::{Collector, RaysMethod};
+use crate::plan::FlightPlan;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::shm::Control;
+use terravision_store::Cause;
+
+/// What was not told yet.
+#[derive(Debug)]
+pub(super) struct Notices {
+    /// That rays are cast for want of a device: who draws is left to the renderer, who knows the devices.
+    technique_is_open: bool,
+    /// What casts rays, which the renderer finds out in real time.
+    rays_are_open: bool,
+    /// Samples per pixel that were asked for.
+    samples: u32,
+    is_realtime: bool,
+}
+
+impl Notices {
+    pub(super) fn new(plan: &FlightPlan) -> Self {
+        let render = &plan.config.render;
+        let is_realtime = plan.config.realtime.is_some();
+        Self {
+            technique_is_open: render.technique == TechniqueChoice::Auto,
+            rays_are_open: render.rays == RaysChoice::Auto && is_realtime,
+            samples: if plan.asks_for_samples { render.samples } else { 1 },
+            is_realtime,
+        }
+    }
+
+    /// Tells what is new.
+    pub(super) fn look(&mut self, collector: &mut Collector, control: &Control, progress: &Progress) {
+        self.look_at_technique(collector, progress);
+        if let Some(rays) = collector.rays().filter(|rays| self.rays_are_open && rays.is_final) {
+            self.tell_rays(collector, &rays, progress);
+        }
+        let is_waiting = self.is_realtime && control.clock_start().is_none();
+        tell_failures(collector, is_waiting, progress);
+    }
+
+    /// Tells at the end what was still open.
+    pub(super) fn finish(&mut self, collector: &Collector, progress: &Progress) {
+        self.look_at_technique(collector, progress);
+        if let Some(rays) = collector.rays().filter(|_| self.rays_are_open) {
+            self.tell_rays(collector, &rays, progress);
+        }
+    }
+
+    fn look_at_technique(&mut self, collector: &Collector, progress: &Progress) {
+        let Some(technique) = collector.technique().filter(|_| self.technique_is_open) else { return };
+        self.technique_is_open = false;
+        if technique != TechniqueChoice::Rays.name() {
+            return;
+        }
+        progress.warn(&format!(
+            "no Vulkan device can be used here; the ground is drawn by rays, on the processor ({}); --technique mesh says \
+             what is missing",
+            collector.device()
+        ));
+        if self.samples > 1 {
+            progress.warn(&format!("one ray is cast per pixel, in place of {} samples; a mesh has them", self.samples));
+        }
+    }
+
+    fn tell_rays(&mut self, collector: &Collector, rays: &RaysMethod, progress: &Progress) {
+        self.rays_are_open = false;
+        progress.say(&format!("--rays auto: {}, {}", collector.device(), rays.description));
+    }
+}
+
+/// Tells of what goes wrong when it happens for the first time; how often it did is told at the end. `is_waiting`: no picture can be
+/// drawn yet.
+fn tell_failures(collector: &mut Collector, is_waiting: bool, progress: &Progress) {
+    for (cause, message) in collector.failures.take_untold() {
+        let then = match Cause::from_name(&cause) {
+            // What asking again does not change.
+            None | Some(Cause::Cache | Cause::Touched | Cause::Offline | Cause::Changed | Cause::Closed) => "",
+            Some(_) if is_waiting => "; the flight begins when the coarsest tiles are there",
+            Some(cause) if cause.is_passing() => "; it is asked again",
+            Some(_) => "",
+        };
+        progress.warn(&format!("{message}{then}"));
+    }
+}

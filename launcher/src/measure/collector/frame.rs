@@ -1,0 +1,88 @@
+//! What is known of one frame.
+
+use terravision_common::event::{Event, EventKind, SpanName};
+
+/// Spans of which each frame has a sum: all names.
+pub const SPANS: usize = SpanName::ALL.len();
+
+/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FrameStats {
+    /// Sum of durations by [`SpanName`] (its number less one).
+    pub span_nanos: [u64; SPANS],
+    /// When the renderer began with the frame.
+    pub draw_started_nanos: u64,
+    /// End of its read-back.
+    pub done_nanos: u64,
+    /// When it had left the sink.
+    pub written_nanos: u64,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// Tiles that it wanted.
+    pub wanted: u32,
+    /// Nodes of its tree.
+    pub nodes: u32,
+    /// Tiles that were copied to the device for it.
+    pub uploaded: u64,
+    /// Whether it was written with all the tiles that it wanted.
+    pub is_settled: bool,
+    /// When its camera was made (realtime).
+    pub camera_nanos: u64,
+    /// When its pose came, of a frame that was drawn for a pose of another program (exact mode).
+    pub pose_nanos: u64,
+    /// Screen resolutions of facets and texels, pixels (realtime).
+    pub r_px: [f32; 2],
+    /// Tiles that it wanted and that were not there (realtime).
+    pub lacked: u32,
+    /// Share of the ground's screen area that it draws as finely as wanted (realtime).
+    pub sharp: f32,
+}
+
+impl FrameStats {
+    /// Takes an event about this frame; `None` when the event is malformed.
+    pub(super) fn take(&mut self, kind: EventKind, event: &Event) -> Option<()> {
+        match kind {
+            EventKind::Span => self.take_span(event)?,
+            EventKind::FrameDone => {
+                self.done_nanos = event.start_nanos;
+                self.triangles = event.value;
+            }
+            EventKind::FrameWritten => {
+                self.written_nanos = event.start_nanos.saturating_add(event.duration_nanos);
+                self.is_settled = event.value == 1;
+            }
+            EventKind::FrameWanted => {
+                self.wanted = event.value as u32;
+                self.nodes = (event.value >> 32) as u32;
+            }
+            EventKind::FrameUploaded => self.uploaded = self.uploaded.saturating_add(event.value),
+            EventKind::FrameCamera => {
+                self.camera_nanos = event.start_nanos;
+                self.r_px = [event.value as u32, (event.value >> 32) as u32].map(f32::from_bits);
+            }
+            EventKind::FrameLacked => {
+                self.lacked = event.value as u32;
+                self.sharp = f32::from_bits((event.value >> 32) as u32);
+            }
+            // About the run, not about a frame.
+            EventKind::DeviceName
+            | EventKind::DriverName
+            | EventKind::TechniqueName
+            | EventKind::TileUnavailable
+            | EventKind::TileCame
+            | EventKind::Failure => {}
+        }
+        Some(())
+    }
+
+    fn take_span(&mut self, event: &Event) -> Option<()> {
+        let name = SpanName::from_number(event.value)?;
+        let sum = &mut self.span_nanos[name as usize - 1];
+        *sum = sum.saturating_add(event.duration_nanos);
+        let is_drawing = matches!(name, SpanName::Record | SpanName::Upload | SpanName::Draw);
+        if is_drawing && (self.draw_started_nanos == 0 || event.start_nanos < self.draw_started_nanos) {
+            self.draw_started_nanos = event.start_nanos;
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,150 @@
+//! Reports of a run of three frames.
+
+use super::*;
+use crate::data_set::FlownFrame;
+use crate::measure::collector::Collector;
+use crate::measure::memory::MemoryPeaks;
+use crate::measure::stats::{PrefetchStats, TileStats};
+use bytemuck::Zeroable;
+use terravision_common::camera::Camera;
+use terravision_common::event::{Event, EventKind};
+use terravision_common::level::Measure;
+use terravision_common::node::NodeId;
+use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice};
+
+pub(crate) fn config() -> RunConfig {
+    RunConfig {
+        run_id: "tv-1-2".into(),
+        world: "w.tv".into(),
+        database: DatabaseConfig::folder("w.tv".as_ref()),
+        width: 64,
+        height: 36,
+        fps: 30.0,
+        frames: [5, 8],
+        r_z_px: 10.0,
+        r_c_px: 1.0,
+        measure: Measure::Area,
+        exaggeration: 1.0,
+        texels: terravision_common::texels::TexelFormat::Rgba8,
+        decoder_threads: 2,
+        prefetch: PrefetchConfig::EXACT,
+        render: RenderConfig {
+            technique: TechniqueChoice::Mesh,
+            rays: RaysChoice::Mipmap,
+            sky_rgb: [1, 2, 3],
+            samples: 1,
+            skirt_low_m: None,
+            has_tree_overlay: false,
+            has_validation: false,
+            frames_in_flight: 2,
+            sink: SinkConfig::Null,
+            depth: None,
+            ground: None,
+            share: None,
+            made_up: Default::default(),
+        },
+        realtime: None,
+    }
+}
+
+/// Three frames of 10 ms each, of which the renderer works 8, 10 and 4.
+pub(crate) fn stats() -> RunStats {
+    let mut collector = Collector::new(5, 3, true);
+    const MS: u64 = 1_000_000;
+    for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
+        let mut event = |stage, kind: EventKind, start, duration, value| {
+            let (start_nanos, duration_nanos) = (start * MS, duration * MS);
+            let kind = kind as u32;
+            collector.take(stage, Event { kind, thread: 0, frame, start_nanos, duration_nanos, value, node: 0 });
+        };
+        event(Stage::Generator, EventKind::Span, started - 50, 1, SpanName::Generate as u64);
+        event(Stage::Preparer, EventKind::Span, started - 20, frame - 4, SpanName::Prepare as u64);
+        event(Stage::Renderer, EventKind::Span, started, 1, SpanName::Record as u64);
+        event(Stage::Renderer, EventKind::FrameDone, done, 10, 1000 + frame);
+        event(Stage::Renderer, EventKind::FrameWritten, done + 5, 0, 1);
+    }
+    RunStats {
+        started_nanos: 15 * MS,
+        ended_nanos: 215 * MS,
+        asked_frames: 3,
+        written_frames: 3,
+        tiles: TileStats { wanted: 30, loaded: 12, evicted: 0, uploaded: 6, unavailable: 0 },
+        frames_unsettled: 0,
+        events_dropped: 0,
+        trees_cut_short: 0,
+        clock_start_nanos: None,
+        shared_memory_bytes: 1 << 20,
+        collector,
+        memory: MemoryPeaks::default(),
+        prefetch: PrefetchStats::default(),
+        pids: vec![(Stage::Generator, 11), (Stage::Preparer, 12), (Stage::Renderer, 13), (Stage::Prefetcher, 14)],
+        restarts: BTreeMap::new(),
+        poses: Vec::new(),
+        phases: Vec::new(),
+    }
+}
+
+/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the third while the second was
+/// drawn.
+#[test]
+fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
+    let mut stats = stats();
+    const MS: u64 = 1_000_000;
+    let pose = |frame, at: u64| {
+        let camera = Camera { timestamp_nanos: at * MS, ..Camera::zeroed() };
+        FlownFrame { frame, time_s: 0.0, camera }
+    };
+    stats.collector.note_poses(&[pose(5, 101), pose(6, 117), pose(7, 118), pose(99, 1)]);
+    let report = serde_json::to_value(report(&config(), &stats)).unwrap();
+    assert_eq!(report["frame_ms"], serde_json::json!([8.0, 3.0, 10.0]));
+    assert_eq!(report["frame_ms_max"], 10.0);
+    assert_eq!(report["fps"].as_f64().map(|fps| (fps * 1e3).round()), Some((2e6f64 / 13.0).round()));
+}
+
+#[test]
+fn the_report_has_the_schema_and_the_stats() {
+    let mut bytes = Vec::new();
+    write(&report(&config(), &stats()), &mut bytes).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+    assert_eq!(report["schema"], "terravision-fly-1");
+    assert_eq!(report["frames"], 3);
+    assert_eq!(report["fps"], 100.0);
+    assert_eq!(report["frame_ms"], serde_json::json!([8.0, 10.0, 10.0]));
+    assert_eq!(report["stages"]["generator"]["ms_median"], 1.0);
+    assert_eq!(report["stages"]["preparer"]["ms_median"], 2.0);
+    assert_eq!(report["stages"]["preparer"]["ms_p99"], 3.0);
+    assert_eq!(report["stages"]["renderer"]["ms_median"], 8.0);
+    assert_eq!(report["stages"]["renderer"]["ms_p99"], 10.0);
+    assert_eq!(
+        report["tiles"],
+        serde_json::json!({"wanted": 30, "loaded": 12, "evicted": 0, "uploaded": 6, "unavailable": [], "unavailable_count": 0})
+    );
+    assert_eq!(report["triangles_median"], 1006.0);
+    assert_eq!(report["time_to_first_frame_s"], 0.1);
+    assert_eq!(report["settled"], true);
+}
+
+#[test]
+fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
+    let mut stats = stats();
+    let node = NodeId::new(3, 4, 1).unwrap().pack();
+    let kind = EventKind::TileUnavailable as u32;
+    let event = Event { kind, thread: 0, frame: 6, start_nanos: 0, duration_nanos: 0, value: 256 * 2, node };
+    stats.collector.take(Stage::Preparer, event);
+    let report = report(&config(), &stats);
+    assert!(!report.settled && !report.is_as_promised());
+    let told = summary::unavailable(&report).unwrap();
+    assert!(told.starts_with("1 tile could not be had and was drawn"), "{told}");
+    assert!(told.contains("elevation tile of node (3, 4, 1), corrupt"), "{told}");
+    let listed = serde_json::to_value(&report).unwrap()["tiles"]["unavailable"].clone();
+    assert_eq!(listed, serde_json::json!([{"layer": "elevation", "node": [3, 4], "level": 1, "cause": "corrupt"}]));
+}
+
+#[test]
+fn a_run_of_nothing_has_a_report() {
+    let mut stats = stats();
+    stats.collector = Collector::new(0, 0, false);
+    stats.written_frames = 0;
+    let report = report(&config(), &stats);
+    assert!(report.frame_ms.is_empty() && report.fps == 0.0);
+}

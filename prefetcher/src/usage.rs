@@ -1,0 +1,53 @@
+//! What the launcher is told of the use of the database: what reading it costs, and what goes wrong.
+//!
+//! Counts are added to the control block by what they have grown since they were told last, so that those of a prefetcher
+//! that was started again go on where the one before ended.
+
+use crate::source::PayloadSource;
+use std::collections::BTreeMap;
+use terravision_common::event::{Event, EventKind};
+use terravision_common::shm::{Control, Counter};
+use terravision_common::stage::Events;
+use terravision_store::{Cause, Figures};
+
+/// What has been told so far.
+#[derive(Debug, Default)]
+pub struct Usage {
+    figures: Figures,
+    failures: BTreeMap<Cause, u64>,
+}
+
+impl Usage {
+    /// Tells what is new since the last call.
+    pub fn publish(&mut self, source: &impl PayloadSource, control: &Control, events: &mut Events) {
+        let (now, told) = (source.figures(), std::mem::take(&mut self.figures));
+        for (counter, now, told) in [
+            (Counter::NetworkRequests, now.requests, told.requests),
+            (Counter::NetworkRepeated, now.repeated, told.repeated),
+            (Counter::NetworkBytes, now.bytes, told.bytes),
+            (Counter::CacheHits, now.cache.hits, told.cache.hits),
+            (Counter::CacheMisses, now.cache.misses, told.cache.misses),
+            (Counter::CacheBytes, now.cache.bytes, told.cache.bytes),
+        ] {
+            control.count(counter, now.saturating_sub(told));
+        }
+        // A request was made, or a part of an answer came: what is slow does not hang.
+        if (now.requests, now.bytes) != (told.requests, told.bytes) {
+            control.progress();
+        }
+        self.figures = now;
+        let Some(errors) = source.errors() else { return };
+        let counts = errors.counts();
+        for (cause, count) in &counts {
+            let told = self.failures.get(cause).copied().unwrap_or(0);
+            control.count_failures(cause.number(), count.saturating_sub(told));
+        }
+        self.failures = counts;
+        for folded in errors.take_untold() {
+            let sentence = format!("{} {}", folded.fault.cause.name(), folded.fault);
+            for event in Event::text(EventKind::Failure, &sentence) {
+                events.tell(control, event);
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Vertex decimation: how finely each elevation leaf is drawn.
+//!
+//! The search splits a node for the part of it that wants most, and the restriction of the tree splits some for a
+//! neighbour; so of many leaves every vertex wants a coarser level than the leaf's own. Heights there are taken from
+//! coarser levels (design §5), whose facets are larger: the vertices between lie on those facets, and are left out.
+//! A leaf of level q that is drawn at level e has every `2^(e - q)`-th vertex, and on an edge as few as the neighbour.
+//!
+//! Two leaves agree on an edge because each has one drawn level, and the coarser of the two holds on the edge. That takes
+//! two rules:
+//! * a leaf is drawn at most so coarse that its neighbours' edges, and the blocks of their colour leaves, can follow;
+//! * a leaf beside a coarser one is drawn no coarser than that: along one edge there is one step.
+
+use crate::heights::{Heights, TileVanished};
+use crate::truncation::{ElevationLeaf, Tiles, Truncation};
+use std::cmp::Reverse;
+use terravision_common::level::LevelFunction;
+use terravision_common::world::World;
+
+/// The drawn levels of one frame's elevation leaves; keeps its buffers.
+#[derive(Debug)]
+pub struct Decimation {
+    most: u8,
+    /// Of each elevation leaf, in their order.
+    drawn: Vec<u8>,
+    /// Leaves, coarse to fine.
+    order: Vec<u32>,
+    neighbors: Vec<[Option<u32>; 4]>,
+}
+
+impl Decimation {
+    /// Buffers for trees of up to `nodes` nodes.
+    #[must_use]
+    pub fn new(world: &World, nodes: u32) -> Self {
+        let nodes = nodes as usize;
+        Self {
+            most: world.elevation_tile().ilog2() as u8,
+            drawn: Vec::with_capacity(nodes),
+            order: Vec::with_capacity(nodes),
+            neighbors: Vec::with_capacity(nodes),
+        }
+    }
+
+    /// Finds the drawn level of each leaf of a truncated tree.
+    ///
+    /// # Errors
+    /// [`TileVanished`] when a tile that the smooth elevation is taken from is not there.
+    pub fn choose(
+        &mut self,
+        truncation: &Truncation,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        heights: &mut Heights,
+    ) -> Result<(), TileVanished> {
+        let leaves = truncation.elevation_leaves();
+        self.drawn.clear();
+        self.neighbors.clear();
+        for leaf in leaves {
+            let wanted = heights.lowest_level(level, tiles, leaf.node)?;
+            self.drawn.push(wanted.min(self.coarsest_edge(truncation, leaf)));
+            self.neighbors.push(truncation.neighbors(leaf.node));
+        }
+        for (leaf, neighbors) in leaves.iter().zip(&self.neighbors) {
+            let limit = self.coarsest_edge(truncation, leaf);
+            for neighbor in neighbors.iter().flatten() {
+                let drawn = &mut self.drawn[*neighbor as usize];
+                *drawn = (*drawn).min(limit);
+            }
+        }
+        self.order.clear();
+        self.order.extend(0..leaves.len() as u32);
+        self.order.sort_unstable_by_key(|at| Reverse(leaves[*at as usize].node.q()));
+        for at in self.order.iter().map(|at| *at as usize) {
+            let coarser = self.neighbors[at].iter().flatten().map(|n| *n as usize);
+            let limits = coarser.filter(|n| leaves[*n].node.q() > leaves[at].node.q()).map(|n| self.drawn[n]);
+            self.drawn[at] = limits.fold(self.drawn[at], u8::min);
+        }
+        Ok(())
+    }
+
+    /// log2 of the steps between vertices that a leaf is drawn with, in it and on its west, east, south and north edge.
+    #[must_use]
+    pub fn snaps(&self, at: usize, leaf: &ElevationLeaf) -> (u8, [u8; 4]) {
+        let (own, q) = (self.drawn[at], leaf.node.q());
+        let edges = self.neighbors[at].map(|neighbor| neighbor.map_or(own, |n| own.max(self.drawn[n as usize])) - q);
+        (own - q, edges)
+    }
+
+    /// The coarsest level at which vertices may follow each other on a leaf's edges: a block of its colour leaves is no
+    /// narrower.
+    fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
+        let colors = &truncation.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize];
+        let finest = colors.iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());
+        finest + self.most
+    }
+}

@@ -1,0 +1,137 @@
+//! Detail coverage: how much of what is seen is drawn as finely as wanted.
+
+use crate::frame_tree::FrameTree;
+use crate::truncation::{ColorLeaf, Tiles, Truncation};
+use glam::{DVec2, DVec3};
+use terravision_common::camera::Camera;
+use terravision_common::node::NodeId;
+use terravision_common::surface::tile::CellPosition;
+use terravision_common::world::World;
+
+/// Samples along a side of a leaf ...
+const SAMPLES: u32 = 4;
+/// ... and of one that is coarser than wanted, which may be large on screen.
+const COARSE_SAMPLES: u32 = 16;
+/// Level ground counts as if it were seen at this sine of an angle at least, as for the level functions.
+const LEAST_SLANT: f64 = 0.15;
+
+/// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves of the whole tree
+/// against those that stand for nodes below them. Ground that other ground hides counts too. 1 when no ground is seen.
+#[must_use]
+pub fn detail_coverage(
+    world: &World,
+    camera: &Camera,
+    exaggeration: f64,
+    tree: &FrameTree,
+    drawn: &Truncation,
+    tiles: &impl Tiles,
+) -> f64 {
+    let view = View { world, camera, exaggeration, axes: camera.axes_in_world() };
+    let (mut all, mut fine) = (0.0, 0.0);
+    for leaf in drawn.elevation_leaves() {
+        let Some((tile, posts)) = heights_of(world, tiles, leaf.node) else { continue };
+        for color in &drawn.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize] {
+            let is_fine = is_as_wanted(tree, color);
+            let area = view.area_px(color.node, tile, posts, if is_fine { SAMPLES } else { COARSE_SAMPLES });
+            all += area;
+            fine += if is_fine { area } else { 0.0 };
+        }
+    }
+    if all > 0.0 { fine / all } else { 1.0 }
+}
+
+/// Whether the tree itself ends with this leaf.
+fn is_as_wanted(tree: &FrameTree, leaf: &ColorLeaf) -> bool {
+    tree.nodes[leaf.index()].children().is_empty()
+}
+
+/// The elevation tile of a node, or of the nearest one above that has one.
+fn heights_of<'t>(world: &World, tiles: &'t impl Tiles, node: NodeId) -> Option<(NodeId, &'t [f32])> {
+    let posts = (world.elevation_posts() as usize).pow(2);
+    (node.q()..world.levels()).map(|q| node.ancestor(q)).find_map(|above| {
+        let heights = tiles.elevation(above)?.get(..posts)?;
+        Some((above, heights))
+    })
+}
+
+struct View<'a> {
+    world: &'a World,
+    camera: &'a Camera,
+    exaggeration: f64,
+    axes: [DVec3; 3],
+}
+
+impl View<'_> {
+    /// The area on screen of a node's ground, which has these heights, from `n` times `n` samples.
+    fn area_px(&self, node: NodeId, tile: NodeId, posts: &[f32], n: u32) -> f64 {
+        let corner = |node| DVec2::from_array(self.world.node_origin(node).map(|v| v as f64));
+        let (corner, tile_corner) = (corner(node), corner(tile));
+        let (surface, side) = (self.world.surface(), self.world.node_side(node.q()) as f64);
+        let spacing = f64::from(1u32 << tile.q().min(31));
+        let (cells, row) = (self.world.elevation_tile(), self.world.elevation_posts() as usize);
+        let (step, focal) = (side / f64::from(n), self.camera.focal_px());
+        let [tan_x, tan_y] = self.camera.half_tangents();
+        let [right, up, forward] = self.axes;
+        let eye = self.camera.eye();
+        let mut sum = 0.0;
+        for k in 0..n * n {
+            let at = corner + (DVec2::new(f64::from(k % n), f64::from(k / n)) + 0.5) * step;
+            let extent = DVec2::from_array(self.world.extent().map(f64::from));
+            if at.cmpge(extent).any() {
+                continue;
+            }
+            // The post south west of it is near enough.
+            let place = (at - tile_corner) / spacing;
+            let [i, j] = [place.x, place.y].map(|v| CellPosition::within(v, cells).cell as usize);
+            let height = posts.get(j * row + i).copied().unwrap_or(0.0);
+            let point = surface.position(surface.foot_of_lattice(at), self.exaggeration * f64::from(height));
+            let to_point = point - eye;
+            let depth = to_point.dot(forward);
+            let is_seen =
+                depth > 0.0 && to_point.dot(right).abs() <= tan_x * depth && to_point.dot(up).abs() <= tan_y * depth;
+            if is_seen {
+                // A step on level ground covers f²·A·|dz| / depth³ pixels.
+                sum += to_point.dot(surface.up(point)).abs().max(LEAST_SLANT * to_point.length()) / depth.powi(3);
+            }
+        }
+        sum * (step * surface.unit_m() * focal).powi(2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use terravision_common::world::WorldFields;
+
+    #[test]
+    fn level_ground_straight_below_fills_the_picture() {
+        let world = World::new(WorldFields {
+            origin: [0.0; 2],
+            lattice_unit_m: 10.0,
+            extent: [64, 64],
+            elevation_tile: 4,
+            color_tile: 64,
+            levels: 5,
+            finest_elevation_level: 0,
+            finest_color_level: 0,
+        })
+        .expect("valid");
+        // 90 degrees up and down, from 300 m above 100 m: 400 m of ground, 40 lattice units.
+        let camera = Camera {
+            eye_in_world: [320.0, 320.0, 300.0],
+            heading_rad: 0.0,
+            pitch_rad: -std::f64::consts::FRAC_PI_2,
+            roll_rad: 0.0,
+            vfov_rad: std::f64::consts::FRAC_PI_2,
+            width: 100,
+            height: 100,
+            timestamp_nanos: 0,
+        };
+        let view = View { world: &world, camera: &camera, exaggeration: 2.0, axes: camera.axes_in_world() };
+        let area = |node, n| view.area_px(node, world.root(), &[50.0; 25], n);
+        let whole = area(world.root(), 64);
+        assert!((whole - 10_000.0).abs() < 800.0, "{whole}");
+        let parts: f64 = (0..4).filter_map(|i| world.root().child(i)).map(|child| area(child, 32)).sum();
+        assert!((whole - parts).abs() < 1e-6, "{whole} {parts}");
+    }
+}

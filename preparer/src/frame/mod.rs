@@ -1,0 +1,226 @@
+//! One frame from tree to ring: marker, a slot per colour leaf near to far, end.
+
+mod buffer;
+
+pub use buffer::FrameBuffer;
+
+use crate::block_culling::BlockCulling;
+use crate::decimation::Decimation;
+use crate::frame_tree::{FrameTree, TreeError};
+use crate::heights::{Heights, TileVanished};
+use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation};
+use bytemuck::Zeroable;
+use terravision_common::camera::Camera;
+use terravision_common::level::LevelFunction;
+use terravision_common::shm::WaitError;
+use terravision_common::slot::{FrameEnd, FrameMarker, SlotContent, TileSlot};
+use terravision_common::surface::tile::node_elevation;
+use terravision_common::tree::TreeHeader;
+use terravision_common::world::World;
+
+/// Why a frame could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FrameError {
+    /// The tree is not one that the generator writes.
+    #[error("the generator's tree cannot be used: {source}")]
+    Tree {
+        /// What is wrong.
+        #[from]
+        source: TreeError,
+    },
+    /// The root is not there.
+    #[error(transparent)]
+    RootMissing(#[from] RootMissing),
+    /// A tile went away.
+    #[error(transparent)]
+    TileVanished(#[from] TileVanished),
+    /// The run ended while a ring was full.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+}
+
+/// Where a frame goes: the elevation ring and the ring of slots.
+pub trait FrameOutput {
+    /// Waits for a free elevation array, has it filled, publishes it, and returns its position.
+    ///
+    /// # Errors
+    /// What `fill` gives, or that the run ended.
+    fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError>;
+
+    /// Puts a slot into the ring, or keeps it until [`FrameOutput::finish`].
+    ///
+    /// # Errors
+    /// The run ended.
+    fn slot(&mut self, slot: &SlotContent) -> Result<(), FrameError>;
+
+    /// The position that the next array will have.
+    fn next_position(&self) -> u64;
+
+    /// The frame is complete: what was kept goes into the ring.
+    ///
+    /// # Errors
+    /// The run ended.
+    fn finish(&mut self) -> Result<(), FrameError>;
+}
+
+/// What a frame was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameCounts {
+    /// Tiles that it wanted.
+    pub wanted: u32,
+    /// Those of them that could not be had.
+    pub unavailable: u32,
+    /// Nodes of its truncated tree.
+    pub nodes: u32,
+    /// Elevation arrays.
+    pub arrays: u32,
+    /// Tile slots.
+    pub tiles: u32,
+}
+
+/// Makes frames; keeps all buffers, so that a frame allocates nothing.
+#[derive(Debug)]
+pub struct FrameMaker {
+    world: World,
+    truncation: Truncation,
+    heights: Heights,
+    decimation: Decimation,
+    culling: BlockCulling,
+    is_culled: bool,
+}
+
+impl FrameMaker {
+    /// Buffers for trees of up to `nodes` nodes.
+    #[must_use]
+    pub fn new(world: &World, nodes: u32) -> Self {
+        Self {
+            world: *world,
+            truncation: Truncation::new(world, nodes),
+            heights: Heights::new(world),
+            decimation: Decimation::new(world, nodes),
+            culling: BlockCulling::new(world),
+            is_culled: true,
+        }
+    }
+
+    /// Blocks are not cut down to what is seen: for whoever draws the frame from another eye.
+    #[must_use]
+    pub fn with_whole_blocks(self) -> Self {
+        Self { is_culled: false, ..self }
+    }
+
+    /// What the last frame draws.
+    #[must_use]
+    pub fn truncation(&self) -> &Truncation {
+        &self.truncation
+    }
+
+    /// Makes one frame from a tree that was read and from the tiles that are there. `level` is of the header's camera.
+    ///
+    /// # Errors
+    /// [`FrameError`]; part of the frame may be in the ring then, without its end.
+    pub fn make(
+        &mut self,
+        header: &TreeHeader,
+        level: &LevelFunction,
+        tree: &FrameTree,
+        tiles: &impl Tiles,
+        unavailable: u32,
+        out: &mut impl FrameOutput,
+    ) -> Result<FrameCounts, FrameError> {
+        self.truncation.truncate(tree, tiles)?;
+        out.slot(&SlotContent::Marker(FrameMarker {
+            frame: header.frame,
+            camera: header.camera,
+            r_z_px: header.r_z_px,
+            r_c_px: header.r_c_px,
+            ..FrameMarker::zeroed()
+        }))?;
+        self.decimation.choose(&self.truncation, level, tiles, &mut self.heights)?;
+        self.culling.look(&header.camera, self.ground_under_eye(&header.camera, level.exaggeration(), tiles));
+        let mut tile_count = 0;
+        for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
+            let snaps = self.decimation.snaps(at, leaf);
+            let (heights, culling) = (&mut self.heights, &mut self.culling);
+            let position = out.array(&mut |values| {
+                heights.make(level, tiles, leaf, snaps.0, values)?;
+                culling.enter(leaf.node, values, snaps);
+                Ok(())
+            })?;
+            let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
+            for color in &self.truncation.color_leaves()[range] {
+                let mut slot = tile_slot(&self.world, leaf, color, position, snaps);
+                if !self.is_culled || self.culling.cull(&mut slot) {
+                    out.slot(&SlotContent::Tile(slot))?;
+                    tile_count += 1;
+                }
+            }
+            self.culling.leave();
+        }
+        let counts = FrameCounts {
+            wanted: tree.wanted().len() as u32,
+            unavailable,
+            nodes: self.truncation.node_count(),
+            arrays: self.truncation.elevation_leaves().len() as u32,
+            tiles: tile_count,
+        };
+        out.slot(&SlotContent::End(FrameEnd {
+            frame: header.frame,
+            tile_count: counts.tiles,
+            unavailable_count: unavailable,
+            elevation_end: out.next_position(),
+            wanted_count: counts.wanted,
+            node_count: counts.nodes,
+        }))?;
+        out.finish()?;
+        Ok(counts)
+    }
+
+    /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
+    fn ground_under_eye(&self, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
+        let (root, under) = (self.world.root(), self.world.surface().lattice_under(camera.eye()));
+        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, under);
+        tiles.elevation(root).map_or(f64::INFINITY, height)
+    }
+}
+
+/// The slot of one colour leaf.
+fn tile_slot(
+    world: &World,
+    leaf: &ElevationLeaf,
+    color: &ColorLeaf,
+    elevation_position: u64,
+    (grid_snap, edge_snap): (u8, [u8; 4]),
+) -> TileSlot {
+    let q = leaf.node.q();
+    let below = q - color.node.q();
+    let side = world.elevation_tile() >> below;
+    let from_leaf = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
+    let start = [from_leaf(color.node.m(), leaf.node.m()), from_leaf(color.node.n(), leaf.node.n())];
+    let origin = world.node_origin(leaf.node);
+    // Vertices beyond the extent collapse onto it: facets past the first of them are nothing, unless an edge snaps, which
+    // needs the vertices that it snaps to. An edge's step is never finer than that of the leaf.
+    let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
+    let inside = world.surface().cells_inside(origin, q);
+    let end = [0, 1].map(|axis| {
+        let cells = inside[axis].unwrap_or_default();
+        u64::from(start[axis] + side).min(cells.next_multiple_of(step)) as u16
+    });
+    let lattice = |[x, y]: [u64; 2]| [x as u32, y as u32];
+    TileSlot {
+        node: color.node.pack(),
+        elevation_position,
+        elevation_origin: lattice(origin),
+        color_origin: lattice(world.node_origin(color.color.node)),
+        start: start.map(|v| v as u16),
+        end,
+        color_slot: color.color.key.slot.get(),
+        color_generation: color.color.key.generation.get(),
+        elevation_level: q,
+        color_level: color.color.node.q(),
+        edge_snap,
+        grid_snap,
+        is_hidden: 0,
+    }
+}

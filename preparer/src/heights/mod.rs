@@ -1,0 +1,263 @@
+//! Elevation arrays: the height of every vertex of an elevation leaf (design §5).
+//!
+//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels `floor(l)` and
+//! `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor of a vertex is the level of the
+//! coarsest leaf that touches it, so every leaf that has this vertex computes the same: all of it is a function of the
+//! lattice point and the floor, evaluated with the same operations in the same order.
+//!
+//! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
+//!
+//! In a world with validity an array goes on with the shares of its vertices ([`terravision_common::validity`]), taken from the
+//! tiles' planes just as heights are: so leaves agree on them along their edges, and holes grow and shrink as smoothly as heights.
+
+mod ancestors;
+
+pub use ancestors::{SMOOTH_LEVEL, vertex_height};
+
+use crate::truncation::{ElevationLeaf, Tiles};
+use ancestors::{Ancestors, smooth_level, stored, weight};
+use std::ops::RangeInclusive;
+use terravision_common::level::LevelFunction;
+use terravision_common::node::NodeId;
+use terravision_common::surface::tile::{CellPosition, TileSampler};
+use terravision_common::surface::{Column, LatticePoint, Row};
+use terravision_common::world::World;
+
+/// An elevation tile that the frame needs is not there: the tiles changed while the frame was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the elevation tile of node {node} left the pool while a frame needed it")]
+pub struct TileVanished {
+    /// The node.
+    pub node: NodeId,
+}
+
+/// Makes elevation arrays; keeps its buffers.
+#[derive(Debug)]
+pub struct Heights {
+    world: World,
+    /// Lattice coordinates of columns and rows, and what their positions take from them.
+    columns: Vec<u64>,
+    rows: Vec<u64>,
+    column_terms: Vec<Column>,
+    row_terms: Vec<Row>,
+    tile: TileSampler,
+    /// One row of one level.
+    row: Vec<f64>,
+    /// Levels, then heights, of the whole array.
+    levels: Vec<f64>,
+    sums: Vec<f64>,
+    /// Of each row: the pyramid levels that its heights are taken from.
+    spans: Vec<RangeInclusive<u8>>,
+}
+
+impl Heights {
+    /// Buffers for leaves of a world.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let posts = world.elevation_posts() as usize;
+        Self {
+            world: *world,
+            columns: vec![0; posts],
+            rows: vec![0; posts],
+            column_terms: vec![0.0; posts],
+            row_terms: vec![0.0; posts],
+            tile: TileSampler::new(posts),
+            row: vec![0.0; posts],
+            levels: vec![0.0; posts * posts],
+            sums: vec![0.0; posts * posts],
+            spans: vec![0..=0; posts],
+        }
+    }
+
+    /// Fills `out`, [`World::elevation_values`] numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
+    /// relative to the eye, metres, exaggerated, and the planes of validity of a world that has them. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
+    /// them are set to zero. Tiles of the leaf and of all its ancestors have to be there.
+    ///
+    /// # Errors
+    /// [`TileVanished`] when one is not.
+    pub fn make(
+        &mut self,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        leaf: &ElevationLeaf,
+        grid_snap: u8,
+        out: &mut [f32],
+    ) -> Result<(), TileVanished> {
+        let grid = 1 << grid_snap;
+        let world = self.world;
+        let mut ancestors = Ancestors::new(&world, tiles, leaf.node);
+        self.place(leaf.node);
+        self.make_levels(level, &mut ancestors, grid)?;
+        let posts = self.columns.len();
+        for (plane, out) in out.chunks_exact_mut(posts * posts).take(world.elevation_planes()).enumerate() {
+            self.make_plane(&mut ancestors, plane, grid)?;
+            let rows = out.chunks_exact_mut(posts).zip(self.sums.chunks_exact(posts));
+            for (row, (out, sums)) in rows.enumerate() {
+                if row % grid > 0 {
+                    out.fill(0.0);
+                    continue;
+                }
+                for (out, sum) in out.iter_mut().zip(sums) {
+                    *out = stored(level, plane, *sum);
+                }
+            }
+            self.make_seams(level, &mut ancestors, plane, leaf, grid, out)?;
+        }
+        Ok(())
+    }
+
+    /// Where the vertices are: columns and rows, clamped to the extent.
+    fn place(&mut self, node: NodeId) {
+        let surface = self.world.surface();
+        for ((lattice, column), x) in self.columns.iter_mut().zip(&mut self.column_terms).zip(surface.posts(node, 0)) {
+            (*lattice, *column) = (x, surface.column(x));
+        }
+        for ((lattice, row), y) in self.rows.iter_mut().zip(&mut self.row_terms).zip(surface.posts(node, 1)) {
+            (*lattice, *row) = (y, surface.row(y));
+        }
+    }
+
+    /// The level wanted at each vertex inside the leaf's own range, and so where each row's heights are taken from.
+    fn make_levels<T: Tiles>(
+        &mut self,
+        level: &LevelFunction,
+        ancestors: &mut Ancestors<'_, T>,
+        grid: usize,
+    ) -> Result<(), TileVanished> {
+        let (posts, node) = (self.columns.len(), ancestors.node);
+        let (root, floor) = (f64::from(self.world.root().q()), f64::from(node.q()));
+        let smooth = ancestors.tile(smooth_level(&self.world, node.q()), 0)?;
+        self.enter(smooth.0);
+        for j in (0..posts).step_by(grid) {
+            self.interpolate_row(&smooth, j);
+            for z in &mut self.row {
+                *z *= level.exaggeration();
+            }
+            let levels = &mut self.levels[j * posts..][..posts];
+            level.elevation_levels(&self.column_terms, self.row_terms[j], &self.row, levels);
+            for l in &mut *levels {
+                *l = l.max(floor).min(root);
+            }
+            let [lowest, highest] = range_of(levels);
+            self.spans[j] = lowest as u8..=(highest as u8 + 1).min(self.world.root().q());
+        }
+        Ok(())
+    }
+
+    /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth row is looked at:
+    /// levels change by far less than one from row to row.
+    ///
+    /// # Errors
+    /// [`TileVanished`] when the tile with the smooth elevation is not there.
+    pub fn lowest_level(
+        &mut self,
+        level: &LevelFunction,
+        tiles: &impl Tiles,
+        node: NodeId,
+    ) -> Result<u8, TileVanished> {
+        self.place(node);
+        let world = self.world;
+        let smooth = Ancestors::new(&world, tiles, node).tile(smooth_level(&world, node.q()), 0)?;
+        self.enter(smooth.0);
+        let posts = self.columns.len();
+        let mut lowest = f64::from(self.world.root().q());
+        for j in (0..posts).step_by(4) {
+            self.interpolate_row(&smooth, j);
+            for z in &mut self.row {
+                *z *= level.exaggeration();
+            }
+            let levels = &mut self.levels[..posts];
+            level.elevation_levels(&self.column_terms, self.row_terms[j], &self.row, levels);
+            lowest = levels.iter().copied().fold(lowest, f64::min);
+        }
+        Ok((lowest.max(0.0) as u8).max(node.q()))
+    }
+
+    /// Heights, or shares, before they are stored.
+    fn make_plane<T: Tiles>(
+        &mut self,
+        ancestors: &mut Ancestors<'_, T>,
+        plane: usize,
+        grid: usize,
+    ) -> Result<(), TileVanished> {
+        let posts = self.columns.len();
+        self.sums.fill(0.0);
+        let drawn = self.spans.iter().step_by(grid);
+        let [lowest, highest] = drawn.fold([u8::MAX, 0], |[low, high], s| [low.min(*s.start()), high.max(*s.end())]);
+        for q in lowest..=highest {
+            let tile = ancestors.tile(q, plane)?;
+            self.enter(tile.0);
+            for j in (0..posts).step_by(grid) {
+                // What another level would add is an exact zero.
+                if !self.spans[j].contains(&q) {
+                    continue;
+                }
+                self.interpolate_row(&tile, j);
+                let range = j * posts..(j + 1) * posts;
+                for ((sum, l), z) in self.sums[range.clone()].iter_mut().zip(&self.levels[range]).zip(&self.row) {
+                    *sum += weight(*l, q) * z;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Vertices that a coarser leaf touches, too.
+    fn make_seams<T: Tiles>(
+        &self,
+        level: &LevelFunction,
+        ancestors: &mut Ancestors<'_, T>,
+        plane: usize,
+        leaf: &ElevationLeaf,
+        grid: usize,
+        out: &mut [f32],
+    ) -> Result<(), TileVanished> {
+        let last = self.columns.len() - 1;
+        let mut make = |floor: u8, i: usize, j: usize| {
+            if floor > leaf.node.q() {
+                let point = LatticePoint { x: self.columns[i], y: self.rows[j] };
+                out[j * (last + 1) + i] = stored(level, plane, ancestors.vertex_sum(level, plane, point, floor)?);
+            }
+            Ok(())
+        };
+        let [west, east, south, north] = leaf.seams.edges;
+        for k in (grid..last).step_by(grid) {
+            make(west, 0, k)?;
+            make(east, last, k)?;
+            make(south, k, 0)?;
+            make(north, k, last)?;
+        }
+        let [south_west, south_east, north_west, north_east] = leaf.seams.corners;
+        make(south_west, 0, 0)?;
+        make(south_east, last, 0)?;
+        make(north_west, 0, last)?;
+        make(north_east, last, last)
+    }
+
+    fn enter(&mut self, tile: NodeId) {
+        self.tile.enter(&self.columns, self.world.node_origin(tile)[0], tile.q(), self.world.elevation_tile());
+    }
+
+    /// Elevation of the entered tile along row `j` of the array.
+    fn interpolate_row(&mut self, (tile, posts): &(NodeId, &[f32]), j: usize) {
+        let (y0, cells) = (self.world.node_origin(*tile)[1], self.world.elevation_tile());
+        let y = CellPosition::new(self.rows[j], y0, tile.q(), cells);
+        self.tile.interpolate(posts, y, &mut self.row);
+    }
+}
+
+/// Least and greatest of numbers, four side by side: a plain fold waits for each comparison.
+fn range_of(numbers: &[f64]) -> [f64; 2] {
+    let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
+    let fours = numbers.chunks_exact(4);
+    let rest = fours.remainder();
+    for four in fours {
+        for ((low, high), x) in low.iter_mut().zip(&mut high).zip(four) {
+            *low = if *x < *low { *x } else { *low };
+            *high = if *x > *high { *x } else { *high };
+        }
+    }
+    let low = low.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
+    let high = high.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
+    [low, high]
+}
