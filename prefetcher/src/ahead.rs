@@ -3,10 +3,11 @@
 use crate::lookahead::{Lookahead, Resolution};
 use crate::oracle::Oracle;
 use crate::scheduler::{CYCLE_NANOS, Scheduler};
-use crate::track::CameraTrack;
+use crate::track::{CameraTrack, widened_views};
 use std::collections::HashSet;
 use terravision_common::camera::Camera;
 use terravision_common::database::Tile;
+use terravision_common::rig::Views;
 use terravision_common::run::{Prediction, RunConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Gauge, ShmError};
 use terravision_common::traversal::{HeightRanges, TreeLimits};
@@ -68,8 +69,14 @@ impl<R: HeightRanges> Ahead<R> {
         };
         self.tiles.clear();
         let mut seen = HashSet::new();
+        // A path is known, and so are its views; a prediction may be wrong.
+        let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
         for camera in &cameras {
-            let of_view = lookahead.tiles(camera, &resolution).iter().copied();
+            let views = match &self.config.rig {
+                Some(rig) => widened_views(&rig.views(camera), unsure_secs),
+                None => Views::single(camera),
+            };
+            let of_view = lookahead.tiles(camera, &views, &resolution).iter().copied();
             self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
         }
         Ok(Some(&self.tiles))

@@ -93,7 +93,7 @@ fn config() -> RunConfig {
         },
         "render": {
             "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
-            "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,
+            "frames_in_flight": 2, "sink": "null", "depth": [], "ground": [],
         },
     }))
     .expect("valid")

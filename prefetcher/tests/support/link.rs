@@ -9,6 +9,7 @@ use terravision_common::database::{Layer, Tile};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure};
+use terravision_common::rig::Views;
 use terravision_common::run::Prediction;
 use terravision_common::shm::{Control, Counter, PoolIndex, WantHead, memory};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
@@ -251,7 +252,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
         if frame > flown.sharp.len() as u64 {
             let camera = at(now);
             track.see(&camera, now);
-            let wanted = eye.tiles(&camera, &RESOLUTION);
+            let wanted = eye.tiles(&camera, &Views::single(&camera), &RESOLUTION);
             let missing: Vec<Tile> =
                 wanted.iter().copied().filter(|tile| !pools[tile.layer as usize].keep(tile.node, frame)).collect();
             flown.sharp.push(sharp_share(&world, &camera, wanted, &missing));
@@ -269,7 +270,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
                 Foresight::None => {}
                 Foresight::Predicted(prediction) => {
                     if let Some(camera) = track.predict(now, secs_ahead, prediction) {
-                        let tiles = ahead.tiles(&camera, &RESOLUTION).to_vec();
+                        let tiles = ahead.tiles(&camera, &Views::single(&camera), &RESOLUTION).to_vec();
                         scheduler.expect(tiles, &control, &mut link);
                     }
                 }
@@ -278,7 +279,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
                     let mut seen = HashSet::new();
                     for step in 1..=8 {
                         let later = now + (secs_ahead * 1e9 * f64::from(step) / 4.0) as u64;
-                        let of_then = ahead.tiles(&at(later), &RESOLUTION);
+                        let of_then = ahead.tiles(&at(later), &Views::single(&at(later)), &RESOLUTION);
                         tiles.extend(of_then.iter().copied().filter(|tile| seen.insert(*tile)));
                     }
                     scheduler.expect(tiles, &control, &mut link);
