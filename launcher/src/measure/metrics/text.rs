@@ -1,7 +1,8 @@
 //! The metrics as text (Prometheus exposition format 0.0.4).
 
-use super::tally::{BOUNDS_S, CAUSES, FrameTally};
+use super::tally::{BOUNDS_S, FrameTally};
 use std::fmt::{Display, Write};
+use terravision_common::outcome::TileFailure;
 use terravision_common::shm::{Control, Counter, Gauge, Stage};
 use terravision_store::Cause;
 
@@ -86,7 +87,8 @@ fn put_tiles(page: &mut Page, facts: &Facts, frames: &FrameTally) {
     page.count("tiles_loaded_total", "Tiles decoded into the pools.", counter(Counter::TilesLoaded));
     page.count("tiles_evicted_total", "Tiles that made room for others.", counter(Counter::TilesEvicted));
     page.count("tiles_uploaded_total", "Colour tiles copied to the device.", counter(Counter::TilesUploaded));
-    let unavailable = CAUSES.iter().zip(frames.unavailable).map(|(cause, count)| (label("cause", cause), count));
+    let unavailable =
+        TileFailure::ALL.iter().zip(frames.unavailable).map(|(failure, count)| (label("cause", failure.name()), count));
     page.put("tiles_unavailable_total", "counter", "Tiles that could not be had.", unavailable);
     page.put(
         "pool_slots",
