@@ -5,6 +5,7 @@
 //! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds for them.
 
 #![forbid(unsafe_code)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 pub mod fault_server;
 pub mod rays;

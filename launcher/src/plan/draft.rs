@@ -100,7 +100,8 @@ impl<'a> Draft<'a> {
     /// The plan.
     ///
     /// # Errors
-    /// Bad input: a number out of range, a path that does not go with the world, an output that cannot be written.
+    /// Bad input: a number out of range, a path that does not go with the world, an output that
+    /// cannot be written.
     pub(super) fn finish(
         mut self,
         texels: TexelQuestion,
@@ -174,7 +175,7 @@ impl<'a> Draft<'a> {
         }
         if lifted > 0 {
             self.warnings.push(format!(
-                "{lifted} of {} frames were below ground + {} m and were lifted",
+                "{lifted} of {} frames were lifted: their poses were less than {} m above the ground",
                 cameras.len(),
                 ground::CLEARANCE_M
             ));
