@@ -299,7 +299,7 @@ fn wrong_wishes_are_told_before_anything_is_made() {
         (&["-o", &out, "--depth", &d, "--ground", &format!("{d}/")][..], "each needs its own folder"),
         (&["-o", &out, "--depth", "d.png"], "expected a folder, e.g. --depth depth/"),
         (&["-o", &out, "--ground", "g.tif"], "expected a folder, e.g. --ground ground/"),
-        (&["-o", &out, "--depth"], "for files name a folder"),
+        (&["-o", &out, "--depth"], "for files add a folder"),
         (&["-o", &out, "--depth", &d, "--mode", "realtime"], "a flight against the clock leaves frames out"),
         (&["-o", "a.jpg"], "expected a folder for them, e.g. -o a/"),
         (&["-o", &out, "--codec", "h265"], "--codec applies to films"),
