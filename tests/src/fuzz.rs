@@ -89,7 +89,9 @@ impl<'a> Mutator<'a> {
         let at = self.numbers.below(bytes.len());
         match self.numbers.below(10) {
             0 if !bytes.is_empty() => bytes[at] ^= 1 << self.numbers.below(8),
-            1 if !bytes.is_empty() => bytes[at] = *self.numbers.one_of(&[0, 1, 0x7f, 0x80, 0xff, b'<', b'"', b'\n']).unwrap_or(&0),
+            1 if !bytes.is_empty() => {
+                bytes[at] = *self.numbers.one_of(&[0, 1, 0x7f, 0x80, 0xff, b'<', b'"', b'\n']).unwrap_or(&0)
+            }
             2 | 3 => self.change_number(bytes, at),
             4 => bytes.truncate(at),
             5 => {
@@ -127,7 +129,8 @@ impl<'a> Mutator<'a> {
         word[..width].copy_from_slice(place);
         let old = u64::from_le_bytes(word);
         let any = self.numbers.any();
-        let candidates = [0, 1, u64::MAX, u64::MAX >> 1, 1 << 31, 1 << 40, old.wrapping_add(1), old.wrapping_sub(1), old << 8, any];
+        let candidates =
+            [0, 1, u64::MAX, u64::MAX >> 1, 1 << 31, 1 << 40, old.wrapping_add(1), old.wrapping_sub(1), old << 8, any];
         let new = *self.numbers.one_of(&candidates).unwrap_or(&0);
         let is_big_endian = self.numbers.below(4) == 0;
         let new = if is_big_endian { new.to_be_bytes() } else { new.to_le_bytes() };

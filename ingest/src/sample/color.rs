@@ -1,6 +1,6 @@
 //! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
 
-use super::window::Kernel;
+use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;

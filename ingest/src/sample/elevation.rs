@@ -1,6 +1,6 @@
 //! The finest elevation level, from its sources.
 
-use super::window::Kernel;
+use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;

@@ -3,8 +3,8 @@
 use super::access::Access;
 use super::raster::{Raster, Shows};
 use super::values::{ColorValues, ElevationValues};
+use super::window::Window;
 use crate::error::IngestError;
-use crate::sample::window::Window;
 use gdal::Dataset;
 use gdal::raster::RasterBand;
 

@@ -4,9 +4,9 @@ use crate::{databases, within};
 use pmtiles::TileId;
 use std::fs;
 use terravision_common::database::{
-    ArchiveLayout, COLOR_FILE, Database, ELEVATION_FILE, Layer, MANIFEST_FILE, Manifest, ManifestError, NODES_FILE, NodeRanges,
-    NodesRecord, Place, TileScratch, check_tile, color_tile_bytes, decode_color, decode_elevation, max_payload_bytes,
-    seal_color_tile,
+    ArchiveLayout, COLOR_FILE, Database, ELEVATION_FILE, Layer, MANIFEST_FILE, Manifest, ManifestError, NODES_FILE,
+    NodeRanges, NodesRecord, Place, TileScratch, check_tile, color_tile_bytes, decode_color, decode_elevation,
+    max_payload_bytes, seal_color_tile,
 };
 use terravision_common::lonlat::{Plane, lonlat_of_body};
 use terravision_common::node::NodeId;
@@ -45,7 +45,16 @@ fn manifests() {
     let target = Target {
         name: "manifest",
         inputs: files(MANIFEST_FILE),
-        words: &[b"null", b"[]", b"{}", b"\"features\": [\"sparse-levels\"],", b"true", b"1e308", b"\\u0000", b"[[[[[[[["],
+        words: &[
+            b"null",
+            b"[]",
+            b"{}",
+            b"\"features\": [\"sparse-levels\"],",
+            b"true",
+            b"1e308",
+            b"\\u0000",
+            b"[[[[[[[[",
+        ],
         short_round: 3000,
     };
     target.run(|bytes| {
@@ -69,7 +78,8 @@ fn height_ranges() {
     let folder = TestFolder::new("fuzz-ranges");
     let path = folder.join(NODES_FILE);
     let worlds = worlds();
-    let target = Target { name: "nodes", inputs: files(NODES_FILE), words: &[b"TVnodes1", b"TVnodes2"], short_round: 1000 };
+    let target =
+        Target { name: "nodes", inputs: files(NODES_FILE), words: &[b"TVnodes1", b"TVnodes2"], short_round: 1000 };
     target.run(|bytes| {
         fs::write(&path, bytes).unwrap();
         let record = NodesRecord { bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) };
@@ -104,7 +114,8 @@ fn directories() {
                 let Ok(layout) = ArchiveLayout::parse(bytes, length) else { continue };
                 assert!(layout.tiles().end <= length && layout.leaves().end <= length);
                 let Ok(root) = layout.directory(&part(bytes, &layout.root())) else { continue };
-                for tile in [0, 1, 5, 21, 85, 1 << 20, u64::MAX >> 2].into_iter().filter_map(|id| TileId::new(id).ok()) {
+                for tile in [0, 1, 5, 21, 85, 1 << 20, u64::MAX >> 2].into_iter().filter_map(|id| TileId::new(id).ok())
+                {
                     let Ok(Some(place)) = layout.place(&root, tile) else { continue };
                     let range = match place {
                         Place::Tile(range) => range,
@@ -140,7 +151,12 @@ fn tiles(layer: Layer) -> Vec<Vec<u8>> {
 #[test]
 fn elevation_tiles() {
     let worlds = worlds();
-    let target = Target { name: "elevation-tile", inputs: tiles(Layer::Elevation), words: &[b"TVe1", b"TVe2"], short_round: 4000 };
+    let target = Target {
+        name: "elevation-tile",
+        inputs: tiles(Layer::Elevation),
+        words: &[b"TVe1", b"TVe2"],
+        short_round: 4000,
+    };
     let mut scratch = TileScratch::default();
     target.run(|bytes| {
         let mut mended = bytes.to_vec();
@@ -167,7 +183,12 @@ fn elevation_tiles() {
 #[test]
 fn color_tiles() {
     let world = worlds()[0];
-    let target = Target { name: "color-tile", inputs: tiles(Layer::Color), words: &[&[0xff, 0xd8], &[0xff, 0xc4], &[0xff, 0xda]], short_round: 300 };
+    let target = Target {
+        name: "color-tile",
+        inputs: tiles(Layer::Color),
+        words: &[&[0xff, 0xd8], &[0xff, 0xc4], &[0xff, 0xda]],
+        short_round: 300,
+    };
     let mut out = vec![0; color_tile_bytes(&world)];
     target.run(|bytes| {
         let mut mended = bytes[..bytes.len().saturating_sub(8)].to_vec();
@@ -194,7 +215,17 @@ fn projections() {
     let target = Target {
         name: "projection",
         inputs,
-        words: &[b"+proj=longlat", b"+proj=merc", b"+zone=", b"+a=", b"+rf=0", b"+b=0", b"+nadgrids=x", b"+lat_ts=90", b"+k=0"],
+        words: &[
+            b"+proj=longlat",
+            b"+proj=merc",
+            b"+zone=",
+            b"+a=",
+            b"+rf=0",
+            b"+b=0",
+            b"+nadgrids=x",
+            b"+lat_ts=90",
+            b"+k=0",
+        ],
         short_round: 3000,
     };
     target.run(|bytes| {

@@ -63,7 +63,8 @@ fn archives() {
     let folder = TestFolder::new("fuzz-tar");
     let (path, options) = (folder.join("world.tar"), options(&folder.join("cache")));
     let inputs = databases().iter().map(|database| tar(database)).collect();
-    let words: [&[u8]; 5] = [b"ustar\0", b"77777777777", b"99 path=world.tv/manifest.json\n", b"11 size=-1\n", &[0x80, 0, 0, 0]];
+    let words: [&[u8]; 5] =
+        [b"ustar\0", b"77777777777", b"99 path=world.tv/manifest.json\n", b"11 size=-1\n", &[0x80, 0, 0, 0]];
     let target = Target { name: "tar", inputs, words: &words, short_round: 150 };
     target.run(|bytes| {
         // As it came, and with headers whose checksums are right.
@@ -71,13 +72,16 @@ fn archives() {
         let mut at = 0;
         while let Some(block) = mended.get_mut(at..at + BLOCK).filter(|block| block[257..262] == *b"ustar") {
             seal(block);
-            let size = std::str::from_utf8(&block[124..135]).ok().and_then(|text| usize::from_str_radix(text.trim(), 8).ok());
+            let size =
+                std::str::from_utf8(&block[124..135]).ok().and_then(|text| usize::from_str_radix(text.trim(), 8).ok());
             at = at.saturating_add(BLOCK + size.unwrap_or(0).next_multiple_of(BLOCK)).min(mended.len());
         }
         for archive in [bytes, &mended] {
             fs::write(&path, archive).unwrap();
             within(64 << 20, || {
-                let Err(error) = Store::open(&Location::parse(path.to_str().unwrap()).unwrap(), &options) else { return };
+                let Err(error) = Store::open(&Location::parse(path.to_str().unwrap()).unwrap(), &options) else {
+                    return;
+                };
                 assert!(!error.to_string().is_empty());
             });
         }
@@ -111,7 +115,8 @@ fn answers_of_servers() {
     let folder = TestFolder::new("fuzz-http");
     let manifest = fs::read(databases()[0].join(MANIFEST_FILE)).unwrap();
     let head = |status: &str, more: &str| -> Vec<u8> {
-        let head = format!("HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n{more}\r\n", manifest.len());
+        let head =
+            format!("HTTP/1.1 {status}\r\nContent-Length: {}\r\nConnection: close\r\n{more}\r\n", manifest.len());
         [head.as_bytes(), &manifest].concat()
     };
     let last = manifest.len() - 1;

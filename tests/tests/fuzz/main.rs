@@ -29,7 +29,8 @@ fn databases() -> &'static [PathBuf; 2] {
         let folder = target_tmp().join(format!("fuzz-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let raster = |name: &str, side: usize, at_m: f64, spacing_m: f64, is_void: fn(usize) -> bool| {
-            let post = |k: usize| if is_void(k) { f32::NAN } else { 300.0 + (k % side) as f32 * 1.5 + (k / side % 7) as f32 };
+            let post =
+                |k: usize| if is_void(k) { f32::NAN } else { 300.0 + (k % side) as f32 * 1.5 + (k / side % 7) as f32 };
             let posts: Vec<f32> = (0..side * side).map(post).collect();
             let origin = [500_000.0 + at_m, 5_000_000.0 + at_m];
             write_heights(&folder.join(name), side, side, origin, spacing_m, &posts);
@@ -37,7 +38,13 @@ fn databases() -> &'static [PathBuf; 2] {
         };
         let ingest = |name: &str, files: &[PathBuf]| {
             let made = folder.join(name);
-            Terravision::verb("ingest").arg("--elevation").args(files).arg("-o").arg(&made).arg("--overwrite").succeed();
+            Terravision::verb("ingest")
+                .arg("--elevation")
+                .args(files)
+                .arg("-o")
+                .arg(&made)
+                .arg("--overwrite")
+                .succeed();
             made
         };
         let holed = raster("holed.tif", 50, 0.0, 10.0, |k| k % 50 < 9 && k / 50 < 12);

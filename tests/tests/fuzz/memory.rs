@@ -7,7 +7,9 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use terravision_common::event::{Event, EventKind, SpanName};
-use terravision_common::shm::{FrameRing, FrameRingReader, FrameShape, PoseInbox, PoseRecord, PoseSender, SharedFrame, Stage};
+use terravision_common::shm::{
+    FrameRing, FrameRingReader, FrameShape, PoseInbox, PoseRecord, PoseSender, SharedFrame, Stage,
+};
 use terravision_launcher::measure::collector::Collector;
 use terravision_tests::fuzz::{Numbers, Target};
 use terravision_tests::live::shared_name;
@@ -22,13 +24,22 @@ fn events() -> Vec<u8> {
         value: SpanName::Generate as u64 + k % 9,
         ..Event::zeroed()
     };
-    let all: Vec<Event> = (0..40).filter(|kind| EventKind::from_number(*kind).is_some()).zip(0..).map(|(kind, k)| event(kind, k)).collect();
+    let all: Vec<Event> = (0..40)
+        .filter(|kind| EventKind::from_number(*kind).is_some())
+        .zip(0..)
+        .map(|(kind, k)| event(kind, k))
+        .collect();
     bytemuck::cast_slice(&all).to_vec()
 }
 
 #[test]
 fn events_of_a_stage() {
-    let target = Target { name: "events", inputs: vec![events()], words: &[b"\0\0\0\0\0\0\0\0", &[0xff; 8], b"corrupt: "], short_round: 3000 };
+    let target = Target {
+        name: "events",
+        inputs: vec![events()],
+        words: &[b"\0\0\0\0\0\0\0\0", &[0xff; 8], b"corrupt: "],
+        short_round: 3000,
+    };
     target.run(|bytes| {
         within(16 << 20, || {
             let mut collector = Collector::new(0, 8, false);
@@ -47,7 +58,9 @@ fn events_of_a_stage() {
 /// Writes over a public segment as any program of the user may, at a place that the input's first bytes choose.
 fn scribble(file: &File, bytes: &[u8]) {
     let length = file.metadata().unwrap().len();
-    let mut numbers = Numbers::new(bytes.iter().fold(bytes.len() as u64, |sum, byte| sum.wrapping_mul(31).wrapping_add(u64::from(*byte))));
+    let mut numbers = Numbers::new(
+        bytes.iter().fold(bytes.len() as u64, |sum, byte| sum.wrapping_mul(31).wrapping_add(u64::from(*byte))),
+    );
     for part in bytes.chunks(16) {
         // Heads of segments and slots are where numbers are believed: half of all parts go there.
         let span = if numbers.below(2) == 0 { length.min(1024) } else { length };
@@ -69,7 +82,12 @@ fn frames_of_another_program() {
     let mut whole = vec![0; file.metadata().unwrap().len() as usize];
     file.read_exact_at(&mut whole, 0).unwrap();
     let inputs = vec![whole[..512].to_vec(), vec![0xff; 64], vec![1; 64]];
-    let target = Target { name: "frame-ring", inputs, words: &[&[0xff; 8], &[0; 8], &1u64.to_le_bytes(), &2u64.to_le_bytes()], short_round: 1500 };
+    let target = Target {
+        name: "frame-ring",
+        inputs,
+        words: &[&[0xff; 8], &[0; 8], &1u64.to_le_bytes(), &2u64.to_le_bytes()],
+        short_round: 1500,
+    };
     let mut reader = FrameRingReader::open(&name).unwrap();
     target.run(|bytes| {
         scribble(&file, bytes);
@@ -77,7 +95,9 @@ fn frames_of_another_program() {
             let mut frame = SharedFrame::default();
             drop(reader.read(&mut frame));
             assert!(frame.rgba.len() <= 16 * 8 * 4);
-            assert!((reader.newest(), reader.is_ended(), reader.launcher_pid()).2 < u32::MAX || reader.shape() == shape);
+            assert!(
+                (reader.newest(), reader.is_ended(), reader.launcher_pid()).2 < u32::MAX || reader.shape() == shape
+            );
             // Whoever comes now believes nothing either.
             drop(FrameRingReader::open(&name));
         });
@@ -105,7 +125,12 @@ fn poses_of_another_program() {
     let mut whole = vec![0; file.metadata().unwrap().len() as usize];
     file.read_exact_at(&mut whole, 0).unwrap();
     let inputs = vec![whole[..256].to_vec(), vec![0xff; 32]];
-    let target = Target { name: "poses", inputs, words: &[&f64::NAN.to_le_bytes(), &[0xff; 8], &3u64.to_le_bytes()], short_round: 1500 };
+    let target = Target {
+        name: "poses",
+        inputs,
+        words: &[&f64::NAN.to_le_bytes(), &[0xff; 8], &3u64.to_le_bytes()],
+        short_round: 1500,
+    };
     target.run(|bytes| {
         scribble(&file, bytes);
         within(1 << 20, || {

@@ -25,9 +25,13 @@ fn read(file: &Path) {
         match path::load(file, &world, &Plain, options, &mut remarks) {
             Ok(path) => {
                 let Ok(Some(count)) = path.course.frame_count(30.0, 1.0) else { continue };
-                for frame in [0, 1, count / 3, count / 2, count.saturating_sub(1)].into_iter().filter(|at| *at < count) {
+                for frame in [0, 1, count / 3, count / 2, count.saturating_sub(1)].into_iter().filter(|at| *at < count)
+                {
                     let pose = path.course.pose(frame, 30.0, 1.0).unwrap();
-                    assert!(pose.position.is_finite() && pose.heading_rad.is_finite() && pose.pitch_rad.is_finite(), "{pose:?}");
+                    assert!(
+                        pose.position.is_finite() && pose.heading_rad.is_finite() && pose.pitch_rad.is_finite(),
+                        "{pose:?}"
+                    );
                 }
             }
             Err(error) => {
@@ -51,7 +55,8 @@ fn run(name: &str, inputs: Vec<Vec<u8>>, words: &[&[u8]], short_round: u64) {
 
 #[test]
 fn json() {
-    let words: [&[u8]; 7] = [b"\"crs\": \"EPSG:4326\",", b"\"keyframes\"", b"null", b"1e308", b"\"t\": -1", b"[", b"\"target\""];
+    let words: [&[u8]; 7] =
+        [b"\"crs\": \"EPSG:4326\",", b"\"keyframes\"", b"null", b"1e308", b"\"t\": -1", b"[", b"\"target\""];
     run("path-json", Vec::new(), &words, 600);
 }
 
@@ -73,7 +78,8 @@ fn kml() {
 
 #[test]
 fn gpx() {
-    let words: [&[u8]; 6] = [b"<trkpt", b"</trkseg>", b"<ele>", b"<time>2024-02-30T25:61:61Z</time>", b"lat=\"91\"", b"<rte>"];
+    let words: [&[u8]; 6] =
+        [b"<trkpt", b"</trkseg>", b"<ele>", b"<time>2024-02-30T25:61:61Z</time>", b"lat=\"91\"", b"<rte>"];
     run("path-gpx", Vec::new(), &words, 600);
 }
 
@@ -84,7 +90,9 @@ fn zip(name: &str, content: &[u8]) -> Vec<u8> {
     let name_bytes = (name.len() as u16).to_le_bytes();
     let common = [&[0u8; 8][..], &crc, &size, &size, &name_bytes, &[0; 2]].concat();
     let local = [b"PK\x03\x04\x14\x00", &common[..], name.as_bytes(), content].concat();
-    let central = [b"PK\x01\x02\x14\x00\x14\x00", &common[..], &[0; 2], &[0; 2], &[0; 2], &[0; 4], &[0; 4], name.as_bytes()].concat();
+    let central =
+        [b"PK\x01\x02\x14\x00\x14\x00", &common[..], &[0; 2], &[0; 2], &[0; 2], &[0; 4], &[0; 4], name.as_bytes()]
+            .concat();
     let end = [
         b"PK\x05\x06\0\0\0\0\x01\0\x01\0",
         &(central.len() as u32).to_le_bytes()[..],
@@ -109,10 +117,12 @@ fn kmz() {
 #[test]
 fn poses_by_udp() {
     let inputs = vec![
-        br#"{"x": 500000.5, "y": 4.9e6, "z": 1500, "heading": 90, "pitch": -10, "roll": 0, "vfov": 50, "t": 12.5}"#.to_vec(),
+        br#"{"x": 500000.5, "y": 4.9e6, "z": 1500, "heading": 90, "pitch": -10, "roll": 0, "vfov": 50, "t": 12.5}"#
+            .to_vec(),
         br#"{"end": true}"#.to_vec(),
     ];
-    let target = Target { name: "pose-json", inputs, words: &[b"NaN", b"null", b"\"x\": 1,", b"1e999"], short_round: 5000 };
+    let target =
+        Target { name: "pose-json", inputs, words: &[b"NaN", b"null", b"\"x\": 1,", b"1e999"], short_round: 5000 };
     target.run(|bytes| {
         within(1 << 20, || {
             if let Message::Pose(pose) = Message::of_json(bytes) {
