@@ -126,7 +126,7 @@ fn name_of_function(line: &str) -> Option<&str> {
 fn atomics_of_shared_memory_come_from_one_door() {
     // It numbers the runs of one process.
     const EXCEPTIONS: [&str; 1] = ["common/src/shm/run_id.rs"];
-    let is_test = |name: &str| name.contains("/tests/") || name.ends_with("tests.rs");
+    let is_test = |name: &str| name.contains("tests/") || name.ends_with("tests.rs");
     let files = sources("common/src/shm");
     let has_own = |(name, text): &&(String, String)| {
         let words = ["sync::atomic", "core::sync", "loom::sync", "UnsafeCell"];
