@@ -10,7 +10,7 @@ use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
 use crate::plan::{Lattice, Plan, PlanOptions};
-use crate::sample::elevation::quantised;
+use crate::sample::elevation::quantized;
 use crate::source::TargetCrs;
 use crate::source::crs;
 use crate::store::Rgb;
@@ -82,7 +82,7 @@ impl Content {
         }
         match self.detail(x, y) {
             detail if detail > 0.0 => {
-                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, OCTAVES)))
+                quantized(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, OCTAVES)))
             }
             _ => PLAIN_M,
         }
@@ -252,7 +252,7 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
 fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let named = tiles.iter().map(|(_, coord, [m, n])| {
-        let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is no node"))?;
+        let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is not a node"))?;
         let picture = vec![name_color(node); (stored * stored) as usize];
         Ok((*coord, archive::encode_color_tile(&picture, stored as u16, 95)?, None))
     });

@@ -107,7 +107,7 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
     let of = |columns: &mut dyn Iterator<Item = usize>| {
         let places = columns.map(|column| raster.affine.apply(column as f64 + 0.5, row));
         let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
-        // What has no place comes back infinite: it is no jump, and left out by who asks.
+        // What has no place comes back infinite: it is not a jump, and the caller leaves it out.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
         (x, y)
     };

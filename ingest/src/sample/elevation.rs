@@ -32,7 +32,7 @@ pub(crate) fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
 
 /// Rounds a height to what tiles can hold.
 #[must_use]
-pub fn quantised(height: f32) -> f32 {
+pub fn quantized(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn is_outside(height: f32) -> bool {
 
 fn height_of(sampled: Sampled<1>) -> f32 {
     match sampled {
-        Sampled::Value(_, [height]) => quantised(height),
+        Sampled::Value(_, [height]) => quantized(height),
         Sampled::Void => f32::NAN,
         Sampled::Outside => OUTSIDE,
     }
@@ -85,7 +85,7 @@ pub fn sample(
             let block = blocks.rect(index);
             let heights = set.sample::<1>(block)?;
             let heights: Vec<f32> = heights.into_iter().map(height_of).collect();
-            let part = summarise(&heights);
+            let part = summarize(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;
                 all.range = union(all.range, part.range);
@@ -99,7 +99,7 @@ pub fn sample(
     Ok((level, summary))
 }
 
-fn summarise(heights: &[f32]) -> Summary {
+fn summarize(heights: &[f32]) -> Summary {
     let mut summary = Summary { voids: 0, range: EMPTY, source_range: EMPTY };
     for &height in heights {
         if height.is_nan() {

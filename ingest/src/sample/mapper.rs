@@ -68,7 +68,7 @@ impl Mapper {
     pub fn scale_at(&self, [x, y]: [f64; 2], step: f64) -> [f64; 2] {
         let (mut u, v) = self.positions(vec![x, x + step, x], vec![y, y, y + step]);
         if let Some(period) = self.period {
-            // A step across the seam of the source's longitudes is no step around the body.
+            // A step across the seam of the source's longitudes is not a step around the body.
             let first = u[0];
             u.iter_mut().for_each(|u| *u -= ((*u - first) / period).round() * period);
         }

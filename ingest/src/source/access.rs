@@ -162,14 +162,14 @@ pub(super) fn leads_elsewhere(path: &Path) -> Option<&'static str> {
 }
 
 /// A local file whose neighbours, which GDAL opens with it, lead elsewhere.
-pub(super) fn check_neighbours(path: &Path) -> Result<(), String> {
+pub(super) fn check_neighbors(path: &Path) -> Result<(), String> {
     let beside = |ending: &str| PathBuf::from(format!("{}{ending}", path.display()));
     let all = [beside(".ovr"), beside(".OVR"), beside(".msk"), beside(".MSK"), path.with_extension("ovr")];
-    for neighbour in all {
-        if let Some(what) = leads_elsewhere(&neighbour) {
+    for neighbor in all {
+        if let Some(what) = leads_elsewhere(&neighbor) {
             return Err(format!(
                 "would be read with {}, which is {what}, though its name does not say so; --trust-vrt allows it",
-                neighbour.display()
+                neighbor.display()
             ));
         }
     }
@@ -219,7 +219,7 @@ impl Access {
         if is_vrt && leads_elsewhere(path).is_some() {
             return vrt::check(path);
         }
-        if path.is_file() { check_neighbours(path) } else { Ok(()) }
+        if path.is_file() { check_neighbors(path) } else { Ok(()) }
     }
 
     /// Looks at a dataset that has been opened: does it name other files?

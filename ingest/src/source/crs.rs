@@ -13,7 +13,7 @@ use terravision_common::database::{Body, Crs};
 pub fn parse(whose: &str, text: &str) -> Result<SpatialRef, IngestError> {
     SpatialRef::from_definition(text).map(traditional).map_err(|e| {
         IngestError::usage(format!(
-            "{whose} {text} is no coordinate reference system that PROJ knows{}",
+            "{whose} {text} is not a coordinate reference system that PROJ knows{}",
             match e {
                 // The number of an error alone says nothing.
                 gdal::errors::GdalError::OgrError { .. } => String::new(),
