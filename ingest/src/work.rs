@@ -170,7 +170,8 @@ impl<T> Queue<T> {
         Self { count, lead, next, is_over, results: Mutex::new((0, BTreeMap::new())), changed: Condvar::new() }
     }
 
-    /// The next number for a worker, once the consumer is near enough; `None` when there is no more to do.
+    /// The next number for a worker, once the consumer is near enough; `None` when there is no more
+    /// to do.
     fn next(&self) -> Option<usize> {
         // Relaxed: the number itself is all that is taken.
         let index = self.next.fetch_add(1, Ordering::Relaxed);

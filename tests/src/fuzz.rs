@@ -1,12 +1,15 @@
-//! Fuzzing of whatever reads foreign bytes: valid inputs, changed by a seeded generator, again and again.
+//! Fuzzing of whatever reads foreign bytes: valid inputs, changed by a seeded generator, again and
+//! again.
 //!
-//! A mutator of our own, since it has to run on stable Rust in every suite, without coverage: there, known fuzzers make inputs from nothing
-//! (bolero) or do not run at all (cargo-fuzz), and bytes from nothing do not get past a magic number or a checksum. Here each
-//! target brings inputs that are right, and may mend what it has to (a checksum) after they were changed.
+//! A mutator of our own, since it has to run on stable Rust in every suite, without coverage:
+//! there, known fuzzers make inputs from nothing (bolero) or do not run at all (cargo-fuzz), and
+//! bytes from nothing do not get past a magic number or a checksum. Here each target brings inputs
+//! that are right, and may mend what it has to (a checksum) after they were changed.
 //!
-//! A short round in the suite is the same each time. `scripts/fuzz.sh SECONDS` runs longer, from another seed each time. An
-//! input at which a reader panics, or takes too much memory or time, is kept as a file that the message names; put
-//! it into the target's folder below `tests/corpus` when it is mended.
+//! A short round in the suite is the same each time. `scripts/fuzz.sh SECONDS` runs longer, from
+//! another seed each time. An input at which a reader panics, or takes too much memory or time, is
+//! kept as a file that the message names; put it into the target's folder below `tests/corpus` when
+//! it is mended.
 
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

@@ -40,8 +40,8 @@ fn pixel_at(raster: &Raster, target: &TargetCrs, point: [f64; 2]) -> Option<[f64
     (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size[a] as f64).then_some(pixel)
 }
 
-/// What a source is in the database's CRS; its pixels are measured at `focus`, if that is in it, else in its middle.
-/// (A map of the globe has no useful middle in a UTM zone.)
+/// What a source is in the database's CRS; its pixels are measured at `focus`, if that is in it,
+/// else in its middle. (A map of the globe has no useful middle in a UTM zone.)
 pub(super) fn footprint(
     raster: &Raster,
     target: &TargetCrs,
@@ -95,8 +95,8 @@ pub(super) fn footprint(
     Ok(Footprint { low, high, spacing, focus, is_lattice })
 }
 
-/// Pixel centres of the middle row on both sides of where a plane cuts a source open that goes around the body: a grid of few
-/// points misses the ends of the plane.
+/// Pixel centres of the middle row on both sides of where a plane cuts a source open that goes
+/// around the body: a grid of few points misses the ends of the plane.
 fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) {
     let none = (Vec::new(), Vec::new());
     let width = raster.size[0];
@@ -119,15 +119,17 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
     jump.map_or(none, |at| of(&mut (at * step..=((at + 1) * step).min(width - 1))))
 }
 
-/// Where a source's pixels are measured: where it is asked for, else in its middle, and in case that this is where its
-/// plane is cut open (the far side of a globe from 0 to 360 degrees), elsewhere along its middle row.
+/// Where a source's pixels are measured: where it is asked for, else in its middle, and in case
+/// that this is where its plane is cut open (the far side of a globe from 0 to 360 degrees),
+/// elsewhere along its middle row.
 fn measuring_places(raster: &Raster, asked: Option<[f64; 2]>) -> Vec<[f64; 2]> {
     let [width, height] = raster.size.map(|v| v as f64);
     let shares = if asked.is_some() { &[][..] } else { &[0.5, 0.25, 0.75, 0.375, 0.625][..] };
     asked.into_iter().chain(shares.iter().map(|share| [share * width, 0.5 * height])).collect()
 }
 
-/// The first place, unless its spacing is more than twice or less than half the usual one: then a place that has that.
+/// The first place, unless its spacing is more than twice or less than half the usual one: then a
+/// place that has that.
 fn typical(places: impl Iterator<Item = usize>, spacing_at: impl Fn(usize) -> f64) -> Option<usize> {
     let mut measured: Vec<(usize, f64)> = places.map(|place| (place, spacing_at(place))).collect();
     let first = *measured.first()?;

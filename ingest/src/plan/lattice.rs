@@ -19,7 +19,8 @@ impl Lattice {
     }
 }
 
-/// Where a source's pixel centres lie in the database's CRS: least and greatest easting and northing, and its pixels' size.
+/// Where a source's pixel centres lie in the database's CRS: least and greatest easting and
+/// northing, and its pixels' size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Least easting and northing.
@@ -33,7 +34,8 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Whether a block of a lattice may meet the source. (Bounds are of sampled points: a few pixels are allowed.)
+    /// Whether a block of a lattice may meet the source. (Bounds are of sampled points: a few
+    /// pixels are allowed.)
     #[must_use]
     pub fn meets(&self, lattice: &Lattice, block: Rect) -> bool {
         (0..2).all(|axis| {

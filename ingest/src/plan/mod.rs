@@ -1,8 +1,8 @@
 //! The world's geometry: where posts and texels of the finest levels lie.
 //!
-//! A single source that is already in the database's CRS, with square pixels along the axes, gives the lattice: its
-//! pixel centres become posts, so its heights are copied. Else posts lie on multiples of the spacing, which is the
-//! ground size of the finest source's pixels.
+//! A single source that is already in the database's CRS, with square pixels along the axes, gives
+//! the lattice: its pixel centres become posts, so its heights are copied. Else posts lie on
+//! multiples of the spacing, which is the ground size of the finest source's pixels.
 
 mod footprint;
 mod lattice;
@@ -117,7 +117,8 @@ fn check_overlap(
     Ok(())
 }
 
-/// The world's numbers: levels for both layers. Colour that is very much finer than the elevation draws its posts closer.
+/// The world's numbers: levels for both layers. Colour that is very much finer than the elevation
+/// draws its posts closer.
 fn world_fields(
     Posts { mut spacing, origin, mut intervals }: Posts,
     color_spacing: f64,
@@ -126,8 +127,9 @@ fn world_fields(
 ) -> Result<WorldFields, IngestError> {
     let (nz, nc) = (options.elevation_tile, options.color_tile);
     let depth = i32::from(nc.ilog2() as u8) - i32::from(nz.ilog2() as u8);
-    // How many levels the finest colour is above the one that shares a node with the finest elevation. Texels may
-    // be up to 7 % coarser than the photo's pixels, rather than almost twice as fine.
+    // How many levels the finest colour is above the one that shares a node with the finest
+    // elevation. Texels may be up to 7 % coarser than the photo's pixels, rather than almost twice
+    // as fine.
     let offset = |spacing: f64| {
         if color_spacing.is_finite() { ((color_spacing / spacing).log2() + 0.1).floor() as i32 + depth } else { depth }
     };
@@ -179,7 +181,8 @@ impl Plan {
     /// Plans the world of these sources.
     ///
     /// # Errors
-    /// [`IngestError`]: a source that has no place in the CRS, colour beside the elevation, a world too large.
+    /// [`IngestError`]: a source that has no place in the CRS, colour beside the elevation, a world
+    /// too large.
     pub fn new(
         target: &TargetCrs,
         elevation: &[Raster],
@@ -229,7 +232,8 @@ impl Plan {
         self.world.extent().map(|e| (u64::from(e) * nc).div_ceil(nz << q))
     }
 
-    /// Bytes that the levels need on disk while the database is made, and the database itself at most.
+    /// Bytes that the levels need on disk while the database is made, and the database itself at
+    /// most.
     #[must_use]
     pub fn disk_bytes(&self) -> u64 {
         if self.is_nested {

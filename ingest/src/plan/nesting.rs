@@ -8,13 +8,15 @@ const MOST_NESTED: f64 = 0.75;
 /// Places along a side at which it is looked which sources cover the world.
 const PROBES: usize = 64;
 
-/// The level for a source whose spacing is so many times that of the finest level: at most 7 % coarser than the source.
+/// The level for a source whose spacing is so many times that of the finest level: at most 7 %
+/// coarser than the source.
 pub(super) fn own_level(world: &World, ratio: f64, finest: u8) -> u8 {
     let above = (ratio.log2() + 0.1).floor().max(0.0) as u8;
     finest.saturating_add(above).min(world.root().q())
 }
 
-/// Whether data of the finest levels cover so little of the world that these levels are only made there.
+/// Whether data of the finest levels cover so little of the world that these levels are only made
+/// there.
 pub(super) fn is_nested(world: &World, elevation: (&[Footprint], &[u8]), color: (&[Footprint], &[u8])) -> bool {
     let (origin, size) = (world.fields().origin, world.extent_m());
     let share = |prints: &[&Footprint]| {

@@ -68,7 +68,8 @@ pub(crate) fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) ->
     out
 }
 
-/// `[1, 2, 1]` both ways over what is not void; void when nothing is left, or less than a lone centre weighs.
+/// `[1, 2, 1]` both ways over what is not void; void when nothing is left, or less than a lone
+/// centre weighs.
 fn filter_around_voids(fine: &[f32], width: usize, column: usize, row: usize) -> f32 {
     let (mut sum, mut known) = (0.0, 0.0);
     for (j, down) in [1.0f32, 2.0, 1.0].into_iter().enumerate() {

@@ -36,7 +36,8 @@ pub fn quantized(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
-/// A post that lies in no file: not a number either, but another one by its bits, which levels keep.
+/// A post that lies in no file: not a number either, but another one by its bits, which levels
+/// keep.
 pub(crate) const OUTSIDE: f32 = f32::from_bits(f32::NAN.to_bits() | 1);
 
 /// Whether a post of the finest level that [`sample`] made lies in no file.

@@ -120,7 +120,8 @@ impl Kernel {
         self.weighted(window).or_else(|| self.sample_around_voids(window, position))
     }
 
-    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a source on its own lattice.
+    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a
+    /// source on its own lattice.
     fn pixel_at<const C: usize>(&self, window: &Window<C>, position: [f64; 2]) -> Option<usize> {
         let mut place = [0; 2];
         for axis in 0..2 {

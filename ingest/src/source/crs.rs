@@ -169,10 +169,12 @@ struct Stretch {
 
 /// A plane that stretches or shrinks distances by less everywhere is not told.
 const TOLD_STRETCH: f64 = 0.05;
-/// Places along a side of the world where the stretch is judged: its corners, the middles of its sides, its middle.
+/// Places along a side of the world where the stretch is judged: its corners, the middles of its
+/// sides, its middle.
 const JUDGED: usize = 3;
 
-/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing can be told.
+/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing
+/// can be told.
 fn worst_stretch(sources: &[Raster], plane: &SpatialRef) -> Option<Stretch> {
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for raster in sources {

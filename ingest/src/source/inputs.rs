@@ -6,7 +6,8 @@ use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Files of archives and folders that are not rasters of the ground, though GDAL could open some of them.
+/// Files of archives and folders that are not rasters of the ground, though GDAL could open some of
+/// them.
 const BESIDE: [&str; 22] = [
     "txt", "csv", "md", "htm", "html", "pdf", "xml", "json", "kml", "kmz", "prj", "tfw", "tfwx", "wld", "jgw", "pgw",
     "hdr", "ovr", "msk", "aux", "shp", "vrt",

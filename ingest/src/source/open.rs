@@ -143,7 +143,8 @@ impl Reader<3> for ColorReader<'_> {
         let mut window = Window::new(origin, size);
         let samples = |band: usize| read_band::<f32>(self.raster, &self.dataset.rasterband(band), origin, size);
         let bands = self.values.color_bands();
-        // A pixel is void when all its bands say so: pure white is not void where only 255 in all bands is.
+        // A pixel is void when all its bands say so: pure white is not void where only 255 in all
+        // bands is.
         let mut voids = vec![0u8; window.pixels.len()];
         for band in &bands {
             let palette = self.raster.bands[band - 1].palette.as_deref();

@@ -1,4 +1,5 @@
-//! One look at all samples of an elevation source before they are used: undeclared fill, implausible heights.
+//! One look at all samples of an elevation source before they are used: undeclared fill,
+//! implausible heights.
 
 use super::open::{open_raster, read_alpha, read_mask};
 use super::raster::Raster;

@@ -84,7 +84,8 @@ impl ElevationValues {
     /// Works out what a source's samples mean. Reads all of it.
     ///
     /// # Errors
-    /// [`IngestError::Source`] when it cannot be read, or its samples are not heights; interruption.
+    /// [`IngestError::Source`] when it cannot be read, or its samples are not heights;
+    /// interruption.
     pub fn of(
         raster: &Raster,
         choice: NodataChoice,

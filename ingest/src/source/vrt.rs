@@ -181,7 +181,8 @@ fn looks_like_a_name(text: &str) -> bool {
             || Path::new(text).exists())
 }
 
-/// A source, named absolutely, or against the folder of its VRT (or, without a `folder`, of the process).
+/// A source, named absolutely, or against the folder of its VRT (or, without a `folder`, of the
+/// process).
 fn check_source(text: &str, folder: Option<&Path>, root: &Path, depth: usize) -> Result<(), String> {
     let path = folder.map_or_else(|| PathBuf::from(text), |folder| folder.join(text));
     let beyond = || format!("has the source {text}, which is not under {}; {ALLOW}", root.display());

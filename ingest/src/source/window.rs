@@ -37,7 +37,8 @@ impl<const C: usize> Window<C> {
         (!is_void).then(|| self.pixels[at])
     }
 
-    /// The pixel at a place of the source's grid, unless it is void; beyond the window its border is repeated.
+    /// The pixel at a place of the source's grid, unless it is void; beyond the window its border
+    /// is repeated.
     pub(crate) fn known_near(&self, place: [i64; 2]) -> Option<[f32; C]> {
         let [column, row] = [0, 1].map(|k| (place[k] - self.origin[k]).clamp(0, self.size[k] as i64 - 1) as usize);
         self.known(row * self.size[0] + column)

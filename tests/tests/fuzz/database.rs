@@ -1,4 +1,5 @@
-//! A database in a folder: its manifest, height ranges, directories, tiles; and the projections that a manifest names.
+//! A database in a folder: its manifest, height ranges, directories, tiles; and the projections
+//! that a manifest names.
 
 use crate::{databases, within};
 use pmtiles::TileId;
@@ -25,7 +26,8 @@ fn worlds() -> Vec<World> {
     databases().iter().map(|path| *Database::open(path).unwrap().world()).collect()
 }
 
-/// Reads a manifest; the checksum of what was changed is made right, so that more than the checksum is tried.
+/// Reads a manifest; the checksum of what was changed is made right, so that more than the checksum
+/// is tried.
 fn read_manifest(text: &str) -> Option<Manifest> {
     match Manifest::parse(text) {
         Ok(manifest) => Some(manifest),

@@ -1,6 +1,6 @@
-//! Everything that reads foreign bytes, given bytes that were changed (`terravision_tests::fuzz`): whatever comes, a reader says
-//! so, and neither panics nor takes more memory than what it reads is worth. Segments of a run are fuzzed where they
-//! are read (`common/src/shm/tests/garbage.rs`).
+//! Everything that reads foreign bytes, given bytes that were changed (`terravision_tests::fuzz`):
+//! whatever comes, a reader says so, and neither panics nor takes more memory than what it reads is
+//! worth. Segments of a run are fuzzed where they are read (`common/src/shm/tests/garbage.rs`).
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -16,7 +16,8 @@ use terravision_tests::folder::target_tmp;
 use terravision_tests::geotiff::write_heights;
 use terravision_tests::process::Terravision;
 
-/// Fails when `read` takes more memory at a time than `most` bytes. What other threads take does not count.
+/// Fails when `read` takes more memory at a time than `most` bytes. What other threads take does
+/// not count.
 fn within(most: u64, read: impl FnOnce()) {
     let taken = allocation_counter::measure(read).bytes_max;
     assert!(taken <= most, "{taken} bytes of memory, expected at most {most}");

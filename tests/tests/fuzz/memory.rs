@@ -55,7 +55,8 @@ fn events_of_a_stage() {
     });
 }
 
-/// Writes over a public segment as any program of the user may, at a place that the input's first bytes choose.
+/// Writes over a public segment as any program of the user may, at a place that the input's first
+/// bytes choose.
 fn scribble(file: &File, bytes: &[u8]) {
     let length = file.metadata().unwrap().len();
     let mut numbers = Numbers::new(

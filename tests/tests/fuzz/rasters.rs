@@ -1,4 +1,5 @@
-//! Rasters, as ingest opens them: GeoTIFF with all that its tags say, and VRT. In a process of its own: most of what reads them is GDAL.
+//! Rasters, as ingest opens them: GeoTIFF with all that its tags say, and VRT. In a process of its
+//! own: most of what reads them is GDAL.
 
 use std::fs;
 use std::path::Path;
