@@ -1,11 +1,12 @@
 //! The command line of `terravision bench`.
 
-use crate::queues::Queue;
-use crate::rays;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use terravision_common::level::Measure;
 use terravision_common::run::Prediction;
+
+/// Pictures of each kind that `rays` draws when nothing is said.
+pub const RAYS_ROUNDS: u32 = 15;
 
 /// Measures the stages, the queues between them, the whole pipeline, and ingest.
 ///
@@ -104,7 +105,7 @@ pub struct LongRunArgs {
 #[derive(Debug, Clone, Args)]
 pub struct RaysArgs {
     /// Pictures of each kind
-    #[arg(long, value_name = "N", default_value_t = rays::ROUNDS)]
+    #[arg(long, value_name = "N", default_value_t = RAYS_ROUNDS)]
     pub rounds: u32,
 }
 
@@ -131,6 +132,26 @@ pub struct ReaderArgs {
     /// Say by an event that a thing was read.
     #[arg(long)]
     pub acknowledge: bool,
+}
+
+/// The two queues that are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Queue {
+    /// The ring of slots.
+    Ring,
+    /// The ping-pong buffer.
+    PingPong,
+}
+
+impl Queue {
+    /// As `--queue` and measurements name it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ring => "ring",
+            Self::PingPong => "ping-pong",
+        }
+    }
 }
 
 /// Options of all verbs.

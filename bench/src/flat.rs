@@ -1,10 +1,10 @@
 //! What a frame costs depends on the view alone: the same views over databases of 1, 16 and 256 times the area.
 
 use crate::cli::Options;
+use crate::findings::Findings;
 use crate::flight::Flight;
 use crate::measurement::{Measurement, Target, median};
 use crate::recording::{record_frames, record_trees};
-use crate::report::Found;
 use crate::session::Settings;
 use crate::stages::fly_recorded;
 use crate::world;
@@ -42,7 +42,7 @@ impl Turns {
 ///
 /// # Errors
 /// When a world cannot be made, or a run fails.
-pub fn run(settings: &Settings, options: &Options, found: &mut Found) -> anyhow::Result<()> {
+pub fn run(settings: &Settings, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     let worlds = DOUBLINGS.map(world::sparse).into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     let smallest = Database::open(&worlds[0])?;
     let round = views(&smallest, options);
@@ -74,16 +74,16 @@ pub fn run(settings: &Settings, options: &Options, found: &mut Found) -> anyhow:
         let times = 1u32 << (2 * doublings);
         let [own, smallest] = [at, 0].map(|at| turns[at].medians());
         for ((stage, value), smallest) in ["generator", "preparer", "renderer"].into_iter().zip(own).zip(smallest) {
-            found.measurements.push(Measurement::new(BENCH, format!("{stage}, {times} x"), value, "ms", count));
+            findings.measurements.push(Measurement::new(BENCH, format!("{stage}, {times} x"), value, "ms", count));
             if at > 0 {
                 let ratio = value / smallest;
                 let measurement =
                     Measurement::new(BENCH, format!("{stage}, {times} x against 1 x"), ratio, "ratio", count);
-                found.measurements.push(measurement.with_target(Target::AtMost(1.1)));
+                findings.measurements.push(measurement.with_target(Target::AtMost(1.1)));
             }
         }
     }
-    found.facts.push(("triangles of a frame", (triangles[0] / round.len() as u64).to_string()));
+    findings.facts.push(("triangles of a frame", (triangles[0] / round.len() as u64).to_string()));
     Ok(())
 }
 

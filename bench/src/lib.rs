@@ -4,8 +4,10 @@
 #![forbid(unsafe_code)]
 
 pub mod cli;
+pub mod findings;
 pub mod flat;
 pub mod flight;
+pub mod launch;
 pub mod link;
 pub mod long_run;
 pub mod machine;
@@ -15,7 +17,7 @@ pub mod queues;
 pub mod rays;
 pub mod realtime;
 pub mod recording;
-pub mod report;
+pub mod run;
 pub mod session;
 pub mod stages;
 pub mod techniques;

@@ -1,18 +1,18 @@
 //! A fast flight over a database behind a slow link, against the clock: what prediction gains, and what it costs.
 
 use crate::cli::{LinkArgs, Options};
+use crate::findings::Findings;
+use crate::launch::{self, Launched};
 use crate::measurement::{Measurement, Target};
 use crate::plot::{self, TimeRow};
-use crate::report::Found;
-use crate::session::{Scratch, sibling};
+use crate::session::Scratch;
 use crate::world;
 use anyhow::{Context, bail, ensure};
-use serde::Deserialize;
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::Duration;
 use terravision_common::database::{Database, TileScratch, ground_height};
+use terravision_common::report::{DrawnFrames, NetworkReport, RealtimeReport};
 use terravision_common::run::Prediction;
 use terravision_limited_server::{LimitedServer, Link};
 
@@ -34,64 +34,33 @@ const TURNS: f64 = 0.75;
 /// Steps of the path's integration in a second.
 const STEPS_PER_S: f64 = 100.0;
 
-/// What of a report is looked at.
-#[derive(Debug, Deserialize)]
-struct Report {
-    realtime: Realtime,
-    network: Network,
-}
-
-#[derive(Debug, Deserialize)]
-struct Realtime {
-    frames: u64,
-    on_time_share: f64,
-    drawn: Drawn,
-}
-
-#[derive(Debug, Deserialize)]
-struct Drawn {
-    frame: Vec<u64>,
-    done_s: Vec<f64>,
-    tiles_wanted: Vec<u32>,
-    tiles_resident: Vec<u32>,
-    sharp: Vec<f64>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Network {
-    bytes: u64,
-    requests: u64,
-}
-
 /// One flight.
-struct Flight {
+struct PredictedFlight {
     prediction: Prediction,
-    report: Report,
+    realtime: RealtimeReport,
+    network: NetworkReport,
 }
 
 /// Flies once with each prediction, each time from a cold cache; draws `link.svg` when plots are wanted.
 ///
 /// # Errors
 /// When a flight fails.
-pub fn run(args: &LinkArgs, options: &Options, found: &mut Found) -> anyhow::Result<()> {
+pub fn run(args: &LinkArgs, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     ensure!(args.seconds >= 4.0 && args.fps > 0.0, "a flight takes 4 s at least, and has frames");
     let world = world::database(options)?;
     let scratch = Scratch::new("link")?;
-    let path = scratch.path().join("path.json");
     let poses = poses(&Database::open(&world)?, args)?;
-    let text =
-        json!({"width": options.size[0], "height": options.size[1], "vfov_deg": 60, "fps": args.fps, "frames": poses});
-    std::fs::write(&path, text.to_string()).with_context(|| format!("cannot write {}", path.display()))?;
+    let path = launch::write_path(scratch.path(), &poses, args.fps, options)?;
     let mut flights = Vec::new();
     for prediction in &args.predictions {
         flights.push(fly(*prediction, &world, &path, args, options, scratch.path())?);
     }
-    found.facts.push(("database", world.display().to_string()));
-    found.facts.push(("link", format!("{} Mbit/s, {} ms", args.mbit_per_s, args.latency_ms)));
-    found.measurements.extend(figures(&flights));
+    findings.facts.push(("database", world.display().to_string()));
+    findings.facts.push(("link", format!("{} Mbit/s, {} ms", args.mbit_per_s, args.latency_ms)));
+    findings.measurements.extend(measurements(&flights));
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        found.drawn.push("link");
+        findings.drawn.push("link");
         draw(&folder.join("link.svg"), &flights, args)?;
     }
     Ok(())
@@ -148,7 +117,7 @@ fn fly(
     args: &LinkArgs,
     options: &Options,
     scratch: &Path,
-) -> anyhow::Result<Flight> {
+) -> anyhow::Result<PredictedFlight> {
     let (Some(root), Some(name)) = (world.parent(), world.file_name()) else {
         bail!("{} is no folder", world.display())
     };
@@ -159,26 +128,19 @@ fn fly(
     });
     let file = |ending: &str| -> PathBuf { scratch.join(format!("{}{ending}", prediction.name())) };
     let report = file(".json");
-    let program = sibling("terravision")?;
-    let mut command = Command::new(&program);
-    command.arg("fly").arg(server.url(&name.to_string_lossy())).args(["--mode", "realtime", "--feedback", "off"]);
-    command.args(["--prediction", prediction.name(), "--quiet", "-o", "/dev/null", "--path"]).arg(path);
-    command.arg("--facet-px").arg(options.facet_px.to_string()).arg("--texel-px").arg(options.texel_px.to_string());
-    command.arg("--memory").arg(format!("{}MiB", options.memory_mib)).arg("--samples").arg(options.samples.to_string());
-    command.arg("--cache").arg(file(".cache")).arg("--report").arg(&report).stdin(Stdio::null());
-    let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
-    if !status.success() {
-        bail!("the flight ended with {status}");
-    }
-    let text = std::fs::read(&report).with_context(|| format!("cannot read {}", report.display()))?;
-    let report = serde_json::from_slice(&text).with_context(|| format!("{} is no report", report.display()))?;
-    Ok(Flight { prediction, report })
+    let mut command = launch::command(server.url(&name.to_string_lossy()), &report, options)?;
+    command.args(["--mode", "realtime", "--feedback", "off", "--prediction", prediction.name(), "--path"]).arg(path);
+    command.arg("--samples").arg(options.samples.to_string()).arg("--cache").arg(file(".cache"));
+    let report = Launched::start(command, report)?.wait()?;
+    let realtime = report.realtime.context("the report is not of a flight against the clock")?;
+    let network = report.network.context("the report does not say what the server sent")?;
+    Ok(PredictedFlight { prediction, realtime, network })
 }
 
-impl Flight {
+impl PredictedFlight {
     /// Mean of what was on screen from one share of the flight to another: a picture stays until the next one.
     fn sharp(&self, from: f64, to: f64) -> f64 {
-        let Realtime { frames, drawn, .. } = &self.report.realtime;
+        let RealtimeReport { frames, drawn, .. } = &self.realtime;
         let ends = drawn.frame.iter().skip(1).copied().chain([*frames]);
         let (mut sum, mut time) = (0.0, 0.0);
         for ((frame, end), sharp) in drawn.frame.iter().zip(ends).zip(&drawn.sharp) {
@@ -191,13 +153,13 @@ impl Flight {
     }
 }
 
-fn figures(flights: &[Flight]) -> Vec<Measurement> {
+fn measurements(flights: &[PredictedFlight]) -> Vec<Measurement> {
     let mut found = Vec::new();
     let mut add = |name: String, value: f64, unit: &'static str, target: Option<Target>, samples: u64| {
         found.push(Measurement { target, ..Measurement::new("link", name, value, unit, samples) });
     };
     for flight in flights {
-        let Report { realtime, network } = &flight.report;
+        let PredictedFlight { realtime, network, .. } = flight;
         let (name, drawn) = (flight.prediction.name(), realtime.drawn.frame.len() as u64);
         for (part, from, to) in [
             ("all of it", 0.0, 1.0),
@@ -222,28 +184,28 @@ fn figures(flights: &[Flight]) -> Vec<Measurement> {
             found.push(Measurement { target, ..Measurement::new("link", format!("{name}{what}"), value, "ratio", 1) });
         };
         add(" against oracle: drawn as wanted", flight.sharp(0.0, 1.0) / oracle.sharp(0.0, 1.0), Target::AtLeast(0.9));
-        let bytes = |flight: &Flight| flight.report.network.bytes.max(1) as f64;
+        let bytes = |flight: &PredictedFlight| flight.network.bytes.max(1) as f64;
         add(" against oracle: fetched", bytes(flight) / bytes(oracle), Target::AtMost(1.5));
         if let Some(off) = of(Prediction::Off).filter(|_| flight.prediction != Prediction::Off) {
-            let lack = |flight: &Flight| 1.0 - flight.sharp(0.0, 1.0);
+            let lack = |flight: &PredictedFlight| 1.0 - flight.sharp(0.0, 1.0);
             add(" against off: not as wanted", lack(flight) / lack(off).max(1e-9), Target::AtMost(0.75));
         }
     }
     found
 }
 
-fn draw(path: &Path, flights: &[Flight], args: &LinkArgs) -> anyhow::Result<()> {
-    let row = |unit: &str, of: &dyn Fn(&Drawn) -> Vec<f64>| TimeRow {
+fn draw(path: &Path, flights: &[PredictedFlight], args: &LinkArgs) -> anyhow::Result<()> {
+    let row = |unit: &str, of: &dyn Fn(&DrawnFrames) -> Vec<f64>| TimeRow {
         unit: unit.to_owned(),
         curves: (flights.iter())
             .map(|flight| {
-                let drawn = &flight.report.realtime.drawn;
+                let drawn = &flight.realtime.drawn;
                 (flight.prediction.name().to_owned(), drawn.done_s.iter().copied().zip(of(drawn)).collect())
             })
             .collect(),
         ..TimeRow::default()
     };
-    let missing = |drawn: &Drawn| -> Vec<f64> {
+    let missing = |drawn: &DrawnFrames| -> Vec<f64> {
         let tiles = drawn.tiles_wanted.iter().zip(&drawn.tiles_resident);
         tiles.map(|(wanted, resident)| f64::from(wanted.saturating_sub(*resident))).collect()
     };
@@ -257,17 +219,19 @@ fn draw(path: &Path, flights: &[Flight], args: &LinkArgs) -> anyhow::Result<()> 
 mod tests {
     use super::*;
 
-    fn flight(prediction: Prediction, frame: Vec<u64>, sharp: Vec<f64>, bytes: u64) -> Flight {
+    fn flight(prediction: Prediction, frame: Vec<u64>, sharp: Vec<f64>, bytes: u64) -> PredictedFlight {
         let n = frame.len();
-        let drawn = Drawn {
+        let drawn = DrawnFrames {
             done_s: frame.iter().map(|frame| *frame as f64).collect(),
             tiles_wanted: vec![10; n],
             tiles_resident: vec![8; n],
             frame,
             sharp,
+            ..DrawnFrames::default()
         };
-        let realtime = Realtime { frames: 10, on_time_share: 1.0, drawn };
-        Flight { prediction, report: Report { realtime, network: Network { bytes, requests: 7 } } }
+        let realtime = RealtimeReport { frames: 10, on_time_share: 1.0, drawn, ..RealtimeReport::default() };
+        let network = NetworkReport { bytes, requests: 7, ..NetworkReport::default() };
+        PredictedFlight { prediction, realtime, network }
     }
 
     #[test]
@@ -287,7 +251,7 @@ mod tests {
             flight(Prediction::Linear, frames(), vec![0.8; 10], 1200),
             flight(Prediction::Oracle, frames(), vec![0.9; 10], 1000),
         ];
-        let found = figures(&flights);
+        let found = measurements(&flights);
         let judged: Vec<(&str, f64)> = (found.iter().filter(|m| m.unit == "ratio" && m.target.is_some()))
             .map(|m| (m.name.as_str(), (m.value * 1e3).round() / 1e3))
             .collect();

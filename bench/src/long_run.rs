@@ -1,19 +1,19 @@
 //! A long flight at random over a large world in little memory: whether memory and open files stay as they are.
 
 use crate::cli::{LongRunArgs, Options};
+use crate::findings::Findings;
+use crate::launch::{self, Launched};
 use crate::measurement::{Measurement, Target};
 use crate::plot::{self, TimeRow};
-use crate::report::Found;
-use crate::session::{Scratch, sibling};
+use crate::session::Scratch;
 use crate::world;
 use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use terravision_common::database::Index;
+use terravision_common::report::Report;
 
 /// Samples that are taken of a flight, about.
 const SAMPLES: f64 = 360.0;
@@ -36,26 +36,19 @@ struct Sample {
 ///
 /// # Errors
 /// When the flight fails.
-pub fn run(args: &LongRunArgs, options: &Options, found: &mut Found) -> anyhow::Result<()> {
+pub fn run(args: &LongRunArgs, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     ensure!(args.seconds >= 8.0 && args.fps > 0.0, "a flight takes 8 s at least, and has frames");
     let world = world::database(options)?;
     let index = Index::open(&world)?;
     let bytes = ["elevation.pmtiles", "color.pmtiles"].map(|file| world.join(file).metadata().map_or(0, |m| m.len()));
     let scratch = Scratch::new("long-run")?;
-    let path = scratch.path().join("path.json");
-    let poses = poses(&index, args);
-    let text =
-        json!({"width": options.size[0], "height": options.size[1], "vfov_deg": 60, "fps": args.fps, "frames": poses});
-    fs::write(&path, text.to_string()).with_context(|| format!("cannot write {}", path.display()))?;
-    let report = scratch.path().join("report.json");
-    let samples = fly(&world, &path, &report, args, options)?;
-    let text = fs::read(&report).with_context(|| format!("cannot read {}", report.display()))?;
-    let report: Value = serde_json::from_slice(&text).context("the report is none")?;
-    found.facts.push(("database", format!("{}, {:.2} GB", world.display(), bytes.iter().sum::<u64>() as f64 / 1e9)));
-    found.measurements.extend(figures(&samples, &report));
+    let path = launch::write_path(scratch.path(), &poses(&index, args), args.fps, options)?;
+    let (samples, report) = fly(&world, &path, scratch.path().join("report.json"), args, options)?;
+    findings.facts.push(("database", format!("{}, {:.2} GB", world.display(), bytes.iter().sum::<u64>() as f64 / 1e9)));
+    findings.measurements.extend(measurements(&samples, &report));
     if let Some(folder) = &options.output {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        found.drawn.push("long-run");
+        findings.drawn.push("long-run");
         draw(&folder.join("long-run.svg"), &samples, options.memory_mib)?;
     }
     Ok(())
@@ -113,22 +106,21 @@ fn poses(index: &Index, args: &LongRunArgs) -> Vec<Value> {
 }
 
 /// Flies, and looks at the processes all the while.
-fn fly(world: &Path, path: &Path, report: &Path, args: &LongRunArgs, options: &Options) -> anyhow::Result<Vec<Sample>> {
-    let program = sibling("terravision")?;
-    let mut command = Command::new(&program);
-    command.arg("fly").arg(world).args(["--mode", "realtime", "--quiet", "-o", "/dev/null", "--path"]).arg(path);
-    command.arg("--facet-px").arg(options.facet_px.to_string()).arg("--texel-px").arg(options.texel_px.to_string());
-    command.arg("--memory").arg(format!("{}MiB", options.memory_mib)).arg("--report").arg(report).stdin(Stdio::null());
-    let mut flight = Killed(command.spawn().with_context(|| format!("cannot start {}", program.display()))?);
+fn fly(
+    world: &Path,
+    path: &Path,
+    report: PathBuf,
+    args: &LongRunArgs,
+    options: &Options,
+) -> anyhow::Result<(Vec<Sample>, Report)> {
+    let mut command = launch::command(world, &report, options)?;
+    command.args(["--mode", "realtime", "--path"]).arg(path);
+    let mut flight = Launched::start(command, report)?;
     let every = Duration::from_secs_f64((args.seconds / SAMPLES).max(SHORTEST_S));
     let start = Instant::now();
     let mut samples = Vec::new();
-    loop {
-        if let Some(status) = flight.0.try_wait().context("cannot wait for the flight")? {
-            ensure!(status.success(), "the flight ended with {status}");
-            return Ok(samples);
-        }
-        let sample = Sample { at_s: start.elapsed().as_secs_f64(), ..look(flight.0.id()) };
+    while !flight.has_ended()? {
+        let sample = Sample { at_s: start.elapsed().as_secs_f64(), ..look(flight.pid()) };
         // All four stages are there.
         if sample.files > 0.0 {
             samples.push(sample);
@@ -138,17 +130,7 @@ fn fly(world: &Path, path: &Path, report: &Path, args: &LongRunArgs, options: &O
             bail!("the flight does not end");
         }
     }
-}
-
-/// A child that does not outlive this value.
-struct Killed(Child);
-
-impl Drop for Killed {
-    fn drop(&mut self) {
-        // Fails when it has ended, as it should have.
-        self.0.kill().unwrap_or_default();
-        drop(self.0.wait());
-    }
+    Ok((samples, flight.wait()?))
 }
 
 /// A process and its children; nothing before all stages have started, and when one has just ended.
@@ -173,7 +155,7 @@ fn look(pid: u32) -> Sample {
     Sample { at_s: 0.0, own_mib: sum(|s| s.own_mib), pss_mib: sum(|s| s.pss_mib), files: sum(|s| s.files) }
 }
 
-fn figures(samples: &[Sample], report: &Value) -> Vec<Measurement> {
+fn measurements(samples: &[Sample], report: &Report) -> Vec<Measurement> {
     let end = samples.last().map_or(0.0, |sample| sample.at_s);
     let part = |from: f64, to: f64| -> Vec<Sample> {
         samples.iter().filter(|s| (from * end..=to * end).contains(&s.at_s)).copied().collect()
@@ -202,16 +184,11 @@ fn figures(samples: &[Sample], report: &Value) -> Vec<Measurement> {
     let files = most(&late, |s| s.files) - most(&early, |s| s.files);
     add("open files", most(&late, |s| s.files), "files", None);
     add("open files, last quarter less second", files, "files", Some(Target::AtMost(0.0)));
-    let of_report: BTreeMap<&str, Option<f64>> = [
-        ("tiles loaded", report["tiles"]["loaded"].as_f64()),
-        ("tiles evicted", report["tiles"]["evicted"].as_f64()),
-        ("tiles unavailable", report["tiles"]["unavailable_count"].as_f64()),
-        ("frames drawn", report["realtime"]["drawn"]["frame"].as_array().map(|frames| frames.len() as f64)),
-    ]
-    .into();
-    for (name, value) in of_report {
-        add(name, value.unwrap_or(f64::NAN), "", None);
-    }
+    add("tiles loaded", report.tiles.loaded as f64, "", None);
+    add("tiles evicted", report.tiles.evicted as f64, "", None);
+    add("tiles unavailable", report.tiles.unavailable_count as f64, "", None);
+    let drawn = report.realtime.as_ref().map_or(f64::NAN, |realtime| realtime.drawn.frame.len() as f64);
+    add("frames drawn", drawn, "", None);
     found
 }
 
@@ -239,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn growth_is_found_and_the_filling_of_the_pools_is_none() {
+    fn growth_is_found_and_the_filling_of_the_pools_is_not_growth() {
         let samples = |own: &dyn Fn(f64) -> f64, files: &dyn Fn(f64) -> f64| -> Vec<Sample> {
             let sample = |k: i32| {
                 let at_s = f64::from(k);
@@ -248,7 +225,7 @@ mod tests {
             (0..=100).map(sample).collect()
         };
         let verdicts = |samples: &[Sample]| -> Vec<&'static str> {
-            let found = figures(samples, &json!({"tiles": {"loaded": 7}}));
+            let found = measurements(samples, &Report::default());
             found.iter().filter(|m| m.target.is_some()).map(Measurement::verdict).collect()
         };
         let steady = samples(&|at| if at < 20.0 { 10.0 * at } else { 200.0 }, &|_| 80.0);

@@ -6,7 +6,7 @@ use anyhow::Context;
 use clap::Parser;
 use std::process::ExitCode;
 use terravision_bench::cli::{Cli, Verb};
-use terravision_bench::{queues, realtime, report};
+use terravision_bench::{queues, realtime, run};
 
 fn main() -> ExitCode {
     terravision_common::bug::report_panics("terravision bench: ");
@@ -14,7 +14,7 @@ fn main() -> ExitCode {
     let result = match &cli.verb {
         Some(Verb::Reader(reader)) => queues::read(reader, &mut std::io::stdout()),
         Some(Verb::Load(load)) => realtime::load(load.seconds, &mut std::io::stdout()),
-        verb => report::run(verb.as_ref(), &cli.options).context("the bench ended early"),
+        verb => run::run(verb.as_ref(), &cli.options).context("the bench ended early"),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

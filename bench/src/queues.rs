@@ -5,7 +5,7 @@
 //! wait; *asleep* is one that has waited for milliseconds and sleeps on the futex, as a renderer does that waits for a
 //! slow preparer.
 
-use crate::cli::ReaderArgs;
+use crate::cli::{Queue, ReaderArgs};
 use crate::measurement::{Measurement, Target, median, quantile};
 use crate::session::sibling;
 use anyhow::{Context, bail, ensure};
@@ -27,24 +27,6 @@ const SLEEPS: u64 = 150;
 const PAUSE: Duration = Duration::from_millis(3);
 /// What a hand-over may cost: a thousandth of a frame or so.
 const HAND_OVER: Target = Target::AtMost(20.0);
-
-/// The two queues that are measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Queue {
-    /// The ring of slots.
-    Ring,
-    /// The ping-pong buffer.
-    PingPong,
-}
-
-impl Queue {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Ring => "ring",
-            Self::PingPong => "ping-pong",
-        }
-    }
-}
 
 /// How much is passed by the throughput part.
 #[derive(Debug, Clone, Copy)]
@@ -108,12 +90,8 @@ impl Pair {
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;
         let program = sibling("terravision-bench")?;
-        let name = match queue {
-            Queue::Ring => "ring",
-            Queue::PingPong => "ping-pong",
-        };
         let mut command = Command::new(program);
-        command.args(["reader", "--run", &run.to_string(), "--queue", name, "--count", &count.to_string()]);
+        command.args(["reader", "--run", &run.to_string(), "--queue", queue.name(), "--count", &count.to_string()]);
         if is_acknowledged {
             command.arg("--acknowledge");
         }

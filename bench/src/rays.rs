@@ -4,8 +4,8 @@
 //! The paper's times are of one R10000 processor of 194 MHz; what can be compared are its ratios. Those of one worker are taken of
 //! the thread's processor time, which other load on the machine disturbs least; those of two workers of elapsed time.
 
+use crate::findings::Findings;
 use crate::measurement::{Measurement, Target, median};
-use crate::report::Found;
 use anyhow::Context;
 use glam::DVec2;
 use std::time::Instant;
@@ -23,8 +23,6 @@ const LAYERS: f32 = 64.0;
 const SIZE: [u32; 2] = [500, 400];
 /// Roll angles from 0 to 45 degrees.
 const ROLLS: u32 = 10;
-/// Pictures of each kind, when nothing is said.
-pub const ROUNDS: u32 = 15;
 const BENCH: &str = "rays";
 
 /// What the paper measured, seconds: accurate and approximate on one processor, without coherence, rolled by 45 degrees,
@@ -206,7 +204,7 @@ const WAYS_OF_HEIGHT: [(&str, Method, bool); 4] = [
 ///
 /// # Errors
 /// The machine gives no threads.
-pub fn run(rounds: u32, found: &mut Found) -> anyhow::Result<()> {
+pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
     let scene = Scene::new().context("the volume")?;
     let mut ways = vec![
         Way::new("accurate, 1 worker", Method::Coherent, false, 1),
@@ -250,19 +248,19 @@ pub fn run(rounds: u32, found: &mut Found) -> anyhow::Result<()> {
             }
         }
     }
-    tell(&ways, [first_roll, first_height], rounds, found);
-    found
+    tell(&ways, [first_roll, first_height], rounds, findings);
+    findings
         .facts
         .push(("volume", format!("{SIDE} x {SIDE} x {LAYERS} voxels, {} MB of models", scene.ground.bytes() >> 20)));
-    found.facts.push(("picture", format!("{} x {}, 30 degrees down, interval 0.6", SIZE[0], SIZE[1])));
+    findings.facts.push(("picture", format!("{} x {}, 30 degrees down, interval 0.6", SIZE[0], SIZE[1])));
     Ok(())
 }
 
-fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, found: &mut Found) {
+fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, findings: &mut Findings) {
     let samples = u64::from(rounds);
     let mut put = |name: String, value: f64, unit, target: Option<f64>| {
         let m = Measurement::new(BENCH, name, value, unit, samples);
-        found.measurements.push(match target {
+        findings.measurements.push(match target {
             Some(limit) => m.with_target(Target::AtLeast(limit)),
             None => m,
         });
@@ -323,7 +321,7 @@ fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, found
             put(format!("eye at {eye:.0}: {name} / approximate"), plain / approximate, "x", None);
         }
     }
-    found.measurements.insert(2, roll.with_target(Target::AtMost(limit)));
+    findings.measurements.insert(2, roll.with_target(Target::AtMost(limit)));
 }
 
 #[cfg(test)]
@@ -332,14 +330,14 @@ mod tests {
 
     #[test]
     fn the_papers_table_has_all_its_rows_and_the_picture_is_all_land() {
-        let mut found = Found::default();
-        run(1, &mut found).unwrap();
+        let mut findings = Findings::default();
+        run(1, &mut findings).unwrap();
         let value = |start: &str| {
-            let row = found.measurements.iter().find(|m| m.name.starts_with(start));
+            let row = findings.measurements.iter().find(|m| m.name.starts_with(start));
             row.map(|m| m.value).unwrap_or_else(|| panic!("no row {start}"))
         };
-        assert_eq!(found.measurements.iter().filter(|m| m.name.starts_with("accurate, roll ")).count(), 10);
-        assert_eq!(found.measurements.iter().filter(|m| m.target.is_some()).count(), 5);
+        assert_eq!(findings.measurements.iter().filter(|m| m.name.starts_with("accurate, roll ")).count(), 10);
+        assert_eq!(findings.measurements.iter().filter(|m| m.target.is_some()).count(), 5);
         // Work, not time: plain rays look at many more samples.
         let [coherent, plain] = ["accurate, 1 worker: samples", "plain, 1 worker: samples"].map(value);
         assert!(plain > 10.0 * coherent && coherent < 8.0, "{plain} {coherent}");

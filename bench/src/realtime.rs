@@ -1,67 +1,36 @@
 //! A flight against the clock, with feedback and without, side by side: how many frames are on time when a core goes away.
 
 use crate::cli::{Options, RealtimeArgs};
+use crate::findings::Findings;
+use crate::launch::{self, Launched};
 use crate::measurement::{Measurement, Target};
 use crate::plot::{self, TimeRow};
-use crate::report::Found;
 use crate::session::{Scratch, sibling};
 use crate::world;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
-use serde::Deserialize;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use terravision_common::event::monotonic_nanos;
+use terravision_common::report::{DrawnFrames, RealtimeReport};
 
 /// What follows a step within this time is not judged.
 const AFTER_STEP_S: f64 = 2.0;
 /// From here on after a step the state is a steady one.
 const STEADY_AFTER_S: f64 = 5.0;
-/// An oscillation is slower than this only if it is none, but the terrain.
+/// Moves that take longer are no oscillation: they follow the terrain.
 const OSCILLATION_S: f64 = 5.0;
 /// Most frames of the flight that finds out what can be reached; the first half of them loads tiles.
 const FREE_FRAMES: u64 = 480;
 
-/// What of a report is looked at.
-#[derive(Debug, Deserialize)]
-struct Report {
-    frame_ms: Vec<f64>,
-    realtime: Option<Realtime>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Realtime {
-    clock_start_nanos: u64,
-    target_ms: f64,
-    frames: u64,
-    on_time: u64,
-    late: u64,
-    skipped: u64,
-    drawn: Drawn,
-}
-
-#[derive(Debug, Deserialize)]
-struct Drawn {
-    frame: Vec<u64>,
-    done_s: Vec<f64>,
-    is_on_time: Vec<bool>,
-    interval_ms: Vec<f64>,
-    renderer_ms: Vec<f64>,
-    latency_ms: Vec<f64>,
-    r_z_px: Vec<f64>,
-    r_c_px: Vec<f64>,
-    tiles_wanted: Vec<u32>,
-    tiles_resident: Vec<u32>,
-}
-
-/// Takes a figure: name, value, unit, target, samples.
+/// Takes a measurement: name, value, unit, target, samples.
 type Add<'a> = dyn FnMut(&str, f64, &'static str, Option<Target>, u64) + 'a;
 
 /// One flight against the clock.
-struct Flight {
-    report: Realtime,
+struct LoadedFlight {
+    report: RealtimeReport,
     /// When the core was away, seconds of the flight.
     load_s: [f64; 2],
     /// How much of a core the load got.
@@ -72,7 +41,7 @@ struct Flight {
 ///
 /// # Errors
 /// When a flight fails.
-pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow::Result<()> {
+pub fn run(args: &RealtimeArgs, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     ensure!(args.seconds >= 1.0 && args.load_seconds < args.seconds, "the load does not fit into the flight");
     let world = world::database(options)?;
     let scratch = Scratch::new("realtime")?;
@@ -90,18 +59,18 @@ pub fn run(args: &RealtimeArgs, options: &Options, found: &mut Found) -> anyhow:
         let flight = fly(&world, options, scratch.path(), &format!("0..{frames}"), &flags)?;
         flights.push(under_load(flight, args, frames as f64 / fps.parse::<f64>()?)?);
     }
-    found.facts.push(("database", world.display().to_string()));
+    findings.facts.push(("database", world.display().to_string()));
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>, samples: u64| {
-        found.measurements.push(Measurement { target, ..Measurement::new("realtime", name, value, unit, samples) });
+        findings.measurements.push(Measurement { target, ..Measurement::new("realtime", name, value, unit, samples) });
     };
     add("without a clock", rate, "frames/s", None, steady.len() as u64);
     add("against the clock", fps, "frames/s", None, frames);
     for (flight, name) in flights.iter().zip(["feedback", "no feedback"]) {
-        flight.figures(name, name == "feedback", &mut add);
+        flight.measure(name, name == "feedback", &mut add);
     }
     if let Some(folder) = &options.output {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        found.drawn.push("realtime");
+        findings.drawn.push("realtime");
         draw(&folder.join("realtime.svg"), &flights)?;
     }
     Ok(())
@@ -131,46 +100,17 @@ pub fn load(seconds: f64, out: &mut impl Write) -> anyhow::Result<()> {
     writeln!(out, "{}", cpu_seconds() / start.elapsed().as_secs_f64()).context("standard output")
 }
 
-/// A flight that is under way.
-struct Flying {
-    child: Child,
-    report: PathBuf,
-}
-
-impl Flying {
-    fn wait(mut self) -> anyhow::Result<Report> {
-        let status = self.child.wait().context("cannot wait for the flight")?;
-        if !status.success() {
-            bail!("the flight ended with {status}");
-        }
-        let text = std::fs::read(&self.report).with_context(|| format!("cannot read {}", self.report.display()))?;
-        serde_json::from_slice(&text).with_context(|| format!("{} is no report", self.report.display()))
-    }
-}
-
-impl Drop for Flying {
-    fn drop(&mut self) {
-        // Fails when it has ended, as it should have.
-        self.child.kill().unwrap_or_default();
-        drop(self.child.wait());
-    }
-}
-
-fn fly(world: &Path, options: &Options, scratch: &Path, frames: &str, flags: &[&str]) -> anyhow::Result<Flying> {
+fn fly(world: &Path, options: &Options, scratch: &Path, frames: &str, flags: &[&str]) -> anyhow::Result<Launched> {
     let report = scratch.join("report.json");
-    let program = sibling("terravision")?;
-    let mut command = Command::new(&program);
-    command.arg("fly").arg(world).args(["--path", "orbit", "--quiet", "-o", "/dev/null", "--frames", frames]);
+    let mut command = launch::command(world, &report, options)?;
+    command.args(["--path", "orbit", "--frames", frames]).args(flags);
     command.arg("--size").arg(format!("{}x{}", options.size[0], options.size[1]));
-    command.arg("--facet-px").arg(options.facet_px.to_string()).arg("--texel-px").arg(options.texel_px.to_string());
-    command.arg("--memory").arg(format!("{}MiB", options.memory_mib)).arg("--samples").arg(options.samples.to_string());
-    command.arg("--report").arg(&report).args(flags).stdin(Stdio::null());
-    let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
-    Ok(Flying { child, report })
+    command.arg("--samples").arg(options.samples.to_string());
+    Launched::start(command, report)
 }
 
 /// Waits for a flight of `seconds`, with a core taken away in its middle.
-fn under_load(flight: Flying, args: &RealtimeArgs, seconds: f64) -> anyhow::Result<Flight> {
+fn under_load(flight: Launched, args: &RealtimeArgs, seconds: f64) -> anyhow::Result<LoadedFlight> {
     // Stages take a moment to start, and the clock starts after that; what happened when is known afterwards.
     std::thread::sleep(Duration::from_secs_f64(1.0 + 0.5 * (seconds - args.load_seconds).max(0.0)));
     let from = monotonic_nanos();
@@ -182,17 +122,17 @@ fn under_load(flight: Flying, args: &RealtimeArgs, seconds: f64) -> anyhow::Resu
     let report = flight.wait()?.realtime.context("the report is of no flight against the clock")?;
     let start = report.clock_start_nanos as f64;
     let load_s = [from, to].map(|nanos| (nanos as f64 - start) / 1e9);
-    Ok(Flight { report, load_s, load_cores })
+    Ok(LoadedFlight { report, load_s, load_cores })
 }
 
-impl Flight {
+impl LoadedFlight {
     /// Moments at which the load changed.
     fn is_after_step(&self, at_s: f64, within_s: f64) -> bool {
         self.load_s.iter().any(|step| (0.0..within_s).contains(&(at_s - step)))
     }
 
-    fn figures(&self, name: &str, has_targets: bool, add: &mut Add<'_>) {
-        let Realtime { target_ms, frames, on_time, late, skipped, drawn, .. } = &self.report;
+    fn measure(&self, name: &str, has_targets: bool, add: &mut Add<'_>) {
+        let RealtimeReport { target_ms, frames, on_time, late, skipped, drawn, .. } = &self.report;
         let mut line = |what: &str, value: f64, unit: &'static str, target: Option<Target>, samples: u64| {
             add(&format!("{name}: {what}"), value, unit, target.filter(|_| has_targets), samples);
         };
@@ -277,10 +217,10 @@ fn sum(values: &[u32]) -> f64 {
     values.iter().map(|value| f64::from(*value)).sum()
 }
 
-fn draw(path: &Path, flights: &[Flight]) -> anyhow::Result<()> {
+fn draw(path: &Path, flights: &[LoadedFlight]) -> anyhow::Result<()> {
     let Some(first) = flights.first() else { return Ok(()) };
     let target = first.report.target_ms;
-    let row = |unit: &str, marks: Vec<f64>, highest: Option<f64>, of: &dyn Fn(&Drawn) -> Vec<f64>| TimeRow {
+    let row = |unit: &str, marks: Vec<f64>, highest: Option<f64>, of: &dyn Fn(&DrawnFrames) -> Vec<f64>| TimeRow {
         unit: unit.to_owned(),
         curves: (flights.iter().zip(["feedback", "no feedback"]))
             .map(|(flight, name)| {
@@ -307,10 +247,10 @@ fn draw(path: &Path, flights: &[Flight]) -> anyhow::Result<()> {
 mod tests {
     use super::*;
 
-    fn flight(done_s: Vec<f64>) -> Flight {
+    fn flight(done_s: Vec<f64>) -> LoadedFlight {
         let n = done_s.len();
         let zeros = || vec![0.0; n];
-        let drawn = Drawn {
+        let drawn = DrawnFrames {
             frame: (0..n as u64).collect(),
             is_on_time: vec![true; n],
             interval_ms: zeros(),
@@ -321,11 +261,18 @@ mod tests {
             tiles_wanted: vec![0; n],
             tiles_resident: vec![0; n],
             done_s,
+            ..DrawnFrames::default()
         };
         let frames = n as u64;
-        let report =
-            Realtime { clock_start_nanos: 1, target_ms: 100.0, frames, on_time: frames, late: 0, skipped: 0, drawn };
-        Flight { report, load_s: [20.0, 30.0], load_cores: 1.0 }
+        let report = RealtimeReport {
+            clock_start_nanos: 1,
+            target_ms: 100.0,
+            frames,
+            on_time: frames,
+            drawn,
+            ..RealtimeReport::default()
+        };
+        LoadedFlight { report, load_s: [20.0, 30.0], load_cores: 1.0 }
     }
 
     #[test]
@@ -351,7 +298,7 @@ mod tests {
             flight.report.drawn.is_on_time[frame] = false;
         }
         let mut found = Vec::new();
-        flight.figures("x", true, &mut |name, value, _, _, samples| found.push((name.to_owned(), value, samples)));
+        flight.measure("x", true, &mut |name, value, _, _, samples| found.push((name.to_owned(), value, samples)));
         let (_, share, judged) = found.iter().find(|(name, ..)| name.contains("outside 2 s")).unwrap();
         assert_eq!((*judged, *share), (560, 555.0 / 560.0));
     }

@@ -1,10 +1,10 @@
 //! Each stage alone, then the whole, in one run: what passes per second, and what a frame costs where.
 
+use crate::findings::Findings;
 use crate::flight::Flight;
 use crate::measurement::{Measurement, Target, median, quantile};
 use crate::plot::Curve;
 use crate::recording::{RecordedFrames, RecordedTrees, record_frames, record_trees};
-use crate::report::Found;
 use crate::session::{EventLog, Session, Settings, sibling};
 use anyhow::{Context, ensure};
 use serde::Deserialize;
@@ -34,12 +34,12 @@ pub fn record(settings: &Settings, flight: &Flight) -> anyhow::Result<Recorded> 
 }
 
 /// Figures of generator and preparer from their recordings.
-pub fn generator_and_preparer(recorded: &Recorded, found: &mut Found) {
+pub fn generator_and_preparer(recorded: &Recorded, findings: &mut Findings) {
     let Recorded { trees, frames } = recorded;
     let count = trees.trees.len() as u64;
     let nodes: u64 = trees.trees.iter().map(|(_, nodes)| nodes.len() as u64).sum();
     let mut add = |name: &str, value: f64, unit: &'static str, samples: u64| {
-        found.measurements.push(Measurement::new("stages", name, value, unit, samples));
+        findings.measurements.push(Measurement::new("stages", name, value, unit, samples));
     };
     // The clock starts with the first tree.
     add("generator: trees", (count.saturating_sub(1)) as f64 / trees.seconds, "trees/s", count);
@@ -222,7 +222,7 @@ pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
 const FLOOR_FRAMES: u32 = 60;
 
 /// Figures of the floor, and of the renderer against it, of turns in which one followed the other.
-pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], found: &mut Found) {
+pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], findings: &mut Findings) {
     let passes = |pass: fn(&[FloorPass]) -> Option<&FloorPass>| -> Vec<&FloorPass> {
         floors.iter().filter_map(|floors| pass(&floors.passes)).collect()
     };
@@ -237,7 +237,7 @@ pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], found: &mu
     let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
         let measurement = Measurement::new("stages", name, value, unit, FLOOR_FRAMES.into());
-        found.measurements.push(Measurement { target, ..measurement });
+        findings.measurements.push(Measurement { target, ..measurement });
     };
     add("full-screen textured pass", pixels / of(&first, |pass| pass.wall_ms_per_frame) / 1e3, "Mpix/s", None);
     let (cpu, wall) = (of(&last, |pass| pass.cpu_ms_per_frame), of(&last, |pass| pass.wall_ms_per_frame));
@@ -267,12 +267,12 @@ impl Flown {
 }
 
 /// Figures of the renderer alone: medians of the turns.
-pub fn renderer(settings: &Settings, alone: &[Flown], found: &mut Found) {
+pub fn renderer(settings: &Settings, alone: &[Flown], findings: &mut Findings) {
     let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
     let count = alone.iter().map(|flown| flown.frame_ms.len() as u64).sum();
     let rate = median_of(alone, &|flown| flown.frames_per_second);
     let mut add = |name: &str, value: f64, unit: &'static str| {
-        found.measurements.push(Measurement::new("stages", name, value, unit, count));
+        findings.measurements.push(Measurement::new("stages", name, value, unit, count));
     };
     add("renderer: frames", rate, "frames/s");
     add("renderer: pixels", rate * pixels / 1e6, "Mpix/s");
@@ -283,11 +283,11 @@ pub fn renderer(settings: &Settings, alone: &[Flown], found: &mut Found) {
 }
 
 /// Figures of the whole against the renderer alone, of turns in which one followed the other: medians of the turns.
-pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], found: &mut Found) {
+pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], findings: &mut Findings) {
     let count = whole.iter().map(|flown| flown.frame_ms.len() as u64).sum();
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {
         let measurement = Measurement::new("replay", name, value, unit, count);
-        found.measurements.push(Measurement { target, ..measurement });
+        findings.measurements.push(Measurement { target, ..measurement });
     };
     add("whole pipeline", median_of(whole, &|flown| flown.frames_per_second), "frames/s", None);
     add("renderer alone, recorded frames", median_of(alone, &|flown| flown.frames_per_second), "frames/s", None);
@@ -324,8 +324,8 @@ pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], found: &mut
     }
     for (name, flown) in [("whole pipeline", whole), ("renderer alone", alone)] {
         let values = flown.last().map(|flown| flown.frame_ms.clone()).unwrap_or_default();
-        found.curves.push(Curve { name: name.to_owned(), values });
+        findings.curves.push(Curve { name: name.to_owned(), values });
     }
-    found.curves.push(Curve { name: "generator".to_owned(), values: recorded.trees.span_ms.clone() });
-    found.curves.push(Curve { name: "preparer".to_owned(), values: recorded.frames.span_ms.clone() });
+    findings.curves.push(Curve { name: "generator".to_owned(), values: recorded.trees.span_ms.clone() });
+    findings.curves.push(Curve { name: "preparer".to_owned(), values: recorded.frames.span_ms.clone() });
 }

@@ -4,9 +4,9 @@
 //! both pictures are to the truth is in docs/techniques.md: about equally near, by default and at best.
 
 use crate::cli::Options;
+use crate::findings::Findings;
 use crate::flight::Flight;
 use crate::measurement::{Measurement, Target, median};
-use crate::report::Found;
 use crate::session::Settings;
 use crate::stages::{Flown, TURNS, fly_recorded, median_of, record};
 use anyhow::Context;
@@ -51,11 +51,11 @@ const LEVELS: [Level; 2] = [
 ///
 /// # Errors
 /// When a run fails: without a Vulkan device there is no mesh.
-pub fn run(settings: &Settings, options: &Options, found: &mut Found) -> anyhow::Result<()> {
-    LEVELS.iter().try_for_each(|level| compare(level, settings, options, found))
+pub fn run(settings: &Settings, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
+    LEVELS.iter().try_for_each(|level| compare(level, settings, options, findings))
 }
 
-fn compare(level: &Level, settings: &Settings, options: &Options, found: &mut Found) -> anyhow::Result<()> {
+fn compare(level: &Level, settings: &Settings, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     let [facet_px, texel_px] = settings.r_px;
     let settings = &Settings { r_px: [level.facet_px.unwrap_or(facet_px), texel_px], ..settings.clone() };
     let flight = Flight::open(&settings.world, options.frames.min(level.most_frames), options.size)?;
@@ -78,7 +78,7 @@ fn compare(level: &Level, settings: &Settings, options: &Options, found: &mut Fo
     let frames = (TURNS * flight.round.len()) as u64;
     let mut put = |name: &str, value: f64, unit, target: Option<Target>| {
         let measurement = Measurement::new(BENCH, format!("{}{name}", level.label), value, unit, frames);
-        found.measurements.push(Measurement { target, ..measurement });
+        findings.measurements.push(Measurement { target, ..measurement });
     };
     let mut costs = Vec::new();
     for (Way { name, .. }, flown) in &ways {
@@ -98,7 +98,7 @@ fn compare(level: &Level, settings: &Settings, options: &Options, found: &mut Fo
     }
     if level.label.is_empty() {
         for ((_, flown), name) in ways.iter().zip(["device of the mesh", "device of rays", "device of rays by a GPU"]) {
-            found.facts.push((name, device_of(flown)));
+            findings.facts.push((name, device_of(flown)));
         }
     }
     Ok(())

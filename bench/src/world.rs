@@ -1,8 +1,8 @@
 //! The world that is flown over, and what it costs to ingest it.
 
 use crate::cli::Options;
+use crate::findings::Findings;
 use crate::measurement::Measurement;
-use crate::report::Found;
 use crate::session::sibling;
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
@@ -93,7 +93,7 @@ fn ingest_program(arguments: &[&std::ffi::OsStr]) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When that fails.
-pub fn ingest(options: &Options, found: &mut Found) -> anyhow::Result<()> {
+pub fn ingest(options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     let folder = synthetic(options.world_size)?;
     let database = folder.join("bench.tv");
     let start = Instant::now();
@@ -108,7 +108,7 @@ pub fn ingest(options: &Options, found: &mut Found) -> anyhow::Result<()> {
     let posts = f64::from(options.world_size) * f64::from(options.world_size);
     let pixels = posts * 4.0 + 4.0 * posts * 3.0;
     let mut add = |name: &str, value: f64, unit: &'static str| {
-        found.measurements.push(Measurement::new("ingest", name, value, unit, 1));
+        findings.measurements.push(Measurement::new("ingest", name, value, unit, 1));
     };
     add("source pixels", pixels / 1e6 / seconds, "MB/s");
     add("source posts and texels", 5.0 * posts / 1e6 / seconds, "Mpix/s");

@@ -19,8 +19,8 @@
 //! `√2·r_z` pixels wide and a picture of a million pixels takes 10,000 facets at 10 px (terravision-1995 §2.3).
 
 use crate::camera::Camera;
+use crate::surface::{Column, EyeFrame, Row, Sight, WorldBox};
 use crate::world::World;
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 
@@ -46,21 +46,11 @@ const LEAST_SLANT: f64 = 0.15;
 /// Safety of the lower bound, in levels, over the rounding of the exact evaluation (about 1e-8 at 1000 km).
 const BOUND_MARGIN: f64 = 1e-6;
 
-/// An axis-aligned box in world space, metres; heights are exaggerated.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WorldBox {
-    /// Lower corner.
-    pub min: DVec3,
-    /// Upper corner.
-    pub max: DVec3,
-}
-
 /// The level functions of one frame. The same inputs give the same bits in every process and for every caller: plain
 /// IEEE operations in one order, no fused multiply-add, and [`log2_approximate`] for the logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelFunction {
-    eye: DVec3,
-    forward: DVec3,
+    frame: EyeFrame,
     exaggeration: f64,
     measure: Measure,
     /// cos² of half the diagonal field of view.
@@ -89,8 +79,7 @@ impl LevelFunction {
         let color_over_elevation =
             r_c_px * f64::from(world.color_tile()) / (cell_px * f64::from(world.elevation_tile()));
         LevelFunction {
-            eye: camera.eye(),
-            forward: camera.axes_in_world()[2],
+            frame: world.surface().seen_by(camera),
             exaggeration,
             measure,
             cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
@@ -105,10 +94,11 @@ impl LevelFunction {
         self.exaggeration
     }
 
-    /// The eye, world coordinates.
+    /// The surface as the eye sees it.
+    #[inline(always)]
     #[must_use]
-    pub fn eye(&self) -> DVec3 {
-        self.eye
+    pub fn frame(&self) -> &EyeFrame {
+        &self.frame
     }
 
     /// Colour level minus elevation level: the same at all points.
@@ -119,77 +109,55 @@ impl LevelFunction {
 
     /// The elevation level wanted at a point whose height is exaggerated already.
     #[must_use]
-    pub fn elevation_level_at(&self, point_in_world: DVec3) -> f64 {
+    pub fn elevation_level_at(&self, column: Column, row: Row, height_m: f64) -> f64 {
         let mut out = [0.0];
-        self.elevation_levels(&[point_in_world.x], point_in_world.y, &[point_in_world.z], &mut out);
+        self.elevation_levels(&[column], row, &[height_m], &mut out);
         out[0]
     }
 
-    /// The elevation levels wanted at a row of points `(xs[i], y, zs[i])`, heights exaggerated already: the form that
-    /// compiles to SIMD. All slices have the length of `out`; longer ones are cut.
-    pub fn elevation_levels(&self, xs: &[f64], y: f64, zs: &[f64], out: &mut [f64]) {
+    /// The elevation levels wanted at the points of a row, heights exaggerated already: the form that compiles to SIMD. All
+    /// slices have the length of `out`; longer ones are cut.
+    pub fn elevation_levels(&self, columns: &[Column], row: Row, heights_m: &[f64], out: &mut [f64]) {
         match self.measure {
-            Measure::Max => self.row(xs, y, zs, out, 0.5, |w2, _| w2),
-            Measure::Min => self.row(xs, y, zs, out, 0.5, |w2, slant| w2 * slant),
-            Measure::Area => self.row(xs, y, zs, out, 0.25, |w2, slant| w2 * w2 * slant),
+            Measure::Max => self.row(columns, row, heights_m, out, 0.5, |w2, _| w2),
+            Measure::Min => self.row(columns, row, heights_m, out, 0.5, |w2, slant| w2 * slant),
+            Measure::Area => self.row(columns, row, heights_m, out, 0.25, |w2, slant| w2 * w2 * slant),
         }
     }
 
     #[inline(always)]
     fn row(
         &self,
-        xs: &[f64],
-        y: f64,
-        zs: &[f64],
+        columns: &[Column],
+        row: Row,
+        heights_m: &[f64],
         out: &mut [f64],
         slope: f64,
         argument: impl Fn(f64, f64) -> f64 + Copy,
     ) {
-        let dy = y - self.eye.y;
-        let dy2 = dy * dy;
-        let depth_y = dy * self.forward.y;
-        for ((&x, &z), out) in xs.iter().zip(zs).zip(out) {
-            let dx = x - self.eye.x;
-            let dz = z - self.eye.z;
-            let horizontal2 = dx * dx + dy2;
-            let dz2 = dz * dz;
-            let depth = dx * self.forward.x + depth_y + dz * self.forward.z;
-            *out = slope * log2_approximate(self.argument_of(depth, horizontal2, dz2, horizontal2 + dz2, argument))
-                + self.elevation_offset;
+        let row = self.frame.row(row);
+        for ((column, height_m), out) in columns.iter().zip(heights_m).zip(out) {
+            let sight = self.frame.sight(row, *column, *height_m);
+            *out = slope * log2_approximate(self.argument_of(&sight, argument)) + self.elevation_offset;
         }
     }
 
-    /// `w` to the fourth power over `s²` or the like, by measure; grows with `depth`, `horizontal2` and `distance2`,
-    /// falls with `dz2`.
+    /// `w` to the fourth power over `s²` or the like, by measure; grows with depth and the distances, falls with the difference
+    /// in height.
     #[inline(always)]
-    fn argument_of(
-        &self,
-        depth: f64,
-        horizontal2: f64,
-        dz2: f64,
-        distance2: f64,
-        argument: impl Fn(f64, f64) -> f64,
-    ) -> f64 {
-        let depth = depth.max(NEAREST_M);
-        let w2 = (depth * depth).max(distance2 * self.cos2_half_diagonal);
+    fn argument_of(&self, sight: &Sight, argument: impl Fn(f64, f64) -> f64) -> f64 {
+        let depth = sight.depth.max(NEAREST_M);
+        let w2 = (depth * depth).max(sight.distance2 * self.cos2_half_diagonal);
         // 1/s²: |p − eye|² / dz² between its limits. The tiny divisor keeps 0/0 out: level ground is seen edge-on.
-        let slant = (1.0 + horizontal2 / dz2.max(1e-200)).min(1.0 / (LEAST_SLANT * LEAST_SLANT));
+        let slant = (1.0 + sight.horizontal2 / sight.vertical2.max(1e-200)).min(1.0 / (LEAST_SLANT * LEAST_SLANT));
         argument(w2, slant)
     }
 
     /// A level that is not above the elevation level at any point of the box.
     #[must_use]
     pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
-        let min = bounds.min - self.eye;
-        let max = bounds.max - self.eye;
-        // Per axis: the distance to the nearest plane of the box, 0 inside.
-        let nearest = min.max(-max).max(DVec3::ZERO);
-        let horizontal2 = nearest.x * nearest.x + nearest.y * nearest.y;
-        let distance2 = horizontal2 + nearest.z * nearest.z;
-        let highest_dz = min.z.abs().max(max.z.abs());
-        let dz2 = highest_dz * highest_dz;
-        let depth = (self.forward * min).min(self.forward * max).element_sum();
-        let of = |argument: fn(f64, f64) -> f64| self.argument_of(depth, horizontal2, dz2, distance2, argument);
+        let sight = self.frame.bound(bounds);
+        let of = |argument: fn(f64, f64) -> f64| self.argument_of(&sight, argument);
         let level = match self.measure {
             Measure::Max => 0.5 * log2_approximate(of(|w2, _| w2)),
             Measure::Min => 0.5 * log2_approximate(of(|w2, slant| w2 * slant)),
@@ -224,6 +192,7 @@ pub fn log2_approximate(x: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::world::WorldFields;
+    use glam::DVec3;
     use proptest::prelude::*;
 
     fn world() -> World {
@@ -285,7 +254,7 @@ mod tests {
             let eye_inside = (camera.eye().clamp(bounds.min, bounds.max) - min) / size;
             for t in inside.iter().copied().chain(corners).chain([eye_inside.to_array()]) {
                 let p = (min + size * DVec3::from_array(t)).clamp(bounds.min, bounds.max);
-                let at = level.elevation_level_at(p);
+                let at = level.elevation_level_at(p.x, p.y, p.z);
                 prop_assert!(at.is_finite());
                 prop_assert!(bound <= at, "bound {bound}, at {p} {at}");
             }
@@ -314,7 +283,7 @@ mod tests {
         let camera = camera([0.0, 0.0, 6235.38], [0.0, -std::f64::consts::FRAC_PI_2, 0.0], 60f64.to_radians());
         for measure in [Measure::Min, Measure::Area, Measure::Max] {
             let level = LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0);
-            let at = level.elevation_level_at(DVec3::ZERO);
+            let at = level.elevation_level_at(0.0, 0.0, 0.0);
             assert!((at - (SQRT_2 * 10.0).log2()).abs() < 1e-4, "{measure:?} {at}");
             // A texel of 1 px is 10 m; colour of level q has texels of 10·2^q·32/256 m.
             let color = at + level.color_minus_elevation();
@@ -326,8 +295,7 @@ mod tests {
     fn measures_are_ordered_and_agree_within_the_least_slant() {
         let camera = camera([0.0, 0.0, 1000.0], [0.0, 0.0, 0.0], 1.0);
         let [min, area, max] = [Measure::Min, Measure::Area, Measure::Max].map(|measure| {
-            LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0)
-                .elevation_level_at(DVec3::new(0.0, 50_000.0, 0.0))
+            LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0).elevation_level_at(0.0, 50_000.0, 0.0)
         });
         assert!(max < area && area < min);
         assert!((min - max - (1.0 / LEAST_SLANT).log2()).abs() < 1e-4);

@@ -1,11 +1,11 @@
 //! What the processes of TerraVision share.
 //!
-//! * [`node`]: the id of a quad tree node. [`world`]: how nodes, elevation posts and colour texels lie in the plane.
+//! * [`node`]: the id of a quad tree node. [`world`]: what a database holds. [`surface`]: where its ground lies in space, the one home of geometry.
 //! * [`camera`]: pose, projection, view frustum. [`level`]: how fine to sample at a point (design §4).
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to process, byte for byte.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
 //! * [`ids`]: numbers that must not be mixed up.
-//! * [`lonlat`]: from longitude and latitude to a world's plane. [`facet`]: elevation between posts. [`validity`]: which of it was
+//! * [`lonlat`]: from longitude and latitude to a world's plane. [`validity`]: which ground was
 //!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
 //! * [`rate`]: feedback from frame times to screen resolutions (design §8).
@@ -19,7 +19,6 @@ pub mod bug;
 pub mod camera;
 pub mod database;
 pub mod event;
-pub mod facet;
 pub mod files;
 pub mod film;
 pub mod ids;
@@ -35,6 +34,7 @@ pub mod shm;
 pub mod slot;
 #[cfg(not(loom))]
 pub mod stage;
+pub mod surface;
 pub mod sync;
 pub mod synthetic;
 pub mod terminal;

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 pub const SCHEMA: &str = "terravision-fly-1";
 
 /// The report of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// [`SCHEMA`].
     pub schema: String,
@@ -77,7 +77,7 @@ pub struct Report {
     pub realtime: Option<RealtimeReport>,
     /// What the prefetcher did.
     pub prefetch: PrefetchReport,
-    /// Of a database on a server or in an archive.
+    /// Of a database on a server.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network: Option<NetworkReport>,
 }
@@ -92,7 +92,7 @@ impl Report {
 }
 
 /// What the flags came to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Wanted size of facets, pixels.
     pub facet_px: f64,

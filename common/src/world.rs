@@ -1,7 +1,8 @@
-//! How nodes, elevation posts and colour texels lie in the plane.
+//! What a terrain database holds: nodes, elevation posts, colour texels, and how they lie on its surface.
 //!
 //! Inside the system positions are **world coordinates**: metres east and north of the world's origin (its south west
-//! elevation post), and height in metres. The origin's easting and northing are added only at the edges.
+//! elevation post), and height in metres; [`crate::surface`] makes them. The origin's easting and northing are added only at
+//! the edges ([`World::crs_of_foot`]).
 //!
 //! ```text
 //!        elevation posts sit on the corners          colour texels are cells
@@ -19,6 +20,8 @@
 //! is ever drawn is a lattice point, so positions along an edge that two leaves share are equal as integers.
 
 use crate::node::{MAX_LEVEL, NodeId};
+use crate::surface::Surface;
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 /// Geometry of a terrain database: where its nodes, posts and texels are. Valid by construction.
@@ -170,6 +173,27 @@ impl World {
         &self.fields
     }
 
+    /// Where its ground lies in space.
+    #[inline]
+    #[must_use]
+    pub const fn surface(&self) -> Surface {
+        Surface::new(self.fields.lattice_unit_m, self.fields.extent, self.fields.elevation_tile)
+    }
+
+    /// The foot of a place in the database's CRS.
+    #[inline]
+    #[must_use]
+    pub fn foot_of_crs(&self, place: DVec2) -> DVec2 {
+        place - DVec2::from_array(self.fields.origin)
+    }
+
+    /// The place of a foot in the database's CRS.
+    #[inline]
+    #[must_use]
+    pub fn crs_of_foot(&self, foot: DVec2) -> DVec2 {
+        DVec2::from_array(self.fields.origin) + foot
+    }
+
     /// Distance of two lattice points, metres.
     #[must_use]
     pub fn lattice_unit_m(&self) -> f64 {
@@ -185,7 +209,7 @@ impl World {
     /// Extent in metres, east and north.
     #[must_use]
     pub fn extent_m(&self) -> [f64; 2] {
-        self.fields.extent.map(|e| f64::from(e) * self.fields.lattice_unit_m)
+        self.surface().end().to_array()
     }
 
     /// Nz, intervals along an elevation tile's side.
@@ -239,27 +263,25 @@ impl World {
     /// Side of a node of level `q`, lattice units.
     #[must_use]
     pub fn node_side(&self, q: u8) -> u64 {
-        u64::from(self.fields.elevation_tile) << q
+        self.surface().node_side(q)
     }
 
     /// Side of a node of level `q`, metres: `b·2^q`.
     #[must_use]
     pub fn node_side_m(&self, q: u8) -> f64 {
-        self.node_side(q) as f64 * self.fields.lattice_unit_m
+        self.surface().node_side_m(q)
     }
 
     /// Lower left corner of a node, lattice units.
     #[must_use]
     pub fn node_origin(&self, node: NodeId) -> [u64; 2] {
-        let side = self.node_side(node.q());
-        [u64::from(node.m()) * side, u64::from(node.n()) * side]
+        self.surface().node_origin(node)
     }
 
     /// Number of columns and rows of nodes that overlap the extent at level `q`.
     #[must_use]
     pub fn nodes_at(&self, q: u8) -> [u32; 2] {
-        let side = self.node_side(q);
-        self.fields.extent.map(|e| u64::from(e).div_ceil(side) as u32)
+        self.surface().nodes_at(q)
     }
 
     /// Whether any of the node lies inside the extent (and it is of this tree). Other nodes do not exist.
@@ -269,6 +291,12 @@ impl World {
             let [columns, rows] = self.nodes_at(node.q());
             node.m() < columns && node.n() < rows
         }
+    }
+
+    /// The node of the same level `east` columns and `north` rows away, when it exists.
+    #[must_use]
+    pub fn neighbor(&self, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
+        self.surface().neighbor(node, east, north).filter(|id| self.contains(*id))
     }
 
     /// Whether the database has a place for an elevation tile of this node.
@@ -286,7 +314,7 @@ impl World {
     /// Spacing of elevation posts at level `q`, metres: `s_z(q)`.
     #[must_use]
     pub fn elevation_spacing_m(&self, q: u8) -> f64 {
-        self.fields.lattice_unit_m * f64::from(1u32 << q)
+        self.surface().spacing_m(q)
     }
 
     /// Spacing of colour texels at level `q`, metres: `s_c(q)`.

@@ -11,7 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Layers, NodeRange, NodeRanges, NodesRecord, RangesError};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
-use terravision_common::traversal::{Traversal, TreeLimits, deepest_color_below, neighbor_in};
+use terravision_common::traversal::{Traversal, TreeLimits, deepest_color_below};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::{World, WorldFields};
 
@@ -38,7 +38,7 @@ fn closed(world: &World, seeds: &[NodeId], layer: Layer) -> HashSet<NodeId> {
             for parent in parents {
                 all.insert(parent);
                 if layer == Layer::Elevation {
-                    all.extend((-1..=1).flat_map(|e| (-1..=1).filter_map(move |n| neighbor_in(world, parent, e, n))));
+                    all.extend((-1..=1).flat_map(|e| (-1..=1).filter_map(move |n| world.neighbor(parent, e, n))));
                 }
             }
         }
@@ -201,7 +201,7 @@ proptest! {
         }
         for leaf in leaves.keys() {
             for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                let Some(mut beside) = neighbor_in(&world, *leaf, east, north) else { continue };
+                let Some(mut beside) = world.neighbor(*leaf, east, north) else { continue };
                 while !leaves.contains_key(&beside) && beside != world.root() {
                     beside = beside.parent();
                 }

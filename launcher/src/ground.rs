@@ -5,10 +5,10 @@ use crate::path::{Ground, Pose};
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use terravision_common::database::{GroundPoint, Layer, NodeRanges, TileScratch, TileSource};
-use terravision_common::facet::facet_linear;
+use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
 use terravision_common::node::NodeId;
-use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
+use terravision_common::surface::tile::{GroundPoint, node_ground};
+use terravision_common::validity::Validity;
 use terravision_common::world::World;
 
 /// The camera stays at least this high above ground, metres.
@@ -73,63 +73,39 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let low = DVec2::from_array(self.world.fields().origin);
-        Extent { low, high: low + DVec2::from_array(self.world.extent_m()) }
+        let [low, high] = [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_of_foot(foot));
+        Extent { low, high }
     }
 
-    /// A position from the world's origin, metres; `None` outside the world.
-    fn place(&self, x: f64, y: f64) -> Option<DVec2> {
-        let place = DVec2::new(x, y) - DVec2::from_array(self.world.fields().origin);
-        let extent = DVec2::from_array(self.world.extent_m());
-        (place.is_finite() && place.cmpge(DVec2::ZERO).all() && place.cmple(extent).all()).then_some(place)
+    /// The foot of a position; `None` outside the world.
+    fn foot(&self, x: f64, y: f64) -> Option<DVec2> {
+        let foot = self.world.foot_of_crs(DVec2::new(x, y));
+        self.world.surface().holds(foot).then_some(foot)
     }
 
-    /// The node of a level at a place.
-    fn node_at(&self, place: DVec2, q: u8) -> Option<NodeId> {
-        let side = self.world.node_side_m(q);
-        let [columns, rows] = self.world.nodes_at(q);
-        NodeId::new(((place.x / side) as u32).min(columns - 1), ((place.y / side) as u32).min(rows - 1), q)
-    }
-
-    /// The ground at a place inside one node's square; `None` when the tile cannot be had.
-    fn ground_in(&self, node: NodeId, place: DVec2) -> Option<GroundPoint> {
+    /// The ground at a foot inside one node's square; `None` when the tile cannot be had.
+    fn ground_in(&self, node: NodeId, foot: DVec2) -> Option<GroundPoint> {
         let mut cache = self.cache.borrow_mut();
         let Cache { scratch, tiles } = &mut *cache;
         if tiles.len() > KEPT_TILES {
             tiles.clear();
         }
-        let posts = self.world.elevation_posts() as usize;
         let tile = tiles.entry(node).or_insert_with(|| {
             let mut values = vec![0f32; self.world.elevation_values()];
             self.source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
         });
-        let values = tile.as_ref()?;
-        let spacing = self.world.elevation_spacing_m(node.q());
-        let corner = DVec2::from_array(self.world.node_origin(node).map(|v| v as f64 * self.world.lattice_unit_m()));
-        let at = ((place - corner) / spacing).clamp(DVec2::ZERO, DVec2::splat((posts - 1) as f64));
-        let cell = at.floor().min(DVec2::splat((posts - 2) as f64));
-        let offset = at - cell;
-        let first = cell.y as usize * posts + cell.x as usize;
-        let at = |plane: usize| {
-            let z = |index: usize| f64::from(values[plane * posts * posts + index]);
-            facet_linear(z(first), z(first + 1), z(first + posts), z(first + posts + 1), offset.x, offset.y)
-        };
-        let validity = match self.world.has_validity() {
-            true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
-            false => Validity::Measured,
-        };
-        Some(GroundPoint { height_m: at(0), validity })
+        Some(node_ground(self.world, node, tile.as_ref()?, foot))
     }
 
     /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile can be had.
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
-        let place = self.place(x, y)?;
+        let foot = self.foot(x, y)?;
         // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
         let ground = (self.level..self.world.levels())
-            .filter_map(|q| self.node_at(place, q))
+            .filter_map(|q| self.world.surface().node_at(foot, q))
             .filter(|node| self.ranges.is_none_or(|ranges| ranges.has_tile(Layer::Elevation, *node)))
-            .find_map(|node| self.ground_in(node, place))?;
+            .find_map(|node| self.ground_in(node, foot))?;
         Some(GroundPoint { height_m: ground.height_m * self.exaggeration, ..ground })
     }
 }
@@ -145,9 +121,9 @@ impl Ground for WorldGround<'_> {
     }
 
     fn bound_m(&self, x: f64, y: f64) -> Option<f64> {
-        let (place, ranges) = (self.place(x, y)?, self.ranges?);
+        let (foot, ranges) = (self.foot(x, y)?, self.ranges?);
         // Where the finest levels are not there, the ground is that of a coarser one.
-        let nodes = (self.level..self.world.levels()).filter_map(|q| self.node_at(place, q));
+        let nodes = (self.level..self.world.levels()).filter_map(|q| self.world.surface().node_at(foot, q));
         let range = nodes.into_iter().find_map(|node| ranges.range(node))?;
         Some(f64::from(range[1]) * self.exaggeration)
     }

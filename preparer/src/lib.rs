@@ -2,23 +2,24 @@
 //!
 //! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
 //!   [`loader`] has brought into the pools by the prefetcher.
-//! * [`truncation`] decides what is drawn with the tiles that are there. [`heights`] makes elevation arrays of [tiles](entered_tile), with no
-//!   cracks between leaves. [`thinning`] leaves out vertices that are finer than wanted, [`trim`] what is beside the picture or
-//!   behind the [`horizon`] of what is nearer. [`frame`] puts it all into the rings. [`sharpness`] says how much of what is seen is as fine as wanted.
+//! * [`resident_tiles`] pins the tiles that are there, where a flight does not wait.
+//! * [`truncation`] decides what is drawn with those tiles. [`heights`] makes elevation arrays of them, with no cracks between
+//!   leaves. [`decimation`] leaves out vertices that are finer than wanted, [`block_culling`] what is beside the picture or
+//!   behind the [`horizon`] of what is nearer. [`frame`] writes it all into the rings. [`detail_coverage`] measures how much
+//!   of what is seen is as fine as wanted.
 //! * [`stage`] connects these with the segments of a run.
 
 pub mod await_tiles;
-pub mod entered_tile;
+pub mod block_culling;
+pub mod decimation;
+pub mod detail_coverage;
 pub mod frame;
 pub mod frame_tree;
 pub mod heights;
 pub mod horizon;
 pub mod loader;
-pub mod sharpness;
+pub mod resident_tiles;
 pub mod stage;
-pub mod there;
-pub mod thinning;
-pub mod trim;
 pub mod truncation;
 
 pub use stage::{PreparerError, run};

@@ -1,13 +1,13 @@
 //! The preparer as a stage of a run: segments on both sides, frame after frame.
 
 use crate::await_tiles::{AwaitError, TileWait};
+use crate::detail_coverage::detail_coverage;
 use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
-use crate::sharpness::sharp_share;
-use crate::there::take_what_is_there;
+use crate::resident_tiles::pin_resident;
 use crate::truncation::RootMissing;
 use bytemuck::Zeroable;
 use std::sync::Arc;
@@ -219,8 +219,8 @@ impl<L: TileLoader> Preparer<L> {
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let taken = take_what_is_there(wanted, &mut self.loader, frame, sequence, control);
-            taken.map_err(AwaitError::from)?
+            let missing = pin_resident(wanted, &mut self.loader, frame, sequence, control);
+            missing.map_err(AwaitError::from)?
         } else {
             self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
         };
@@ -247,8 +247,8 @@ impl<L: TileLoader> Preparer<L> {
         if is_realtime {
             let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let sharp = sharp_share(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
-            let value = u64::from(counts.unavailable) | u64::from(sharp.to_bits()) << 32;
+            let coverage = detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
             events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
         }
         events.tell(

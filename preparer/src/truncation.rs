@@ -12,7 +12,7 @@ use terravision_common::database::Layer;
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::node_table::NodeTable;
-use terravision_common::traversal::neighbor_in;
+use terravision_common::surface::SIDES;
 use terravision_common::world::World;
 
 /// Where a tile lies in the colour pool.
@@ -259,13 +259,13 @@ impl Truncation {
     /// it is.
     #[must_use]
     pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
-        [(-1, 0), (1, 0), (0, -1), (0, 1)].map(|(east, north)| self.leaf_at(node, east, north))
+        SIDES.map(|(east, north)| self.leaf_at(node, east, north))
     }
 
     fn seams(&self, node: NodeId) -> Seams {
         let leaves = &self.elevation_leaves;
         let level = |east, north| self.leaf_at(node, east, north).map_or(node.q(), |at| leaves[at as usize].node.q());
-        let edges = [level(-1, 0), level(1, 0), level(0, -1), level(0, 1)];
+        let edges = SIDES.map(|(east, north)| level(east, north));
         let [west, east, south, north] = edges;
         let corners = [
             level(-1, -1).max(south).max(west),
@@ -278,7 +278,7 @@ impl Truncation {
 
     /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or none.
     fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
-        let mut id = neighbor_in(&self.world, node, east, north)?;
+        let mut id = self.world.neighbor(node, east, north)?;
         loop {
             if let Some(at) = self.table.get(id) {
                 return Some(at);

@@ -8,8 +8,9 @@ use support::{Case, Mesh, Vertex};
 use terravision_common::camera::Camera;
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
+use terravision_common::surface::LatticePoint;
 use terravision_common::synthetic::Relief;
-use terravision_preparer::heights::{LatticePoint, vertex_height};
+use terravision_preparer::heights::vertex_height;
 
 const FRAMES: u32 = 75;
 const STEP_M: f64 = 8.0;

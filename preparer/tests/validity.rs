@@ -40,8 +40,8 @@ proptest! {
                 for i in (usize::from(slot.start[0])..=usize::from(slot.end[0])).step_by(step) {
                     let at = |plane: usize| f64::from(array[plane * posts + j * row + i]);
                     let [height, ground, measured] = [at(0), at(GROUND_PLANE), at(MEASURED_PLANE)];
-                    let expected = level.exaggeration() * ground - level.eye().z;
-                    let tolerance = 1e-5 * (1.0 + height.abs() + level.eye().z.abs() + ground.abs() * level.exaggeration());
+                    let expected = level.exaggeration() * ground - level.frame().eye().z;
+                    let tolerance = 1e-5 * (1.0 + height.abs() + level.frame().eye().z.abs() + ground.abs() * level.exaggeration());
                     prop_assert!((height - expected).abs() <= tolerance, "post {i}, {j}: {height}, {expected}");
                     prop_assert_eq!(ground, -measured);
                 }

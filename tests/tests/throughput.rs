@@ -2,10 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
+use terravision_bench::findings::Findings;
 use terravision_bench::flight::Flight;
 use terravision_bench::measurement::table;
 use terravision_bench::queues;
-use terravision_bench::report::Found;
 use terravision_bench::session::Settings;
 use terravision_bench::stages;
 use terravision_common::event::SpanName;
@@ -69,7 +69,7 @@ fn trees_slots_arrays_and_frames_pass_through_the_stages() {
     assert_eq!(alone.triangles, whole.triangles, "recorded frames draw what the pipeline draws");
     assert!(alone.triangles.iter().all(|triangles| *triangles > 100));
     assert_eq!(whole.log.span_ms(SpanName::Prepare, FRAMES).len() as u64, FRAMES);
-    let mut found = Found::default();
+    let mut found = Findings::default();
     stages::generator_and_preparer(&recorded, &mut found);
     stages::renderer(&settings, std::slice::from_ref(&alone), &mut found);
     stages::replay(&recorded, &[whole], &[alone], &mut found);

@@ -2,8 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
-use terravision_common::facet::facet_linear;
 use terravision_common::shm::SharedFrame;
+use terravision_common::surface::facet::facet_linear;
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::geotiff::{read_floats, write_heights};

@@ -2,9 +2,7 @@
 
 use super::{Found, HeightRanges, Traversal, TreeStats, View};
 use crate::database::Layer;
-use crate::node::NodeId;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
-use crate::world::World;
 use bytemuck::Zeroable;
 
 /// A node that is written, with its children still to be written.
@@ -40,7 +38,7 @@ impl Traversal {
             node.flags &= !COLOR_LEAF;
             node.first_child = stats.node_count;
             let first_pending = self.stack.len();
-            for index in near_to_far(&self.world, parent.id, view.level.eye().truncate()) {
+            for index in self.world.surface().near_to_far(parent.id, view.level.frame().eye()) {
                 let Some(child) = parent.children[usize::from(index)] else { continue };
                 let found = &self.found[child.get() as usize];
                 if found.is_drawn {
@@ -59,15 +57,4 @@ impl Traversal {
 fn leaf_node(found: &Found, inherited: u8) -> TreeNode {
     let elevation = if found.is_elevation_leaf { ELEVATION_LEAF } else { 0 };
     TreeNode { node: found.id.pack(), flags: COLOR_LEAF | elevation | inherited, ..TreeNode::zeroed() }
-}
-
-/// Child indices of a node, front to back as seen from `eye`: the quadrant of the eye, the one across the nearer of the
-/// two middle lines, the one across the other, the opposite one. No ray from the eye meets them in another order.
-fn near_to_far(world: &World, node: NodeId, eye: glam::DVec2) -> [u8; 4] {
-    let half = 0.5 * world.node_side_m(node.q());
-    let origin = world.node_origin(node).map(|c| c as f64 * world.lattice_unit_m() + half);
-    let (dx, dy) = (eye.x - origin[0], eye.y - origin[1]);
-    let nearest = u8::from(dx >= 0.0) | u8::from(dy >= 0.0) << 1;
-    let (second, third) = if dx.abs() <= dy.abs() { (1, 2) } else { (2, 1) };
-    [nearest, nearest ^ second, nearest ^ third, nearest ^ 3]
 }

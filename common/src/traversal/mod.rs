@@ -21,9 +21,10 @@ pub use view::{Frustum, HeightRanges, node_box};
 
 use crate::camera::Camera;
 use crate::database::Layer;
-use crate::level::{LevelFunction, WorldBox};
+use crate::level::LevelFunction;
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
+use crate::surface::{SIDES, Surface, WorldBox};
 use crate::tree::TreeNode;
 use crate::world::World;
 use std::num::NonZeroU32;
@@ -79,6 +80,7 @@ struct Full;
 
 /// What one search of one frame reads.
 struct View<'a, R> {
+    surface: Surface,
     frustum: Frustum,
     level: &'a LevelFunction,
     ranges: &'a R,
@@ -90,10 +92,11 @@ struct View<'a, R> {
 
 impl<'a, R: HeightRanges> View<'a, R> {
     fn new(camera: &Camera, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
-        let extent_m = world.extent_m();
-        let is_beside = (0..2).any(|axis| !(0.0..=extent_m[axis]).contains(&camera.eye_in_world[axis]));
+        let surface = world.surface();
+        let is_beside = !surface.is_over(camera.eye());
         let lowest = || node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
         Self {
+            surface,
             frustum: Frustum::new(camera),
             level,
             ranges,
@@ -104,16 +107,9 @@ impl<'a, R: HeightRanges> View<'a, R> {
 
     /// Whether the node may be seen, or the wall under it where it lies on the world's border. (How fine it has to be is a matter of
     /// its ground alone.)
-    fn may_see(&self, world: &World, bounds: &WorldBox) -> bool {
-        let mut seen = *bounds;
-        if let Some(low) = self.skirt_low_m {
-            let extent_m = world.extent_m();
-            let is_on_border = (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= extent_m[axis]);
-            if is_on_border {
-                seen.min.z = seen.min.z.min(low);
-            }
-        }
-        self.frustum.may_see(&seen)
+    fn may_see(&self, bounds: &WorldBox) -> bool {
+        let low = self.skirt_low_m.filter(|_| self.surface.reaches_border(bounds));
+        self.frustum.may_see(&low.map_or(*bounds, |low| bounds.down_to(low)))
     }
 
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
@@ -184,7 +180,7 @@ impl Traversal {
     /// Adds the node when it may be visible and gives its index.
     fn add<R: HeightRanges>(&mut self, view: &View<'_, R>, id: NodeId, capacity: usize) -> Result<Option<usize>, Full> {
         let Some(bounds) = node_box(&self.world, view.ranges, view.level.exaggeration(), id) else { return Ok(None) };
-        if !view.may_see(&self.world, &bounds) {
+        if !view.may_see(&bounds) {
             return Ok(None);
         }
         let at = self.found.len();
@@ -215,8 +211,8 @@ impl Traversal {
         let mut at = 0;
         while at < self.found.len() {
             if !self.found[at].is_split {
-                for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                    if let Some(neighbor) = neighbor_in(&self.world, self.found[at].id, east, north) {
+                for (east, north) in SIDES {
+                    if let Some(neighbor) = self.world.neighbor(self.found[at].id, east, north) {
                         self.reach(view, neighbor.parent(), capacity)?;
                     }
                 }
@@ -294,13 +290,6 @@ impl Traversal {
 #[must_use]
 pub fn deepest_color_below(world: &World) -> u8 {
     world.elevation_tile().ilog2() as u8 - 1
-}
-
-/// The node of the same level `east` columns and `north` rows away, when it exists.
-#[must_use]
-pub fn neighbor_in(world: &World, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
-    let (m, n) = (node.m().checked_add_signed(east)?, node.n().checked_add_signed(north)?);
-    NodeId::new(m, n, node.q()).filter(|id| world.contains(*id))
 }
 
 #[cfg(test)]

@@ -183,7 +183,7 @@ proptest! {
         let leaves: HashSet<NodeId> = ids(&tree, ELEVATION_LEAF).into_iter().collect();
         for leaf in &leaves {
             for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                let Some(neighbor) = neighbor_in(&case.world, *leaf, east, north) else { continue };
+                let Some(neighbor) = case.world.neighbor(*leaf, east, north) else { continue };
                 for q in neighbor.q() + 2..case.world.levels() {
                     prop_assert!(!leaves.contains(&neighbor.ancestor(q)), "{leaf} beside {}", neighbor.ancestor(q));
                 }

@@ -2,8 +2,8 @@
 
 use crate::camera::Camera;
 use crate::database::{Layer, NodeRanges};
-use crate::level::WorldBox;
 use crate::node::NodeId;
+use crate::surface::WorldBox;
 use crate::world::World;
 use glam::DVec3;
 
@@ -46,16 +46,8 @@ pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, no
     if !world.contains(node) {
         return None;
     }
-    let [a, b] = ranges.range(node)?.map(|z| exaggeration * f64::from(z));
-    let side = world.node_side(node.q());
-    let unit = world.lattice_unit_m();
-    let low = world.node_origin(node);
-    let extent = world.extent().map(u64::from);
-    let high = [0, 1].map(|axis| (low[axis] + side).min(extent[axis]) as f64 * unit);
-    Some(WorldBox {
-        min: DVec3::new(low[0] as f64 * unit, low[1] as f64 * unit, a.min(b)),
-        max: DVec3::new(high[0], high[1], a.max(b)),
-    })
+    let heights = ranges.range(node)?.map(|z| exaggeration * f64::from(z));
+    Some(world.surface().node_bounds(node, heights))
 }
 
 /// Boxes this far outside of the frustum, metres, still count as inside: the planes are rounded.
@@ -114,9 +106,9 @@ impl Frustum {
     /// Whether any of the box is inside, or so near to it that rounding decides.
     #[must_use]
     pub fn may_see(&self, bounds: &WorldBox) -> bool {
-        let (min, max) = (bounds.min - self.eye, bounds.max - self.eye);
+        let bounds = bounds.seen_from(self.eye);
         // The corner that lies farthest along the normal is inside of the plane.
-        self.normals[..self.normal_count].iter().all(|n| (*n * min).max(*n * max).element_sum() >= -TOLERANCE_M)
+        self.normals[..self.normal_count].iter().all(|normal| bounds.most_along(*normal) >= -TOLERANCE_M)
     }
 }
 

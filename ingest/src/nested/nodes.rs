@@ -4,7 +4,6 @@ use crate::store::Rect;
 use std::collections::HashSet;
 use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
-use terravision_common::traversal::neighbor_in;
 use terravision_common::world::World;
 
 /// The nodes of one pyramid that exist, by level. A node has all of its children or none; so the tree can be cut anywhere.
@@ -69,7 +68,7 @@ impl Nodes {
                 self.insert(parent);
                 if self.layer == Layer::Elevation {
                     let around = (-1..=1).flat_map(|east| (-1..=1).map(move |north| (east, north)));
-                    let beside = around.filter_map(|(east, north)| neighbor_in(&world, parent, east, north));
+                    let beside = around.filter_map(|(east, north)| world.neighbor(parent, east, north));
                     beside.for_each(|node| self.insert(node));
                 }
             }
@@ -127,7 +126,7 @@ mod tests {
                 let parent = node.parent();
                 assert!(nodes.has(parent) && nodes.has_children(parent));
                 for (east, north) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                    assert!(neighbor_in(&world, parent, east, north).is_none_or(|n| nodes.has(n)));
+                    assert!(world.neighbor(parent, east, north).is_none_or(|n| nodes.has(n)));
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! `terravision path`: the poses of a camera path, one per frame, as a JSON path.
 
-use crate::cli::PathArgs;
+use crate::cli::path::PathArgs;
 use crate::failure::Failure;
 use crate::flight::progress::Progress;
 use crate::output::TemporaryFile;

@@ -1,7 +1,8 @@
 //! Checks of single arguments and of the path against the world.
 
-use crate::cli::values::{FrameRange, PictureSize};
-use crate::cli::{CourseArgs, Mode, PictureArgs, RealtimeArgs, Switch};
+use crate::cli::course::CourseArgs;
+use crate::cli::realtime::{Mode, RealtimeArgs, Switch};
+use crate::cli::values::FrameRange;
 use crate::failure::Failure;
 use crate::ground::FAR_FROM_WORLD;
 use crate::path::orbit::Extent;
@@ -9,7 +10,7 @@ use crate::path::{self, CameraPath, Course, Pose};
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
-use terravision_common::run::{Prediction, PrefetchConfig, RaysChoice, RealtimeConfig, TechniqueChoice};
+use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
 
 /// Facets and texels may become so many times as large as wanted, if nothing else is said.
 const COARSEST: f64 = 4.0;
@@ -100,28 +101,12 @@ pub(super) fn in_range(name: &str, value: f64, low: f64, high: f64, expected: &s
     }
 }
 
-/// Vertical field of view, degrees, if nothing else is said.
-const DEFAULT_VFOV_DEG: f64 = 60.0;
-
 /// The field of view that `terravision path` is asked to write, radians.
 ///
 /// # Errors
 /// Bad input: out of range.
 pub fn vfov_of_path(asked: Option<f64>) -> Result<Option<f64>, Failure> {
     asked.map(|vfov| Ok(in_range("--vfov", vfov, 1.0, 170.0, "degrees from 1 to 170")?.to_radians())).transpose()
-}
-
-/// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or the default.
-pub(super) fn vfov_rad(picture: &PictureArgs, of_path: Option<f64>, size: PictureSize) -> Result<f64, Failure> {
-    const EXPECTED: &str = "degrees from 1 to 170";
-    if let Some(hfov) = picture.hfov {
-        let half = 0.5 * in_range("--hfov", hfov, 1.0, 170.0, EXPECTED)?.to_radians();
-        let vfov = 2.0 * (half.tan() * f64::from(size.height) / f64::from(size.width)).atan();
-        let shown = format!("--hfov {hfov} is a vertical field of view of");
-        return in_range(&shown, vfov.to_degrees(), 1.0, 170.0, EXPECTED).map(f64::to_radians);
-    }
-    let vfov_deg = picture.vfov.or(of_path.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
-    Ok(in_range("--vfov", vfov_deg, 1.0, 170.0, EXPECTED)?.to_radians())
 }
 
 /// What a flight against the clock may do; `None` in exact mode. `wanted_px`: facets, then texels.
@@ -160,27 +145,6 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             rest("--rest-texel-px", args.rest_texel_px, texel, texel)?,
         ],
     }))
-}
-
-/// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
-pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
-    // Who says how rays are cast wants rays.
-    let technique = match (picture.technique, picture.rays) {
-        (Some(technique), _) => TechniqueChoice::from(technique),
-        (None, Some(_)) => TechniqueChoice::Rays,
-        (None, None) => TechniqueChoice::Auto,
-    };
-    if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
-        return Err(Failure::bad_input(anyhow!(
-            "--technique rays: one ray is cast per pixel; --samples {} is for --technique mesh",
-            picture.samples.unwrap_or_default()
-        )));
-    }
-    if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
-        return Err(Failure::bad_input(anyhow!("--rays is for --technique rays; a mesh has none")));
-    }
-    let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
-    Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))
 }
 
 pub(super) fn exaggeration(value: f64) -> Result<f64, Failure> {

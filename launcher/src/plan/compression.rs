@@ -1,7 +1,7 @@
 //! Whether the pool of colour tiles is compressed: decided before its memory is made, for the device that will read it.
 
+use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::technique::{CompressionArg, RaysArg, TechniqueArg};
-use crate::cli::{PictureArgs, Quality};
 use crate::device::{Compression, DeviceQuestion};
 use crate::failure::Failure;
 use crate::process::own_folder;

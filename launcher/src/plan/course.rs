@@ -2,9 +2,9 @@
 
 use super::checks::in_range;
 use super::pose::PoseContext;
+use crate::cli::course::{CourseArgs, Rests};
 use crate::cli::pose::PoseArgs;
 use crate::cli::values::Pair;
-use crate::cli::{CourseArgs, Rests};
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::path::crs::Georeference;

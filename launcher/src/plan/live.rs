@@ -1,14 +1,15 @@
 //! The part of a plan that other programs have in the flight.
 
-use super::checks::{self, in_range};
-use super::open_world;
-use crate::cli::FlyArgs;
+use super::checks::in_range;
+use super::picture;
+use crate::cli::fly::FlyArgs;
 use crate::cli::planes::PlaneArgs;
 use crate::cli::values::PictureSize;
 use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::input::gate::{Gate, GateSettings};
 use crate::input::{CameraInput, LiveCamera};
+use crate::world::open_world;
 use anyhow::anyhow;
 use std::path::Path;
 use std::time::Duration;
@@ -45,7 +46,7 @@ pub(super) fn camera(args: &FlyArgs, config: &RunConfig) -> Result<Option<LiveCa
     // The pilot looks at the ground on a thread of its own.
     let database = open_world(&args.world, &args.database)?;
     let extent = WorldGround::finest(&database, database.world(), config.exaggeration).extent();
-    let vfov_rad = checks::vfov_rad(&args.picture, None, PictureSize { width: config.width, height: config.height })?;
+    let vfov_rad = picture::vfov_rad(&args.picture, None, PictureSize { width: config.width, height: config.height })?;
     let gate = Gate::new(GateSettings { size: [config.width, config.height], vfov_rad, extent });
     let input = CameraInput::open(source, gate).map_err(Failure::bad_input)?;
     Ok(Some(LiveCamera { input, database, exaggeration: config.exaggeration, idle_timeout }))

@@ -2,7 +2,8 @@
 
 use super::checks::has_extension;
 use super::live::shared_name;
-use crate::cli::{FlyArgs, Mode};
+use crate::cli::fly::FlyArgs;
+use crate::cli::realtime::Mode;
 use crate::data_set::DataSet;
 use crate::data_set::listing::Head;
 use crate::failure::Failure;

@@ -497,7 +497,7 @@ impl Ground {
         }
     }
 
-    /// Height in a tile, linear on facets as everywhere (`terravision_common::facet`); a point outside of its cells is taken to their border.
+    /// Height in a tile, linear on facets as everywhere (`terravision_common::surface::facet`); a point outside of its cells is taken to their border.
     fn height_in(&self, tile: &Tile, point: [f64; 2]) -> f32 {
         let unit = f64::from(1u32 << tile.log_spacing);
         let place = |axis: usize| {

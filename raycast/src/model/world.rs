@@ -9,8 +9,9 @@ use crate::model::{Filter, Ground, GroundError, GroundShape, TileSpec};
 use std::collections::HashMap;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
-use terravision_common::level::{LevelFunction, WorldBox};
+use terravision_common::level::LevelFunction;
 use terravision_common::node::NodeId;
+use terravision_common::surface::WorldBox;
 use terravision_common::traversal::{Frustum, HeightRanges, node_box};
 use terravision_common::world::World;
 
@@ -145,8 +146,7 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
             let left = u64::from(world.extent()[axis]).saturating_sub(u64::from(origin[axis]));
             left.div_ceil(1 << node.q()).min(u64::from(posts - 1)) as u32
         });
-        let eye = level.eye();
-        let distance = (bounds.min - eye).max(eye - bounds.max).max(glam::DVec3::ZERO).length();
+        let distance = bounds.seen_from(level.frame().eye()).nearest().length();
         let mut planes = self.elevations[&node].chunks_exact((posts * posts) as usize);
         let heights = planes.next().unwrap_or_default();
         let spec = TileSpec {

@@ -9,7 +9,7 @@
 
 use glam::DVec2;
 use terravision_common::camera::Camera;
-use terravision_common::facet::facet_linear;
+use terravision_common::surface::facet::facet_linear;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
 

@@ -1,13 +1,16 @@
-//! Trimming: the part of a colour leaf's block that is seen.
+//! Block culling: the part of a colour leaf's block that is seen.
 //!
 //! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
 //! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
-//! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is trimmed would not have produced a
+//! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
 //! pixel.
 
-use crate::horizon::{Horizon, Vertices};
+use crate::horizon::Horizon;
+use glam::Vec3;
 use terravision_common::camera::Camera;
+use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
+use terravision_common::surface::{EyeFrame, Vertices};
 use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
@@ -17,17 +20,17 @@ const MARGIN: f32 = 1e-4;
 const MARGIN_M: f32 = 1e-3;
 const PLANES: usize = 5;
 
-/// Trims blocks; keeps its buffers.
+/// Culls blocks; keeps its buffers.
 #[derive(Debug)]
-pub struct Trim {
+pub struct BlockCulling {
+    world: World,
     posts: usize,
-    has_validity: bool,
-    unit: f64,
-    extent: [u32; 2],
-    normals: [glam::Vec3; PLANES],
-    eye: glam::DVec3,
-    xs: Vec<f32>,
-    ys: Vec<f32>,
+    normals: [Vec3; PLANES],
+    /// Of the frame's camera.
+    frame: Option<EyeFrame>,
+    /// Columns and rows of the entered leaf from the eye.
+    columns: Vec<f32>,
+    rows: Vec<f32>,
     /// A bit per plane that the vertex is outside of; as wide as a coordinate, for SIMD.
     outside: Vec<u32>,
     horizon: Horizon,
@@ -35,20 +38,18 @@ pub struct Trim {
     is_seen: bool,
 }
 
-impl Trim {
+impl BlockCulling {
     /// Buffers for leaves of a world.
     #[must_use]
     pub fn new(world: &World) -> Self {
         let posts = world.elevation_posts() as usize;
         Self {
+            world: *world,
             posts,
-            has_validity: world.has_validity(),
-            unit: world.lattice_unit_m(),
-            extent: world.extent(),
-            normals: [glam::Vec3::ZERO; PLANES],
-            eye: glam::DVec3::ZERO,
-            xs: vec![0.0; posts],
-            ys: vec![0.0; posts],
+            normals: [Vec3::ZERO; PLANES],
+            frame: None,
+            columns: vec![0.0; posts],
+            rows: vec![0.0; posts],
             outside: vec![0; posts * posts],
             horizon: Horizon::new(world),
             is_seen: false,
@@ -59,7 +60,7 @@ impl Trim {
     pub fn look(&mut self, camera: &Camera, ground_m: f64) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
-        self.eye = camera.eye();
+        self.frame = Some(self.world.surface().seen_by(camera));
         self.horizon.look(camera, ground_m);
     }
 
@@ -67,34 +68,28 @@ impl Trim {
     /// behind them the shares of ground of a world with validity.
     /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
     /// between them are not looked at.
-    pub fn enter(&mut self, origin: [u64; 2], q: u8, array: &[f32], snaps: (u8, [u8; 4])) {
+    pub fn enter(&mut self, node: NodeId, array: &[f32], snaps: (u8, [u8; 4])) {
         let heights = &array[..self.posts * self.posts];
-        let axes = [(&mut self.xs, self.eye.x), (&mut self.ys, self.eye.y)];
-        for (axis, (metres, eye)) in axes.into_iter().enumerate() {
-            for (index, metres) in (0u64..).zip(metres.iter_mut()) {
-                let lattice = (origin[axis] + (index << q)).min(self.extent[axis].into());
-                *metres = (lattice as f64 * self.unit - eye) as f32;
-            }
-        }
+        self.place(node);
         let grid = 1 << snaps.0;
         if grid > 1 {
             // Rows that are not drawn have no say in what is outside.
             self.outside.fill(u32::MAX);
         }
-        let rows = heights.chunks_exact(self.posts).zip(self.outside.chunks_exact_mut(self.posts));
-        for ((row, outside), y) in rows.zip(&self.ys).step_by(grid) {
-            for ((z, outside), x) in row.iter().zip(outside).zip(&self.xs) {
-                let margin = -MARGIN_M - MARGIN * (x.abs() + y.abs() + z.abs());
+        let vertices = Vertices { columns: &self.columns, rows: &self.rows, heights };
+        let rows = vertices.by_row().zip(self.outside.chunks_exact_mut(self.posts));
+        for (row, outside) in rows.step_by(grid) {
+            for (vertex, outside) in row.zip(outside) {
+                let margin = -MARGIN_M - MARGIN * (vertex.x.abs() + vertex.y.abs() + vertex.z.abs());
                 let mut bits = 0;
-                for (plane, n) in self.normals.iter().enumerate() {
-                    bits |= u32::from(x * n.x + y * n.y + z * n.z < margin) << plane;
+                for (plane, normal) in self.normals.iter().enumerate() {
+                    bits |= u32::from(vertex.dot(*normal) < margin) << plane;
                 }
                 *outside = bits;
             }
         }
-        let vertices = Vertices { xs: &self.xs, ys: &self.ys, heights };
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
-        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.has_validity);
+        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.world.has_validity());
         let mut rows =
             shares.into_iter().flat_map(|shares| shares.chunks_exact(self.posts).take(self.posts).step_by(grid));
         if rows.any(|row| row.iter().any(|share| *share < 1.0)) {
@@ -103,20 +98,33 @@ impl Trim {
         self.is_seen = false;
     }
 
-    /// All blocks of the entered leaf were trimmed: what is seen of it hides what comes after it.
+    /// Where the columns and rows of a leaf lie from the eye.
+    fn place(&mut self, node: NodeId) {
+        let surface = self.world.surface();
+        let Some(frame) = self.frame else { return };
+        for (column, x) in self.columns.iter_mut().zip(surface.posts(node, 0)) {
+            *column = frame.column_from_eye(surface.column(x));
+        }
+        for (row, y) in self.rows.iter_mut().zip(surface.posts(node, 1)) {
+            *row = frame.row_from_eye(surface.row(y));
+        }
+    }
+
+    /// All blocks of the entered leaf were culled: what is seen of it hides what comes after it.
     pub fn leave(&mut self) {
         if self.is_seen {
             self.horizon.leave();
         }
     }
 
-    /// Trims a block of the entered leaf, or marks it as hidden; `false` when nothing of it is in the picture.
-    pub fn trim(&mut self, slot: &mut TileSlot) -> bool {
-        if !trim_by(slot, |from, to| self.is_outside(from, to)) {
+    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in the
+    /// picture.
+    pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
+        if !cull_by(slot, |from, to| self.is_outside(from, to)) {
             return false;
         }
         let mut seen = *slot;
-        if trim_by(&mut seen, |from, to| self.is_outside(from, to) || self.horizon.is_hidden(from, to)) {
+        if cull_by(&mut seen, |from, to| self.is_outside(from, to) || self.horizon.is_hidden(from, to)) {
             *slot = seen;
             self.is_seen = true;
         } else {
@@ -139,8 +147,8 @@ impl Trim {
 }
 
 /// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing is left.
-fn trim_by(slot: &mut TileSlot, is_unseen: impl Fn([usize; 2], [usize; 2]) -> bool) -> bool {
-    // Vertices on an edge that snaps move within such steps, so strips of them are trimmed whole.
+fn cull_by(slot: &mut TileSlot, is_unseen: impl Fn([usize; 2], [usize; 2]) -> bool) -> bool {
+    // Vertices on an edge that snaps move within such steps, so strips of them are culled whole.
     let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);
     let is_unseen = |from: [u16; 2], to: [u16; 2]| is_unseen(from.map(usize::from), to.map(usize::from));
     let (mut start, mut end) = (slot.start, slot.end);

@@ -1,10 +1,11 @@
-//! How much of what is seen is drawn as finely as wanted.
+//! Detail coverage: how much of what is seen is drawn as finely as wanted.
 
 use crate::frame_tree::FrameTree;
 use crate::truncation::{ColorLeaf, Tiles, Truncation};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
+use terravision_common::surface::tile::CellPosition;
 use terravision_common::world::World;
 
 /// Samples along a side of a leaf ...
@@ -17,7 +18,7 @@ const LEAST_SLANT: f64 = 0.15;
 /// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves of the whole tree
 /// against those that stand for nodes below them. Ground that other ground hides counts too. 1 when no ground is seen.
 #[must_use]
-pub fn sharp_share(
+pub fn detail_coverage(
     world: &World,
     camera: &Camera,
     exaggeration: f64,
@@ -26,17 +27,17 @@ pub fn sharp_share(
     tiles: &impl Tiles,
 ) -> f64 {
     let view = View { world, camera, exaggeration, axes: camera.axes_in_world() };
-    let (mut all, mut sharp) = (0.0, 0.0);
+    let (mut all, mut fine) = (0.0, 0.0);
     for leaf in drawn.elevation_leaves() {
         let Some((tile, posts)) = heights_of(world, tiles, leaf.node) else { continue };
         for color in &drawn.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize] {
-            let is_sharp = is_as_wanted(tree, color);
-            let area = view.area_px(color.node, tile, posts, if is_sharp { SAMPLES } else { COARSE_SAMPLES });
+            let is_fine = is_as_wanted(tree, color);
+            let area = view.area_px(color.node, tile, posts, if is_fine { SAMPLES } else { COARSE_SAMPLES });
             all += area;
-            sharp += if is_sharp { area } else { 0.0 };
+            fine += if is_fine { area } else { 0.0 };
         }
     }
-    if all > 0.0 { sharp / all } else { 1.0 }
+    if all > 0.0 { fine / all } else { 1.0 }
 }
 
 /// Whether the tree itself ends with this leaf.
@@ -63,34 +64,37 @@ struct View<'a> {
 impl View<'_> {
     /// The area on screen of a node's ground, which has these heights, from `n` times `n` samples.
     fn area_px(&self, node: NodeId, tile: NodeId, posts: &[f32], n: u32) -> f64 {
-        let [x0, y0] = self.world.node_origin(node).map(|v| v as f64);
-        let [tile_x, tile_y] = self.world.node_origin(tile).map(|v| v as f64);
-        let (unit, side) = (self.world.lattice_unit_m(), self.world.node_side(node.q()) as f64);
+        let corner = |node| DVec2::from_array(self.world.node_origin(node).map(|v| v as f64));
+        let (corner, tile_corner) = (corner(node), corner(tile));
+        let (surface, side) = (self.world.surface(), self.world.node_side(node.q()) as f64);
         let spacing = f64::from(1u32 << tile.q().min(31));
-        let row = self.world.elevation_posts() as usize;
+        let (cells, row) = (self.world.elevation_tile(), self.world.elevation_posts() as usize);
         let (step, focal) = (side / f64::from(n), self.camera.focal_px());
         let [tan_x, tan_y] = self.camera.half_tangents();
         let [right, up, forward] = self.axes;
         let eye = self.camera.eye();
         let mut sum = 0.0;
         for k in 0..n * n {
-            let [x, y] = [x0 + (f64::from(k % n) + 0.5) * step, y0 + (f64::from(k / n) + 0.5) * step];
-            let is_outside = |v: f64, axis: usize| v >= f64::from(self.world.extent()[axis]);
-            if is_outside(x, 0) || is_outside(y, 1) {
+            let at = corner + (DVec2::new(f64::from(k % n), f64::from(k / n)) + 0.5) * step;
+            let extent = DVec2::from_array(self.world.extent().map(f64::from));
+            if at.cmpge(extent).any() {
                 continue;
             }
-            let [i, j] = [(x - tile_x) / spacing, (y - tile_y) / spacing].map(|v| v.max(0.0) as usize);
+            // The post south west of it is near enough.
+            let place = (at - tile_corner) / spacing;
+            let [i, j] = [place.x, place.y].map(|v| CellPosition::within(v, cells).cell as usize);
             let height = posts.get(j * row + i).copied().unwrap_or(0.0);
-            let to_point = DVec3::new(x * unit, y * unit, self.exaggeration * f64::from(height)) - eye;
+            let point = surface.position(surface.foot_of_lattice(at), self.exaggeration * f64::from(height));
+            let to_point = point - eye;
             let depth = to_point.dot(forward);
             let is_seen =
                 depth > 0.0 && to_point.dot(right).abs() <= tan_x * depth && to_point.dot(up).abs() <= tan_y * depth;
             if is_seen {
                 // A step on level ground covers f²·A·|dz| / depth³ pixels.
-                sum += to_point.z.abs().max(LEAST_SLANT * to_point.length()) / depth.powi(3);
+                sum += to_point.dot(surface.up(point)).abs().max(LEAST_SLANT * to_point.length()) / depth.powi(3);
             }
         }
-        sum * (step * unit * focal).powi(2)
+        sum * (step * surface.unit_m() * focal).powi(2)
     }
 }
 

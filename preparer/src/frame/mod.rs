@@ -1,16 +1,20 @@
 //! One frame from tree to ring: marker, a slot per colour leaf near to far, end.
 
+mod buffer;
+
+pub use buffer::FrameBuffer;
+
+use crate::block_culling::BlockCulling;
+use crate::decimation::Decimation;
 use crate::frame_tree::{FrameTree, TreeError};
 use crate::heights::{Heights, TileVanished};
-use crate::thinning::Thinning;
-use crate::trim::Trim;
 use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation};
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
-use terravision_common::facet::node_elevation;
 use terravision_common::level::LevelFunction;
 use terravision_common::shm::WaitError;
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::slot::{FrameEnd, FrameMarker, SlotContent, TileSlot};
+use terravision_common::surface::tile::node_elevation;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
 
@@ -81,9 +85,9 @@ pub struct FrameMaker {
     world: World,
     truncation: Truncation,
     heights: Heights,
-    thinning: Thinning,
-    trim: Trim,
-    is_trimmed: bool,
+    decimation: Decimation,
+    culling: BlockCulling,
+    is_culled: bool,
 }
 
 impl FrameMaker {
@@ -94,16 +98,16 @@ impl FrameMaker {
             world: *world,
             truncation: Truncation::new(world, nodes),
             heights: Heights::new(world),
-            thinning: Thinning::new(world, nodes),
-            trim: Trim::new(world),
-            is_trimmed: true,
+            decimation: Decimation::new(world, nodes),
+            culling: BlockCulling::new(world),
+            is_culled: true,
         }
     }
 
-    /// Blocks are not trimmed to what is seen: for whoever draws the frame from another eye.
+    /// Blocks are not cut down to what is seen: for whoever draws the frame from another eye.
     #[must_use]
     pub fn with_whole_blocks(self) -> Self {
-        Self { is_trimmed: false, ..self }
+        Self { is_culled: false, ..self }
     }
 
     /// What the last frame draws.
@@ -133,26 +137,26 @@ impl FrameMaker {
             r_c_px: header.r_c_px,
             ..FrameMarker::zeroed()
         }))?;
-        self.thinning.thin(&self.truncation, level, tiles, &mut self.heights)?;
-        self.trim.look(&header.camera, self.ground_under_eye(&header.camera, level.exaggeration(), tiles));
+        self.decimation.choose(&self.truncation, level, tiles, &mut self.heights)?;
+        self.culling.look(&header.camera, self.ground_under_eye(&header.camera, level.exaggeration(), tiles));
         let mut tile_count = 0;
         for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
-            let snaps = self.thinning.snaps(at, leaf);
-            let (heights, trim, origin) = (&mut self.heights, &mut self.trim, self.world.node_origin(leaf.node));
+            let snaps = self.decimation.snaps(at, leaf);
+            let (heights, culling) = (&mut self.heights, &mut self.culling);
             let position = out.array(&mut |values| {
                 heights.make(level, tiles, leaf, snaps.0, values)?;
-                trim.enter(origin, leaf.node.q(), values, snaps);
+                culling.enter(leaf.node, values, snaps);
                 Ok(())
             })?;
             let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
             for color in &self.truncation.color_leaves()[range] {
                 let mut slot = tile_slot(&self.world, leaf, color, position, snaps);
-                if !self.is_trimmed || self.trim.trim(&mut slot) {
+                if !self.is_culled || self.culling.cull(&mut slot) {
                     out.slot(&SlotContent::Tile(slot))?;
                     tile_count += 1;
                 }
             }
-            self.trim.leave();
+            self.culling.leave();
         }
         let counts = FrameCounts {
             wanted: tree.wanted().len() as u32,
@@ -175,10 +179,8 @@ impl FrameMaker {
 
     /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
     fn ground_under_eye(&self, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
-        let root = self.world.root();
-        // Casts of negative numbers give 0.
-        let [x, y] = [0, 1].map(|axis| (camera.eye_in_world[axis] / self.world.lattice_unit_m()) as u64);
-        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, x, y);
+        let (root, under) = (self.world.root(), self.world.surface().lattice_under(camera.eye()));
+        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, under);
         tiles.elevation(root).map_or(f64::INFINITY, height)
     }
 }
@@ -194,14 +196,15 @@ fn tile_slot(
     let q = leaf.node.q();
     let below = q - color.node.q();
     let side = world.elevation_tile() >> below;
-    let inside = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
-    let start = [inside(color.node.m(), leaf.node.m()), inside(color.node.n(), leaf.node.n())];
+    let from_leaf = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
+    let start = [from_leaf(color.node.m(), leaf.node.m()), from_leaf(color.node.n(), leaf.node.n())];
     let origin = world.node_origin(leaf.node);
     // Vertices beyond the extent collapse onto it: facets past the first of them are nothing, unless an edge snaps, which
     // needs the vertices that it snaps to. An edge's step is never finer than that of the leaf.
     let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
+    let inside = world.surface().cells_inside(origin, q);
     let end = [0, 1].map(|axis| {
-        let cells = (u64::from(world.extent()[axis]) - origin[axis]).div_ceil(1 << q);
+        let cells = inside[axis].unwrap_or_default();
         u64::from(start[axis] + side).min(cells.next_multiple_of(step)) as u16
     });
     let lattice = |[x, y]: [u64; 2]| [x as u32, y as u32];
@@ -219,66 +222,5 @@ fn tile_slot(
         edge_snap,
         grid_snap,
         is_hidden: 0,
-    }
-}
-
-/// The slots of the last frame, for tests and benches that need no shared memory.
-#[derive(Debug, Default)]
-pub struct FrameBuffer {
-    arrays: Vec<f32>,
-    array_f32: usize,
-    array_count: usize,
-    slots: Vec<Slot>,
-}
-
-impl FrameBuffer {
-    /// Room for `arrays` arrays of `array_f32` numbers.
-    #[must_use]
-    pub fn new(arrays: usize, array_f32: usize) -> Self {
-        Self { arrays: vec![0.0; arrays * array_f32], array_f32, array_count: 0, slots: Vec::with_capacity(4 * arrays) }
-    }
-
-    /// Forgets the frame.
-    pub fn clear(&mut self) {
-        self.array_count = 0;
-        self.slots.clear();
-    }
-
-    /// The slots.
-    #[must_use]
-    pub fn slots(&self) -> &[Slot] {
-        &self.slots
-    }
-
-    /// An elevation array; `None` past the last.
-    #[must_use]
-    pub fn array(&self, position: u64) -> Option<&[f32]> {
-        let position = usize::try_from(position).ok().filter(|p| *p < self.array_count)?;
-        self.arrays.get(position * self.array_f32..(position + 1) * self.array_f32)
-    }
-}
-
-impl FrameOutput for FrameBuffer {
-    fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError> {
-        let begin = self.array_count * self.array_f32;
-        if self.arrays.len() < begin + self.array_f32 {
-            self.arrays.resize(begin + self.array_f32, 0.0);
-        }
-        fill(&mut self.arrays[begin..begin + self.array_f32])?;
-        self.array_count += 1;
-        Ok(self.array_count as u64 - 1)
-    }
-
-    fn slot(&mut self, slot: &SlotContent) -> Result<(), FrameError> {
-        self.slots.push(Slot::new(slot));
-        Ok(())
-    }
-
-    fn next_position(&self) -> u64 {
-        self.array_count as u64
-    }
-
-    fn finish(&mut self) -> Result<(), FrameError> {
-        Ok(())
     }
 }

@@ -10,17 +10,18 @@
 //! In a world with validity an array goes on with the shares of its vertices ([`terravision_common::validity`]), taken from the
 //! tiles' planes just as heights are: so leaves agree on them along their edges, and holes grow and shrink as smoothly as heights.
 
-use crate::entered_tile::EnteredTile;
-use crate::truncation::{ElevationLeaf, Tiles};
-use std::ops::RangeInclusive;
-use terravision_common::facet::{CellPosition, tile_elevation};
-use terravision_common::level::LevelFunction;
-use terravision_common::node::{MAX_LEVEL, NodeId};
-use terravision_common::world::World;
+mod ancestors;
 
-/// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it has one post per
-/// side of a finest node.
-pub const SMOOTH_LEVEL: u8 = 5;
+pub use ancestors::{SMOOTH_LEVEL, vertex_height};
+
+use crate::truncation::{ElevationLeaf, Tiles};
+use ancestors::{Ancestors, smooth_level, stored, weight};
+use std::ops::RangeInclusive;
+use terravision_common::level::LevelFunction;
+use terravision_common::node::NodeId;
+use terravision_common::surface::tile::{CellPosition, TileSampler};
+use terravision_common::surface::{Column, LatticePoint, Row};
+use terravision_common::world::World;
 
 /// An elevation tile that the frame needs is not there: the tiles changed while the frame was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -34,12 +35,12 @@ pub struct TileVanished {
 #[derive(Debug)]
 pub struct Heights {
     world: World,
-    /// Lattice coordinates and world coordinates of columns and rows.
+    /// Lattice coordinates of columns and rows, and what their positions take from them.
     columns: Vec<u64>,
     rows: Vec<u64>,
-    xs: Vec<f64>,
-    ys: Vec<f64>,
-    tile: EnteredTile,
+    column_terms: Vec<Column>,
+    row_terms: Vec<Row>,
+    tile: TileSampler,
     /// One row of one level.
     row: Vec<f64>,
     /// Levels, then heights, of the whole array.
@@ -58,9 +59,9 @@ impl Heights {
             world: *world,
             columns: vec![0; posts],
             rows: vec![0; posts],
-            xs: vec![0.0; posts],
-            ys: vec![0.0; posts],
-            tile: EnteredTile::new(posts),
+            column_terms: vec![0.0; posts],
+            row_terms: vec![0.0; posts],
+            tile: TileSampler::new(posts),
             row: vec![0.0; posts],
             levels: vec![0.0; posts * posts],
             sums: vec![0.0; posts * posts],
@@ -107,15 +108,12 @@ impl Heights {
 
     /// Where the vertices are: columns and rows, clamped to the extent.
     fn place(&mut self, node: NodeId) {
-        let origin = self.world.node_origin(node);
-        let unit = self.world.lattice_unit_m();
-        let axes = [(&mut self.columns, &mut self.xs), (&mut self.rows, &mut self.ys)];
-        for (axis, (lattice, metres)) in axes.into_iter().enumerate() {
-            let extent = u64::from(self.world.extent()[axis]);
-            for (index, (lattice, metres)) in (0u64..).zip(lattice.iter_mut().zip(metres)) {
-                *lattice = (origin[axis] + (index << node.q())).min(extent);
-                *metres = *lattice as f64 * unit;
-            }
+        let surface = self.world.surface();
+        for ((lattice, column), x) in self.columns.iter_mut().zip(&mut self.column_terms).zip(surface.posts(node, 0)) {
+            (*lattice, *column) = (x, surface.column(x));
+        }
+        for ((lattice, row), y) in self.rows.iter_mut().zip(&mut self.row_terms).zip(surface.posts(node, 1)) {
+            (*lattice, *row) = (y, surface.row(y));
         }
     }
 
@@ -136,7 +134,7 @@ impl Heights {
                 *z *= level.exaggeration();
             }
             let levels = &mut self.levels[j * posts..][..posts];
-            level.elevation_levels(&self.xs, self.ys[j], &self.row, levels);
+            level.elevation_levels(&self.column_terms, self.row_terms[j], &self.row, levels);
             for l in &mut *levels {
                 *l = l.max(floor).min(root);
             }
@@ -169,7 +167,7 @@ impl Heights {
                 *z *= level.exaggeration();
             }
             let levels = &mut self.levels[..posts];
-            level.elevation_levels(&self.xs, self.ys[j], &self.row, levels);
+            level.elevation_levels(&self.column_terms, self.row_terms[j], &self.row, levels);
             lowest = levels.iter().copied().fold(lowest, f64::min);
         }
         Ok((lowest.max(0.0) as u8).max(node.q()))
@@ -248,84 +246,6 @@ impl Heights {
     }
 }
 
-/// A point of the lattice inside the extent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LatticePoint {
-    /// Lattice units east of the origin.
-    pub x: u64,
-    /// Lattice units north of the origin.
-    pub y: u64,
-}
-
-/// Elevation tiles of a node and of its ancestors, each looked up once.
-struct Ancestors<'t, T> {
-    world: &'t World,
-    tiles: &'t T,
-    node: NodeId,
-    found: [Option<&'t [f32]>; MAX_LEVEL as usize + 1],
-}
-
-impl<'t, T: Tiles> Ancestors<'t, T> {
-    fn new(world: &'t World, tiles: &'t T, node: NodeId) -> Self {
-        Self { world, tiles, node, found: [None; MAX_LEVEL as usize + 1] }
-    }
-
-    /// The ancestor of level `q` and a plane of its posts.
-    fn tile(&mut self, q: u8, plane: usize) -> Result<(NodeId, &'t [f32]), TileVanished> {
-        let ancestor = self.node.ancestor(q);
-        let found = &mut self.found[usize::from(q)];
-        if found.is_none() {
-            *found = self.tiles.elevation(ancestor).and_then(|tile| tile.get(..self.world.elevation_values()));
-        }
-        let posts = (self.world.elevation_posts() as usize).pow(2);
-        let plane = found.and_then(|tile| tile.get(plane * posts..(plane + 1) * posts));
-        plane.map(|plane| (ancestor, plane)).ok_or(TileVanished { node: ancestor })
-    }
-
-    fn elevation(&mut self, plane: usize, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
-        let (tile, posts) = self.tile(q, plane)?;
-        let ([x0, y0], cells) = (self.world.node_origin(tile), self.world.elevation_tile());
-        let (x, y) = (CellPosition::new(point.x, x0, q, cells), CellPosition::new(point.y, y0, q, cells));
-        Ok(tile_elevation(posts, cells, x, y))
-    }
-
-    /// Height, or a share, of a vertex before it is stored.
-    fn vertex_sum(
-        &mut self,
-        level: &LevelFunction,
-        plane: usize,
-        point: LatticePoint,
-        floor: u8,
-    ) -> Result<f64, TileVanished> {
-        let (root, unit) = (self.world.root().q(), self.world.lattice_unit_m());
-        let smooth = self.elevation(0, point, smooth_level(self.world, floor))? * level.exaggeration();
-        let p = glam::DVec3::new(point.x as f64 * unit, point.y as f64 * unit, smooth);
-        let l = level.elevation_level_at(p).max(f64::from(floor)).min(f64::from(root));
-        let lower = l as u8;
-        let mut sum = 0.0;
-        for q in lower..=(lower + 1).min(root) {
-            sum += weight(l, q) * self.elevation(plane, point, q)?;
-        }
-        Ok(sum)
-    }
-}
-
-/// Height of one vertex relative to the eye, as [`Heights::make`] has it: on a leaf `node`, with `floor` the level of
-/// the coarsest leaf that touches it.
-///
-/// # Errors
-/// [`TileVanished`] when the tile of an ancestor is not there.
-pub fn vertex_height(
-    world: &World,
-    level: &LevelFunction,
-    tiles: &impl Tiles,
-    node: NodeId,
-    point: LatticePoint,
-    floor: u8,
-) -> Result<f32, TileVanished> {
-    Ok(stored(level, 0, Ancestors::new(world, tiles, node).vertex_sum(level, 0, point, floor)?))
-}
-
 /// Least and greatest of numbers, four side by side: a plain fold waits for each comparison.
 fn range_of(numbers: &[f64]) -> [f64; 2] {
     let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
@@ -340,26 +260,4 @@ fn range_of(numbers: &[f64]) -> [f64; 2] {
     let low = low.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
     let high = high.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
     [low, high]
-}
-
-/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on both sides. A level
-/// that does not take part adds an exact zero, so a sum over more levels has the same bits.
-#[inline(always)]
-fn weight(l: f64, q: u8) -> f64 {
-    (1.0 - (l - f64::from(q)).abs()).max(0.0)
-}
-
-/// A number of a plane as arrays hold it: heights from the eye, shares as they are.
-#[inline(always)]
-fn stored(level: &LevelFunction, plane: usize, sum: f64) -> f32 {
-    if plane == 0 { relative_height(level.exaggeration(), sum, level.eye().z) } else { sum as f32 }
-}
-
-#[inline(always)]
-fn relative_height(exaggeration: f64, z: f64, eye_z: f64) -> f32 {
-    (exaggeration * z - eye_z) as f32
-}
-
-fn smooth_level(world: &World, floor: u8) -> u8 {
-    SMOOTH_LEVEL.min(world.root().q()).max(floor)
 }

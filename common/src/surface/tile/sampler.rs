@@ -4,11 +4,12 @@
 //! up that is every second row, at the smooth level all of them or nearly so. What is left for each row compiles to
 //! SIMD. All of it gives the bits of [`facet_linear`], which is exact.
 
-use terravision_common::facet::{CellPosition, facet_linear};
+use super::CellPosition;
+use crate::surface::facet::facet_linear;
 
 /// Where an array's columns are in a tile; keeps its buffers.
 #[derive(Debug)]
-pub struct EnteredTile {
+pub struct TileSampler {
     stride: usize,
     cells: Vec<u32>,
     /// Offsets within the cells.
@@ -21,7 +22,7 @@ pub struct EnteredTile {
     corners: [Vec<f64>; 4],
 }
 
-impl EnteredTile {
+impl TileSampler {
     /// Buffers for arrays with so many columns.
     #[must_use]
     pub fn new(columns: usize) -> Self {
@@ -84,9 +85,9 @@ impl EnteredTile {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tile_elevation;
     use super::*;
     use proptest::prelude::*;
-    use terravision_common::facet::tile_elevation;
 
     const CELLS: u32 = 8;
 
@@ -102,7 +103,7 @@ mod tests {
             let (level, origin) = (3 + up, 1000u64);
             let start = origin + (u64::from(place) % (1 << up)) * u64::from(CELLS << 3);
             let columns: Vec<u64> = (0..=u64::from(CELLS)).map(|i| (start + (i << 3)).min(origin + extent)).collect();
-            let mut tile = EnteredTile::new(columns.len());
+            let mut tile = TileSampler::new(columns.len());
             tile.enter(&columns, origin, level, CELLS);
             let mut row = vec![0.0; columns.len()];
             for y in &columns {

@@ -1,8 +1,8 @@
-//! Thinning: how finely each elevation leaf is drawn.
+//! Vertex decimation: how finely each elevation leaf is drawn.
 //!
 //! The search splits a node for the part of it that wants most, and the restriction of the tree splits some for a
 //! neighbour; so of many leaves every vertex wants a coarser level than the leaf's own. Heights there are taken from
-//! coarser levels (design §5), whose facets are larger: the vertices between are on facets already, and are not drawn.
+//! coarser levels (design §5), whose facets are larger: the vertices between lie on those facets, and are left out.
 //! A leaf of level q that is drawn at level e has every `2^(e - q)`-th vertex, and on an edge as few as the neighbour.
 //!
 //! Two leaves agree on an edge because each has one drawn level, and the coarser of the two holds on the edge. That takes
@@ -18,7 +18,7 @@ use terravision_common::world::World;
 
 /// The drawn levels of one frame's elevation leaves; keeps its buffers.
 #[derive(Debug)]
-pub struct Thinning {
+pub struct Decimation {
     most: u8,
     /// Of each elevation leaf, in their order.
     drawn: Vec<u8>,
@@ -27,7 +27,7 @@ pub struct Thinning {
     neighbors: Vec<[Option<u32>; 4]>,
 }
 
-impl Thinning {
+impl Decimation {
     /// Buffers for trees of up to `nodes` nodes.
     #[must_use]
     pub fn new(world: &World, nodes: u32) -> Self {
@@ -44,7 +44,7 @@ impl Thinning {
     ///
     /// # Errors
     /// [`TileVanished`] when a tile that the smooth elevation is taken from is not there.
-    pub fn thin(
+    pub fn choose(
         &mut self,
         truncation: &Truncation,
         level: &LevelFunction,

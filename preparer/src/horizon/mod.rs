@@ -16,8 +16,9 @@
 //! another hole. So a leaf with a hole hides nothing, and neither does what comes after it in its directions; what was nearer
 //! goes on hiding: a ray that meets it has met no hole before.
 
-use glam::{DVec2, Vec2};
+use glam::{DVec2, Vec2, Vec3};
 use terravision_common::camera::Camera;
+use terravision_common::surface::{Surface, Vertices};
 use terravision_common::world::World;
 
 /// Bins across the picture: narrower than a facet is wide.
@@ -32,21 +33,10 @@ const LEAST_AHEAD: f64 = 0.2;
 /// Leaves with a vertex nearer than this, metres ahead of the eye, neither hide nor are hidden.
 const NEAREST_M: f32 = 0.1;
 
-/// Vertices of a leaf: where they lie from the eye, metres. Heights by row from the south.
-#[derive(Debug, Clone, Copy)]
-pub struct Vertices<'a> {
-    /// East of the eye, by column.
-    pub xs: &'a [f32],
-    /// North of it, by row.
-    pub ys: &'a [f32],
-    /// Above it, by row, then column.
-    pub heights: &'a [f32],
-}
-
 /// The horizon of one frame; keeps its buffers.
 #[derive(Debug)]
 pub struct Horizon {
-    extent_m: [f64; 2],
+    surface: Surface,
     is_active: bool,
     /// The camera's heading.
     ahead: Vec2,
@@ -95,7 +85,7 @@ impl Horizon {
     pub fn new(world: &World) -> Self {
         let posts = world.elevation_posts() as usize;
         Self {
-            extent_m: world.extent_m(),
+            surface: world.surface(),
             is_active: false,
             ahead: Vec2::Y,
             bins_per_u: 1.0,
@@ -118,10 +108,9 @@ impl Horizon {
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
         let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
         let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
-        let is_over = |axis: usize| (0.0..=self.extent_m[axis]).contains(&camera.eye_in_world[axis]);
-        self.is_active = is_over(0)
-            && is_over(1)
-            && camera.eye_in_world[2] > ground_m
+        let eye = camera.eye();
+        self.is_active = self.surface.is_over(eye)
+            && self.surface.height_m(eye) > ground_m
             && corners.iter().all(|corner| corner.dot(ahead) >= LEAST_AHEAD);
         self.entered = None;
         self.holed = [0; 2];
@@ -210,33 +199,26 @@ impl Horizon {
     /// what is hidden from above is seen from there. An eye within the range of heights of a node's ground is in its box, so
     /// that node is in the tree; one below the range is below the ground of every level.
     fn is_under(&self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
-        let last = self.posts - 1;
-        let around = |metres: &[f32]| {
-            let holds_eye = |at: &usize| metres[*at] <= 0.0 && metres[at + leaf.step] >= 0.0;
-            let from = (0..last).step_by(leaf.step).find(holds_eye)?;
-            Some((from..=from + leaf.step).step_by(leaf.grid))
-        };
-        let (Some(columns), Some(mut rows)) = (around(vertices.xs), around(vertices.ys)) else { return false };
-        rows.any(|row| columns.clone().any(|column| vertices.heights[row * self.posts + column] >= 0.0))
+        let Some([column, row]) = vertices.cell_under_eye(leaf.step) else { return false };
+        let mut rows = (row..=row + leaf.step).step_by(leaf.grid);
+        let columns = (column..=column + leaf.step).step_by(leaf.grid);
+        rows.any(|row| columns.clone().any(|column| vertices.at(column, row).z >= 0.0))
     }
 
     /// Finds where the vertices are on the upright plane; `false` when one has no place there.
     fn project(&mut self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
-        let ends = |metres: &[f32]| [metres[0], metres[self.posts - 1]];
-        let is_ahead = |x: f32, y: f32| x * self.ahead.x + y * self.ahead.y >= NEAREST_M;
-        let [south, north] = ends(vertices.ys);
-        if !ends(vertices.xs).into_iter().all(|x| is_ahead(x, south) && is_ahead(x, north)) {
+        let ahead = self.ahead;
+        let is_ahead = |corner: Vec3| corner.x * ahead.x + corner.y * ahead.y >= NEAREST_M;
+        if !vertices.level_corners().into_iter().all(is_ahead) {
             return false;
         }
-        let (x_bins, y_bins) = (self.ahead.y * self.bins_per_u, self.ahead.x * self.bins_per_u);
+        let (x_bins, y_bins) = (ahead.y * self.bins_per_u, ahead.x * self.bins_per_u);
         let rows = self.us.chunks_exact_mut(self.posts).zip(self.vs.chunks_exact_mut(self.posts));
-        let rows = rows.zip(vertices.heights.chunks_exact(self.posts)).zip(vertices.ys);
-        for (((us, vs), heights), y) in rows.step_by(leaf.grid) {
-            let (y_ahead, y_across) = (y * self.ahead.y, y * y_bins);
-            for (((u, v), z), x) in us.iter_mut().zip(vs).zip(heights).zip(vertices.xs) {
-                let per_metre = 1.0 / (x * self.ahead.x + y_ahead);
-                *u = (x * x_bins - y_across) * per_metre + 0.5 * BINS as f32;
-                *v = z * per_metre;
+        for ((us, vs), vertices) in rows.zip(vertices.by_row()).step_by(leaf.grid) {
+            for ((u, v), vertex) in us.iter_mut().zip(vs).zip(vertices) {
+                let per_metre = 1.0 / (vertex.x * ahead.x + vertex.y * ahead.y);
+                *u = (vertex.x * x_bins - vertex.y * y_bins) * per_metre + 0.5 * BINS as f32;
+                *v = vertex.z * per_metre;
             }
         }
         true
@@ -311,88 +293,4 @@ impl Horizon {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use terravision_common::world::WorldFields;
-
-    const POSTS: usize = 5;
-
-    /// A view to the north from the middle of a world of 6.4 km.
-    fn horizon() -> Horizon {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 10.0,
-            extent: [640, 640],
-            elevation_tile: POSTS as u32 - 1,
-            color_tile: 64,
-            levels: 9,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        });
-        let mut horizon = Horizon::new(&world.expect("valid"));
-        let camera = Camera {
-            eye_in_world: [3200.0, 3200.0, 100.0],
-            heading_rad: 0.0,
-            pitch_rad: -0.1,
-            roll_rad: 0.0,
-            vfov_rad: 1.0,
-            width: 320,
-            height: 200,
-            timestamp_nanos: 0,
-        };
-        horizon.look(&camera, 0.0);
-        horizon
-    }
-
-    /// Enters a level leaf of 400 m a side and says whether all of it is hidden.
-    fn enter(horizon: &mut Horizon, [west, south]: [f32; 2], up: f32) -> bool {
-        let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
-        let vertices = Vertices { xs: &metres(west), ys: &metres(south), heights: &[up; POSTS * POSTS] };
-        horizon.enter(vertices, 1, [1; 4]);
-        let is_hidden = horizon.is_hidden([0, 0], [POSTS - 1, POSTS - 1]);
-        horizon.leave();
-        is_hidden
-    }
-
-    #[test]
-    fn low_ground_behind_high_ground_is_hidden_and_high_ground_is_not() {
-        let mut horizon = horizon();
-        assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
-        assert!(enter(&mut horizon, [-100.0, 1000.0], -80.0));
-        assert!(!enter(&mut horizon, [-100.0, 1400.0], -10.0), "it rises above the horizon");
-        assert!(!enter(&mut horizon, [1300.0, 1800.0], -80.0), "it is not behind what was drawn");
-    }
-
-    #[test]
-    fn nothing_is_hidden_by_a_leaf_with_a_hole_nor_by_what_is_behind_it() {
-        let enter_holed = |horizon: &mut Horizon, [west, south]: [f32; 2], up: f32| {
-            let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
-            let vertices = Vertices { xs: &metres(west), ys: &metres(south), heights: &[up; POSTS * POSTS] };
-            horizon.enter(vertices, 1, [1; 4]);
-            horizon.enter_hole();
-            horizon.leave();
-        };
-        let mut horizon = horizon();
-        enter_holed(&mut horizon, [-200.0, 400.0], -20.0);
-        assert!(!enter(&mut horizon, [-200.0, 900.0], -20.0));
-        assert!(!enter(&mut horizon, [-100.0, 1400.0], -80.0), "seen through the hole, from under the leaf before it");
-        // What was nearer hides it all the same.
-        let mut horizon = self::horizon();
-        assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
-        enter_holed(&mut horizon, [-200.0, 900.0], -20.0);
-        assert!(enter(&mut horizon, [-100.0, 1400.0], -80.0));
-        // A hole under the eye is in all directions.
-        let mut horizon = self::horizon();
-        enter_holed(&mut horizon, [-200.0, -200.0], -100.0);
-        assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
-        assert!(!enter(&mut horizon, [-100.0, 1000.0], -80.0));
-    }
-
-    #[test]
-    fn nothing_is_hidden_by_ground_that_the_eye_is_under() {
-        let mut horizon = horizon();
-        assert!(!enter(&mut horizon, [-200.0, -200.0], 5.0));
-        assert!(!enter(&mut horizon, [-200.0, 400.0], 20.0));
-        assert!(!enter(&mut horizon, [-100.0, 1000.0], -80.0));
-    }
-}
+mod tests;

@@ -1,29 +1,17 @@
-//! Facet-linear interpolation: elevation between the posts of a tile, as the mesh is drawn.
+//! Elevation between the posts of a tile: the height under a point, of the lattice or of the plane.
 //!
-//! Each cell of the lattice of a level is split along its diagonal from south west to north east, and elevation is
-//! linear over each half. So the surface of a level is the same set of facets whether it is drawn from its own posts
-//! or, after a split, from posts twice as dense: nothing pops.
-//!
-//! ```text
-//!   z01 ----- z11       u, v in [0, 1], east and north
-//!    | v>u  /  |
-//!    |    /    |        u >= v:  z00 + u(z10 − z00) + v(z11 − z10)
-//!    |  /  u>v |        else:    z00 + v(z01 − z00) + u(z11 − z01)
-//!   z00 ----- z10
-//! ```
-//!
-//! Posts are multiples of 1/128 m below 65 km, and u, v are multiples of 2^-24 at worst: every step is exact in double
-//! precision, so any order of evaluation, from any leaf, gives the same bits.
+//! Tiles and elevation arrays have `(cells + 1)²` numbers, row 0 the southern one.
 
+use super::LatticePoint;
+use super::facet::facet_linear;
 use crate::node::NodeId;
+use crate::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
 use crate::world::World;
+use glam::DVec2;
 
-/// Elevation inside one cell.
-#[inline(always)]
-#[must_use]
-pub fn facet_linear(z00: f64, z10: f64, z01: f64, z11: f64, u: f64, v: f64) -> f64 {
-    if u >= v { z00 + u * (z10 - z00) + v * (z11 - z10) } else { z00 + v * (z01 - z00) + u * (z11 - z01) }
-}
+mod sampler;
+
+pub use sampler::TileSampler;
 
 /// Where one coordinate of a lattice point falls in a tile: the cell, and the offset within it in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -45,6 +33,15 @@ impl CellPosition {
         let rest = inside - (u64::from(cell) << level);
         CellPosition { cell, offset: rest as f64 / (1u64 << level) as f64 }
     }
+
+    /// Position of a coordinate in cells from the tile's corner, taken to its border likewise.
+    #[inline]
+    #[must_use]
+    pub fn within(at: f64, cells: u32) -> CellPosition {
+        let at = at.clamp(0.0, f64::from(cells));
+        let cell = (at as u32).min(cells - 1);
+        CellPosition { cell, offset: at - f64::from(cell) }
+    }
 }
 
 /// Elevation of a tile at a position; `posts` has `(cells + 1)²` values, row 0 the southern one.
@@ -57,14 +54,39 @@ pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPositio
     facet_linear(z(south), z(south + 1), z(south + stride), z(south + stride + 1), x.offset, y.offset)
 }
 
-/// Elevation of the tile of `node` at lattice point `(x, y)`, metres. `posts` are the tile's, `(Nz + 1)²`, row 0 the
+/// Elevation of the tile of `node` at a lattice point, metres. `posts` are the tile's, `(Nz + 1)²`, row 0 the
 /// southern one. A point outside of the node is taken to its border.
+#[inline]
 #[must_use]
-pub fn node_elevation(world: &World, node: NodeId, posts: &[f32], x: u64, y: u64) -> f64 {
+pub fn node_elevation(world: &World, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
     let cells = world.elevation_tile();
     let [x0, y0] = world.node_origin(node);
-    let (x, y) = (CellPosition::new(x, x0, node.q(), cells), CellPosition::new(y, y0, node.q(), cells));
+    let (x, y) = (CellPosition::new(point.x, x0, node.q(), cells), CellPosition::new(point.y, y0, node.q(), cells));
     tile_elevation(posts, cells, x, y)
+}
+
+/// The ground at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundPoint {
+    /// Height, metres; also where there is a hole: that of the surface that has it.
+    pub height_m: f64,
+    /// Whether it was measured.
+    pub validity: Validity,
+}
+
+/// The ground at a foot in the tile of `node`, which has [`World::elevation_values`] `values`. A foot outside of the
+/// node is taken to its border.
+#[must_use]
+pub fn node_ground(world: &World, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
+    let (cells, posts) = (world.elevation_tile(), world.elevation_posts() as usize);
+    let place = world.surface().place_in_node(foot, node);
+    let [x, y] = [place.x, place.y].map(|at| CellPosition::within(at, cells));
+    let at = |plane: usize| tile_elevation(&values[plane * posts * posts..], cells, x, y);
+    let validity = match world.has_validity() {
+        true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
+        false => Validity::Measured,
+    };
+    GroundPoint { height_m: at(0), validity }
 }
 
 #[cfg(test)]
@@ -73,19 +95,19 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn it_is_the_posts_at_the_corners_and_linear_along_edges_and_the_diagonal() {
-        let f = |u, v| facet_linear(1.0, 2.0, 4.0, 8.0, u, v);
-        assert_eq!([f(0.0, 0.0), f(1.0, 0.0), f(0.0, 1.0), f(1.0, 1.0)], [1.0, 2.0, 4.0, 8.0]);
-        assert_eq!([f(0.5, 0.0), f(0.0, 0.5), f(1.0, 0.5), f(0.5, 1.0)], [1.5, 2.5, 5.0, 6.0]);
-        assert_eq!([f(0.25, 0.25), f(0.5, 0.5)], [2.75, 4.5]);
-    }
-
-    #[test]
     fn the_last_post_is_the_end_of_the_last_cell() {
         assert_eq!(CellPosition::new(164, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
         assert_eq!(CellPosition::new(116, 100, 4, 4), CellPosition { cell: 1, offset: 0.0 });
         assert_eq!(CellPosition::new(999, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
         assert_eq!(CellPosition::new(7, 100, 4, 4), CellPosition { cell: 0, offset: 0.0 });
+    }
+
+    #[test]
+    fn a_place_in_cells_is_taken_to_the_border_likewise() {
+        assert_eq!(CellPosition::within(4.0, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::within(9.5, 4), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(CellPosition::within(-0.5, 4), CellPosition { cell: 0, offset: 0.0 });
+        assert_eq!(CellPosition::within(1.25, 4), CellPosition { cell: 1, offset: 0.25 });
     }
 
     proptest! {

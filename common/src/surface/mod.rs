@@ -1,0 +1,44 @@
+//! Where ground lies in space: the one home of geometry.
+//!
+//! All other code names ground by integers (nodes, lattice points) or by a *foot*, a point of the
+//! surface without a height, and asks this module for everything that follows from them. Nobody
+//! else adds a height to an x and a y, compares an eye with the borders of the world, or knows
+//! where the next node is (`tests/tests/geometry.rs` searches the sources for that).
+//!
+//! | question | asked of |
+//! |---|---|
+//! | one name for each lattice point | [`Plane::canonical`], [`Plane::columns`], [`Plane::rows`] |
+//! | the node beside another one, its corner, its cells inside the world | [`Plane::neighbor`], [`Plane::node_origin`], [`Plane::cells_inside`] |
+//! | the position of a lattice point with a height | [`Plane::vertex`], of a [`Plane::column`] and a [`Plane::row`] |
+//! | the position over a foot, and the way back | [`Plane::position`], [`Plane::foot`], [`Plane::height_m`], [`Plane::up`] |
+//! | whether an eye is over the world | [`Plane::is_over`] |
+//! | what space a node may fill | [`Plane::node_bounds`] |
+//! | which child is nearest to the eye | [`Plane::near_to_far`] |
+//! | distances, depth and slant from an eye; vertices relative to it | [`EyeFrame`], [`Vertices`] |
+//! | the height between the posts of a tile | [`facet`], [`tile`] |
+//!
+//! [`Surface`] is a plane: metres east and north of the world's origin, and height up. An ellipsoid
+//! gets a folder beside `plane/` with the same methods, its own foot (longitude and latitude) and
+//! its own terms of columns and rows. Positions are then no sum, so callers keep apart what is
+//! separable: **a vertex is made of its column, its row and its height**, each looked up or
+//! interpolated on its own. Everything is inlined and of static types: asking costs nothing.
+//!
+//! Invariant: a vertex's position depends on its canonical lattice point, its height and the eye
+//! alone, so edges that two leaves share are equal to the bit.
+
+mod bounds;
+pub mod facet;
+mod lattice;
+mod plane;
+mod sight;
+pub mod tile;
+mod vertices;
+
+pub use bounds::WorldBox;
+pub use lattice::{LatticePoint, SIDES};
+pub use plane::{Column, EyeCell, EyeFrame, EyeRow, Plane, Row};
+pub use sight::Sight;
+pub use vertices::Vertices;
+
+/// The surface that worlds have.
+pub type Surface = Plane;

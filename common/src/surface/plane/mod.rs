@@ -1,0 +1,316 @@
+//! The plane: a foot is metres east and north of the world's origin, height is z.
+
+mod eye;
+
+pub use eye::{EyeFrame, EyeRow};
+
+use super::{LatticePoint, WorldBox};
+use crate::camera::Camera;
+use crate::node::NodeId;
+use glam::{DVec2, DVec3};
+
+/// What the position of a vertex takes from its column: metres east of the world's origin.
+pub type Column = f64;
+/// What the position of a vertex takes from its row: metres north of the world's origin.
+pub type Row = f64;
+
+/// A world's rectangle of a plane, cut into nodes whose vertices are lattice points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// Distance of two lattice points, metres.
+    unit_m: f64,
+    /// Where the ground ends east and north, lattice units.
+    extent: [u32; 2],
+    /// Side of a finest node, lattice units: a power of two.
+    side: u32,
+}
+
+/// The lattice cell that an eye is over: lattice points are counted from it where numbers are
+/// small, as on a graphics device.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EyeCell {
+    /// Its south west corner.
+    pub corner: [i64; 2],
+    /// The eye's place in it, metres east and north of the corner.
+    pub eye_m: [f32; 2],
+}
+
+impl EyeCell {
+    /// A lattice coordinate along an axis (0 east, 1 north) from the cell; it saturates.
+    #[inline]
+    #[must_use]
+    pub fn count(&self, axis: usize, lattice: u32) -> i32 {
+        (i64::from(lattice) - self.corner[axis]).clamp(i32::MIN.into(), i32::MAX.into()) as i32
+    }
+}
+
+/// Nodes and lattice points.
+impl Plane {
+    /// A plane of lattice points `unit_m` apart that ends `extent` units east and north of its
+    /// origin, with finest nodes of `side` units.
+    #[inline]
+    #[must_use]
+    pub const fn new(unit_m: f64, extent: [u32; 2], side: u32) -> Self {
+        Self { unit_m, extent, side }
+    }
+
+    /// Distance of two lattice points, metres.
+    #[inline]
+    #[must_use]
+    pub const fn unit_m(&self) -> f64 {
+        self.unit_m
+    }
+
+    /// Where the ground ends east and north, lattice units.
+    #[inline]
+    #[must_use]
+    pub const fn extent(&self) -> [u32; 2] {
+        self.extent
+    }
+
+    /// Side of a node of level `q`, lattice units.
+    #[inline]
+    #[must_use]
+    pub fn node_side(&self, q: u8) -> u64 {
+        u64::from(self.side) << q
+    }
+
+    /// Side of a node of level `q`, metres.
+    #[inline]
+    #[must_use]
+    pub fn node_side_m(&self, q: u8) -> f64 {
+        self.node_side(q) as f64 * self.unit_m
+    }
+
+    /// Distance of two posts of level `q`, metres.
+    #[inline]
+    #[must_use]
+    pub fn spacing_m(&self, q: u8) -> f64 {
+        self.unit_m * f64::from(1u32 << q)
+    }
+
+    /// Lower left corner of a node, lattice units.
+    #[inline]
+    #[must_use]
+    pub fn node_origin(&self, node: NodeId) -> [u64; 2] {
+        let side = self.node_side(node.q());
+        [u64::from(node.m()) * side, u64::from(node.n()) * side]
+    }
+
+    /// Columns and rows of nodes of level `q` that some ground is in.
+    #[inline]
+    #[must_use]
+    pub fn nodes_at(&self, q: u8) -> [u32; 2] {
+        let side = self.node_side(q);
+        self.extent.map(|e| u64::from(e).div_ceil(side) as u32)
+    }
+
+    /// The node of the same level `east` columns and `north` rows away, if there may be one.
+    #[inline]
+    #[must_use]
+    pub fn neighbor(&self, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
+        let (m, n) = (node.m().checked_add_signed(east)?, node.n().checked_add_signed(north)?);
+        NodeId::new(m, n, node.q())
+    }
+
+    /// Children of a node, front to back as seen from `eye`: the quadrant of the eye, the one
+    /// across the nearer of the two middle lines, the one across the other, the opposite one. No
+    /// ray from the eye meets them in another order.
+    #[must_use]
+    pub fn near_to_far(&self, node: NodeId, eye: DVec3) -> [u8; 4] {
+        let half = 0.5 * self.node_side_m(node.q());
+        let middle = self.node_origin(node).map(|c| c as f64 * self.unit_m + half);
+        let (dx, dy) = (eye.x - middle[0], eye.y - middle[1]);
+        let nearest = u8::from(dx >= 0.0) | u8::from(dy >= 0.0) << 1;
+        let (second, third) = if dx.abs() <= dy.abs() { (1, 2) } else { (2, 1) };
+        [nearest, nearest ^ second, nearest ^ third, nearest ^ 3]
+    }
+
+    /// The lattice coordinate along an axis (0 east, 1 north) that a vertex is at: points past the
+    /// extent lie on it.
+    #[inline(always)]
+    #[must_use]
+    pub fn canonical(&self, axis: usize, lattice: u64) -> u64 {
+        lattice.min(self.extent[axis].into())
+    }
+
+    /// The lattice coordinates along an axis of a node's posts, canonical: its columns (axis 0) or
+    /// its rows.
+    #[inline]
+    pub fn posts(&self, node: NodeId, axis: usize) -> impl Iterator<Item = u64> {
+        self.posts_from(self.node_origin(node)[axis], node.q(), axis)
+    }
+
+    #[inline]
+    fn posts_from(self, origin: u64, q: u8, axis: usize) -> impl Iterator<Item = u64> {
+        (0u64..).map(move |index| self.canonical(axis, origin + (index << q)))
+    }
+
+    /// How many cells of `1 << log_cell` lattice units from a lattice point on lie inside, at least
+    /// in part, east and north; `None` past the extent.
+    #[inline]
+    #[must_use]
+    pub fn cells_inside(&self, origin: [u64; 2], log_cell: u8) -> [Option<u64>; 2] {
+        [0, 1].map(|axis| {
+            let left = u64::from(self.extent[axis]).checked_sub(origin[axis])?;
+            Some(left.div_ceil(1 << log_cell))
+        })
+    }
+}
+
+/// Positions, world coordinates: metres.
+impl Plane {
+    /// What the vertices of a column have in common.
+    #[inline(always)]
+    #[must_use]
+    pub fn column(&self, lattice: u64) -> Column {
+        lattice as f64 * self.unit_m
+    }
+
+    /// What the vertices of a row have in common.
+    #[inline(always)]
+    #[must_use]
+    pub fn row(&self, lattice: u64) -> Row {
+        lattice as f64 * self.unit_m
+    }
+
+    /// The position of a vertex: of its column, its row, and its height.
+    #[inline(always)]
+    #[must_use]
+    pub fn vertex(&self, point: LatticePoint, height_m: f64) -> DVec3 {
+        DVec3::new(self.column(point.x), self.row(point.y), height_m)
+    }
+
+    /// The foot of a place on the lattice, in lattice units.
+    #[inline(always)]
+    #[must_use]
+    pub fn foot_of_lattice(&self, lattice: DVec2) -> DVec2 {
+        lattice * self.unit_m
+    }
+
+    /// Where a foot is on the lattice, in lattice units.
+    #[inline(always)]
+    #[must_use]
+    pub fn lattice_of_foot(&self, foot: DVec2) -> DVec2 {
+        foot / self.unit_m
+    }
+
+    /// The point of the surface under (or over) a position.
+    #[inline(always)]
+    #[must_use]
+    pub fn foot(&self, position: DVec3) -> DVec2 {
+        position.truncate()
+    }
+
+    /// The height of a position.
+    #[inline(always)]
+    #[must_use]
+    pub fn height_m(&self, position: DVec3) -> f64 {
+        position.z
+    }
+
+    /// How high a position is above ground of that height under it.
+    #[inline(always)]
+    #[must_use]
+    pub fn height_above(&self, position: DVec3, ground_m: f64) -> f64 {
+        position.z - ground_m
+    }
+
+    /// The position over a foot at a height.
+    #[inline(always)]
+    #[must_use]
+    pub fn position(&self, foot: DVec2, height_m: f64) -> DVec3 {
+        foot.extend(height_m)
+    }
+
+    /// The direction in which height grows.
+    #[inline(always)]
+    #[must_use]
+    pub fn up(&self, _position: DVec3) -> DVec3 {
+        DVec3::Z
+    }
+
+    /// The lattice point south west of a position, the nearest to it that is inside.
+    #[inline]
+    #[must_use]
+    pub fn lattice_under(&self, position: DVec3) -> LatticePoint {
+        // Casts of negative numbers give 0.
+        let [x, y] = [position.x, position.y].map(|v| (v / self.unit_m) as u64);
+        LatticePoint { x, y }
+    }
+
+    /// The corner of the world that is farthest from its origin.
+    #[inline]
+    #[must_use]
+    pub fn end(&self) -> DVec2 {
+        DVec2::from_array(self.extent.map(|e| f64::from(e) * self.unit_m))
+    }
+
+    /// Whether there is ground, or a hole in it, at a foot.
+    #[inline]
+    #[must_use]
+    pub fn holds(&self, foot: DVec2) -> bool {
+        let end = self.end();
+        foot.x >= 0.0 && foot.y >= 0.0 && foot.x <= end.x && foot.y <= end.y
+    }
+
+    /// Whether a position is over (or under) the world. An eye that is not, beside it, may look
+    /// under its edge.
+    #[inline]
+    #[must_use]
+    pub fn is_over(&self, position: DVec3) -> bool {
+        self.holds(self.foot(position))
+    }
+
+    /// The node of a level that a foot inside the world is in.
+    #[inline]
+    #[must_use]
+    pub fn node_at(&self, foot: DVec2, q: u8) -> Option<NodeId> {
+        let (side_m, [columns, rows]) = (self.node_side_m(q), self.nodes_at(q));
+        NodeId::new(((foot.x / side_m) as u32).min(columns - 1), ((foot.y / side_m) as u32).min(rows - 1), q)
+    }
+
+    /// Where a foot is in the tile of a node, in cells from its corner.
+    #[inline]
+    #[must_use]
+    pub fn place_in_node(&self, foot: DVec2, node: NodeId) -> DVec2 {
+        let corner = DVec2::from_array(self.node_origin(node).map(|v| v as f64 * self.unit_m));
+        (foot - corner) / self.spacing_m(node.q())
+    }
+
+    /// The space that the ground of a node may fill, clipped to the extent: its heights, exaggerated,
+    /// lie between these two.
+    #[must_use]
+    pub fn node_bounds(&self, node: NodeId, [a, b]: [f64; 2]) -> WorldBox {
+        let (side, low) = (self.node_side(node.q()), self.node_origin(node));
+        let high = [0, 1].map(|axis| self.canonical(axis, low[axis] + side) as f64 * self.unit_m);
+        WorldBox {
+            min: DVec3::new(low[0] as f64 * self.unit_m, low[1] as f64 * self.unit_m, a.min(b)),
+            max: DVec3::new(high[0], high[1], a.max(b)),
+        }
+    }
+
+    /// Whether a node's bounds touch the border of the world, under which there may be a wall.
+    #[must_use]
+    pub fn reaches_border(&self, bounds: &WorldBox) -> bool {
+        let end = self.end();
+        (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= end[axis])
+    }
+
+    /// The surface as a valid camera sees it.
+    #[must_use]
+    pub fn seen_by(&self, camera: &Camera) -> EyeFrame {
+        EyeFrame::new(camera)
+    }
+
+    /// The lattice cell that an eye is over.
+    #[must_use]
+    pub fn eye_cell(&self, eye: DVec3) -> EyeCell {
+        let cell = [eye.x, eye.y].map(|v| (v / self.unit_m).floor());
+        let eye_m = [(eye.x - cell[0] * self.unit_m) as f32, (eye.y - cell[1] * self.unit_m) as f32];
+        EyeCell { corner: cell.map(|v| v as i64), eye_m }
+    }
+}
+
+#[cfg(test)]
+mod tests;

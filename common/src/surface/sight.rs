@@ -1,0 +1,14 @@
+//! What level functions ask of a point.
+
+/// How a point lies from the eye, metres and square metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// Along the view axis.
+    pub depth: f64,
+    /// Square of the distance along the level through the point.
+    pub horizontal2: f64,
+    /// Square of the difference in height.
+    pub vertical2: f64,
+    /// Square of the distance in space.
+    pub distance2: f64,
+}

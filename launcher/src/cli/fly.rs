@@ -1,0 +1,74 @@
+//! `terravision fly`, as typed.
+
+use super::course::CourseArgs;
+use super::database::DatabaseArgs;
+use super::film::FilmArgs;
+use super::live::LiveArgs;
+use super::measurements::MeasurementArgs;
+use super::picture::PictureArgs;
+use super::planes::PlaneArgs;
+use super::realtime::RealtimeArgs;
+use super::resources::ResourceArgs;
+use super::supervision::SupervisionArgs;
+use clap::Args;
+use std::path::PathBuf;
+
+/// `terravision fly`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+EXAMPLES
+  terravision fly w.tv -o film.mp4
+  terravision fly w.tv --path tour.kml --quality best -o frames/ --report report.json
+  terravision fly w.tv --around 560000,4980000 --radius 4000 --height 1500 --turns 2 -o round.mp4
+  terravision fly w.tv --path track.gpx --agl 80 --speed 20 -o ride.mp4
+  terravision fly w.tv --path path.json --frames 100..200 -o part2/
+  terravision fly w.tv -o film.webm --crf 30
+  terravision fly w.tv --path tour.json -o frames/ --depth frames/depth --ground frames/ground
+  terravision fly w.tv -o - | ffplay -
+  terravision fly w.tv --camera shm:uav -o shared:uav --depth --size 640x480
+
+The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
+number of lifted frames is told.")]
+pub struct FlyArgs {
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
+    pub world: PathBuf,
+    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
+    /// shared:NAME for other programs; /dev/null to measure only
+    ///
+    /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
+    /// that name when it is complete, never before. shared:NAME is --share NAME and nothing else.
+    #[arg(short, long, value_name = "FILM|DIR/|-|shared:NAME")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub live: LiveArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub planes: PlaneArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub film: FilmArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub course: CourseArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub realtime: RealtimeArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub supervision: SupervisionArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub measurements: MeasurementArgs,
+}

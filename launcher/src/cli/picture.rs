@@ -1,0 +1,112 @@
+//! How the picture is made, as typed.
+
+use super::technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
+use super::values::{self, PictureSize, Rgb};
+use clap::{Args, ValueEnum};
+
+/// How the picture is made; shared by `fly` and `still`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Picture")]
+pub struct PictureArgs {
+    /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
+    ///
+    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel on the processor's cores and needs no
+    /// device, or with '--rays compute' on one. All draw the same surface (docs/techniques.md).
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub technique: Option<TechniqueArg>,
+    /// How rays are cast [default: mipmap; in real time: auto]
+    ///
+    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU; else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
+    /// from then on the faster one, which is told. In exact mode, whose pictures must not depend on a machine's speed, it is
+    /// always 'mipmap'.
+    #[arg(long, value_enum, value_name = "HOW")]
+    pub rays: Option<RaysArg>,
+    /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<PictureSize>,
+    /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at 16:9]
+    #[arg(long, value_name = "DEGREES", conflicts_with = "hfov")]
+    pub vfov: Option<f64>,
+    /// Horizontal field of view, degrees, in place of --vfov
+    #[arg(long, value_name = "DEGREES")]
+    pub hfov: Option<f64>,
+    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
+    /// butterscotch on Mars, black on the Moon]
+    #[arg(long, value_name = "R,G,B")]
+    pub sky: Option<Rgb>,
+    /// Factor on all heights of the terrain
+    ///
+    /// 2 makes mountains twice as high. The camera's height is not changed.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
+    pub exaggeration: f64,
+    /// A preset of --facet-px and --samples [default: default; still: finest]
+    ///
+    /// 'default' draws facets of 10 pixels (7 for voxels, '--technique rays --rays coherent'), one sample a pixel. 'best' draws facets of 3 pixels with four samples a
+    /// pixel: nearer to the true picture at several times the cost. 'finest' draws facets of 1 pixel (more above 1920x1080, where there
+    /// would be too many), four samples: what a pixel shows is right to the pixel. Rays have one sample. A flag given as well wins over the preset.
+    #[arg(long, value_enum, overrides_with = "quality")]
+    pub quality: Option<Quality>,
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3; finest, which still has: 1]
+    ///
+    /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
+    #[arg(long, value_name = "PIXELS")]
+    pub facet_px: Option<f64>,
+    /// Wanted size of the colour texels on screen, pixels [default: 1]
+    ///
+    /// Smaller sharpens until the source has no more to give, and needs more tiles; larger blurs and loads less.
+    #[arg(long, value_name = "PIXELS")]
+    pub texel_px: Option<f64>,
+    /// Whether colour tiles are compressed in memory
+    ///
+    /// Compressed (BC1) a tile takes an eighth of its memory, here and on the device, so that --memory holds more of them;
+    /// the picture loses a little (docs/quality.md), and loading a tile takes longer. The database is not touched. A device
+    /// that is the processor itself (lavapipe) is slower at such tiles: there, 'auto' leaves them as they are. 'on' where no
+    /// device can do it is an error. The same frames come out on every run either way.
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = CompressionArg::Auto)]
+    pub texture_compression: CompressionArg,
+    /// Samples per pixel: 1, or 4 for smooth edges [default: 1; best, finest: 4]
+    #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
+    pub samples: Option<u32>,
+    /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
+    #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
+    pub measure: MeasureChoice,
+    /// What is drawn where the world ends, for an eye beside it
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = Edge::Skirt)]
+    pub edge: Edge,
+    /// Draw the leaves of the quad tree over the picture
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub overlay: Option<Overlay>,
+    /// What depth and ground say where the world's sources had no data and the ground was made up from around it
+    ///
+    /// 'nan': not a number, as for sky. 'mark': the values that are drawn, and a band more in files: 1 where the ground was measured,
+    /// 0 where it was made up. Shared frames tell it in any case (docs/frame-ring.md).
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = MadeUpArg::Nan)]
+    pub made_up: MadeUpArg,
+}
+
+/// A preset of how fine the picture is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Quality {
+    /// Facets of 10 pixels, one sample a pixel
+    Default,
+    /// Facets of 3 pixels, four samples a pixel
+    Best,
+    /// Facets of 1 pixel, four samples a pixel
+    Finest,
+}
+
+/// What is drawn where the world ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Edge {
+    /// Plain walls down to the world's lowest height, and a floor there
+    Skirt,
+    /// Nothing: the ground is a sheet
+    None,
+}
+
+/// What is drawn over the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Overlay {
+    /// The leaves of the quad tree
+    Tree,
+}

@@ -1,0 +1,51 @@
+//! `terravision still`, as typed.
+
+use super::database::DatabaseArgs;
+use super::measurements::MeasurementArgs;
+use super::picture::PictureArgs;
+use super::pose::PoseArgs;
+use super::resources::ResourceArgs;
+use clap::Args;
+use std::path::PathBuf;
+
+/// `terravision still`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+EXAMPLES
+  terravision still w.tv --look-at 560000,4980000 --from 180,30,5000 -o a.png
+  terravision still w.tv --lonlat --eye -121.5,44.9,1500 --agl --look-at -121.7,45.37 -o b.png
+  terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
+      --quality best -o a.png --depth depth.tif --ground ground.tif")]
+pub struct StillArgs {
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
+    /// s3://bucket/prefix (docs/databases.md)
+    #[arg(value_name = "WORLD")]
+    pub world: PathBuf,
+    /// The picture, a PNG file
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
+    #[arg(long, value_name = "FILE.tif")]
+    pub depth: Option<PathBuf>,
+    /// Also write what every pixel sees: float64 TIFF of easting, northing and height, NaN for sky
+    #[arg(long, value_name = "FILE.tif")]
+    pub ground: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub pose: PoseArgs,
+    /// The Z of --eye and --look-at are heights above the ground
+    #[arg(long, help_heading = "Pose")]
+    pub agl: bool,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub picture: PictureArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub resources: ResourceArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub database: DatabaseArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub measurements: MeasurementArgs,
+}

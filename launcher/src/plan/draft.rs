@@ -1,0 +1,245 @@
+//! A plan in the making: what both commands have in common.
+
+use super::FlightPlan;
+use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
+use super::compression::TexelQuestion;
+use super::picture::{self, PictureChoice};
+use super::planes::PlaneFolders;
+use super::supervision::RestartRules;
+use crate::cli::database::DatabaseArgs;
+use crate::cli::measurements::MeasurementArgs;
+use crate::cli::picture::{Edge, Overlay, PictureArgs, Quality};
+use crate::cli::realtime::{Mode, RealtimeArgs};
+use crate::cli::resources::ResourceArgs;
+use crate::cli::values::MemorySize;
+use crate::failure::Failure;
+use crate::ground::{self, WorldGround};
+use crate::machine::bytes_for_people;
+use crate::measure::metrics::MetricsSocket;
+use crate::output::{FrameFolder, TemporaryFile};
+use crate::path::{PathSettings, Pose};
+use crate::stream::StreamTarget;
+use crate::world;
+use anyhow::anyhow;
+use glam::DVec2;
+use std::path::Path;
+use terravision_common::camera::Camera;
+use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
+use terravision_common::shm::{Layout, RunId, ShmError};
+use terravision_common::world::World;
+use terravision_store::Store;
+
+/// Frames that are recorded or drawn at a time: the renderer, which knows the device, chooses.
+const FRAMES_IN_FLIGHT: u32 = 0;
+
+/// A plan in the making.
+pub(super) struct Draft<'a> {
+    pub(super) run: RunId,
+    database: Store,
+    access: &'a DatabaseArgs,
+    settings: PathSettings,
+    picture: &'a PictureArgs,
+    resources: &'a ResourceArgs,
+    pub(super) fps: f64,
+    pub(super) frames: [u64; 2],
+    pub(super) poses: Vec<Pose>,
+    pub(super) notes: Vec<String>,
+    pub(super) warnings: Vec<String>,
+    pub(super) sink: SinkConfig,
+    pub(super) depth: Option<PlaneTarget>,
+    pub(super) ground: Option<PlaneTarget>,
+    pub(super) share: Option<ShareConfig>,
+    pub(super) planes: PlaneFolders,
+    pub(super) files: Vec<TemporaryFile>,
+    pub(super) folder: Option<FrameFolder>,
+    stream: Option<StreamTarget>,
+    pub(super) destination: String,
+    pub(super) realtime: Option<&'a RealtimeArgs>,
+    /// The preset if none is asked for.
+    pub(super) usual_quality: Quality,
+}
+
+impl<'a> Draft<'a> {
+    pub(super) fn new(
+        database: Store,
+        access: &'a DatabaseArgs,
+        picture: &'a PictureArgs,
+        resources: &'a ResourceArgs,
+        settings: PathSettings,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            run: RunId::new_for_this_process().map_err(Failure::failed)?,
+            database,
+            access,
+            settings,
+            picture,
+            resources,
+            fps: DEFAULT_FPS,
+            frames: [0, 1],
+            poses: Vec::new(),
+            notes: Vec::new(),
+            warnings: Vec::new(),
+            sink: SinkConfig::Null,
+            depth: None,
+            ground: None,
+            share: None,
+            planes: PlaneFolders::default(),
+            files: Vec::new(),
+            folder: None,
+            stream: None,
+            destination: String::new(),
+            realtime: None,
+            usual_quality: Quality::Default,
+        })
+    }
+
+    pub(super) fn stream_into(&mut self, target: StreamTarget) {
+        self.sink = SinkConfig::Stream(target.encoding());
+        self.stream = Some(target);
+    }
+
+    /// The plan.
+    ///
+    /// # Errors
+    /// Bad input: a number out of range, a path that does not go with the world, an output that cannot be written.
+    pub(super) fn finish(
+        mut self,
+        texels: TexelQuestion,
+        measurements: &MeasurementArgs,
+    ) -> Result<FlightPlan, Failure> {
+        let world = *self.database.world();
+        let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
+        let choice = PictureChoice::new(self.picture, &self.settings, self.usual_quality, is_realtime, texels, &world)?;
+        let exaggeration = exaggeration(self.picture.exaggeration)?;
+        let layout = layout(&world, &choice, self.resources.memory)?;
+        let cameras = self.cameras(&choice, exaggeration)?;
+        self.warnings.extend(self.database.errors().take_news());
+        let config = self.config(&choice, exaggeration)?;
+        let run = self.run.to_string();
+        let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
+        Ok(FlightPlan {
+            data_set: self.planes.into_data_set(&config, &self.database),
+            config,
+            report: measurements.report.as_deref().map(temporary).transpose()?,
+            trace: measurements.trace.as_deref().map(temporary).transpose()?,
+            metrics: measurements.metrics.map(MetricsSocket::open).transpose()?,
+            run: self.run,
+            layout,
+            cameras,
+            live: None,
+            files: self.files,
+            folder: self.folder,
+            stream: self.stream,
+            notes: self.notes,
+            warnings: self.warnings,
+            is_quiet: self.resources.quiet,
+            asks_for_samples: self.picture.samples.is_some() || self.picture.quality.is_some(),
+            database: self.database,
+            destination: self.destination,
+            restarts: RestartRules::NONE,
+        })
+    }
+
+    /// The cameras of all poses, none of them in the ground.
+    fn cameras(&mut self, choice: &PictureChoice, exaggeration: f64) -> Result<Vec<Camera>, Failure> {
+        let world = self.database.world();
+        let ground = WorldGround::finest(&self.database, world, exaggeration).bounded(self.database.ranges());
+        if !self.poses.is_empty() {
+            check_distance(&self.poses, &ground.extent(), &mut self.warnings)?;
+        }
+        let origin = DVec2::from_array(world.fields().origin);
+        let mut lifted = 0;
+        let mut cameras = Vec::with_capacity(self.poses.len());
+        for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
+            lifted += usize::from(ground::lift(&mut pose, &ground));
+            let camera = Camera {
+                eye_in_world: (pose.position - origin.extend(0.0)).to_array(),
+                heading_rad: pose.heading_rad,
+                pitch_rad: pose.pitch_rad,
+                roll_rad: pose.roll_rad,
+                vfov_rad: choice.vfov_rad,
+                width: choice.size.width,
+                height: choice.size.height,
+                timestamp_nanos: 0,
+            };
+            if !camera.is_valid() {
+                let position = pose.position;
+                return Err(Failure::bad_input(anyhow!(
+                    "frame {frame} has no valid camera: expected a position within 10^12 m of the world's origin and finite \
+                     angles, found {position} and heading {}, pitch {}, roll {} rad",
+                    pose.heading_rad,
+                    pose.pitch_rad,
+                    pose.roll_rad
+                )));
+            }
+            cameras.push(camera);
+        }
+        if lifted > 0 {
+            self.warnings.push(format!(
+                "{lifted} of {} frames were below ground + {} m and were lifted",
+                cameras.len(),
+                ground::CLEARANCE_M
+            ));
+        }
+        Ok(cameras)
+    }
+
+    /// What the stages are told.
+    fn config(&mut self, choice: &PictureChoice, exaggeration: f64) -> Result<RunConfig, Failure> {
+        let index = self.database.index().path();
+        let [r_z_px, r_c_px] = choice.wanted_px;
+        Ok(RunConfig {
+            run_id: self.run.to_string(),
+            // The stages run in this folder too, but an absolute name reads better in messages.
+            world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
+            database: world::config(self.database.location(), self.access),
+            width: choice.size.width,
+            height: choice.size.height,
+            fps: self.fps,
+            frames: self.frames,
+            r_z_px,
+            r_c_px,
+            measure: self.picture.measure.into(),
+            exaggeration,
+            texels: choice.texels,
+            decoder_threads: decoder_threads(self.resources.threads)?,
+            prefetch: prefetch(self.realtime),
+            realtime: self.realtime.and_then(|args| realtime(args, choice.wanted_px).transpose()).transpose()?,
+            render: self.render_config(choice, exaggeration),
+        })
+    }
+
+    fn render_config(&mut self, choice: &PictureChoice, exaggeration: f64) -> RenderConfig {
+        let (picture, database) = (self.picture, &self.database);
+        let low = database.ranges().range(database.world().root()).map(|[low, _]| exaggeration * f64::from(low));
+        RenderConfig {
+            technique: choice.technique,
+            rays: choice.rays,
+            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().body.name),
+            skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
+            samples: choice.samples,
+            has_tree_overlay: picture.overlay == Some(Overlay::Tree),
+            has_validation: self.resources.validation,
+            frames_in_flight: FRAMES_IN_FLIGHT,
+            sink: std::mem::replace(&mut self.sink, SinkConfig::Null),
+            depth: self.depth.take(),
+            ground: self.ground.take(),
+            share: self.share.take(),
+            made_up: picture.made_up.into(),
+        }
+    }
+}
+
+/// The run's shared memory.
+fn layout(world: &World, choice: &PictureChoice, memory: MemorySize) -> Result<Layout, Failure> {
+    let size = [choice.size.width, choice.size.height];
+    let layout = Layout::for_run(world, memory.0, choice.texels);
+    layout.map(|layout| layout.for_picture(world, size, choice.wanted_px[0])).map_err(|error| match error {
+        ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
+            "--memory {}: the tile pools of this world need at least {}",
+            bytes_for_people(memory.0),
+            bytes_for_people(needed)
+        )),
+        other => Failure::failed(other),
+    })
+}

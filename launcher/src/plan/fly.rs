@@ -1,0 +1,147 @@
+//! The plan of `terravision fly`.
+
+use super::checks::{self, exaggeration, frame_range, has_extension, is_folder_name, pace};
+use super::compression::TexelQuestion;
+use super::course::{LoadedPath, load_path};
+use super::draft::Draft;
+use super::planes::PlaneFolders;
+use super::{FlightPlan, PICTURES, film, live, supervision};
+use crate::cli::fly::FlyArgs;
+use crate::cli::picture::Quality;
+use crate::cli::realtime::PredictionChoice;
+use crate::failure::Failure;
+use crate::output::{self, FrameFolder, TemporaryFile};
+use crate::path::{PathSettings, Pose};
+use crate::stream::StreamTarget;
+use crate::stream::film::Container;
+use crate::world::open_world;
+use anyhow::anyhow;
+use std::io::IsTerminal;
+use std::path::Path;
+use terravision_common::film::even;
+use terravision_common::run::{OPEN_END, SinkConfig};
+use terravision_store::Store;
+
+/// The plan of `terravision fly`.
+///
+/// # Errors
+/// Bad input, in one sentence.
+pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
+    let texels = TexelQuestion::new(&args.picture, Quality::Default)?;
+    let database = open_world(&args.world, &args.database)?;
+    let mut draft =
+        if args.live.camera.is_some() { draft_of_poses(args, database)? } else { draft_of_path(args, database)? };
+    draft.share = live::share(args)?;
+    draft.realtime = Some(&args.realtime);
+    choose_output(&mut draft, args)?;
+    draft.planes = PlaneFolders::create(args, &draft.run.to_string())?;
+    [draft.depth, draft.ground] = draft.planes.targets();
+    if draft.destination.is_empty() {
+        draft.destination = args.output.display().to_string();
+    }
+    let mut plan = draft.finish(texels, &args.measurements)?;
+    plan.live = live::camera(args, &plan.config)?;
+    plan.restarts = supervision::restarts(&args.supervision, &plan.config)?;
+    plan.notes.extend(of_odd_sides(&plan));
+    Ok(plan)
+}
+
+/// Of a flight whose poses another program sends.
+fn draft_of_poses(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure> {
+    if args.realtime.prediction == Some(PredictionChoice::Oracle) {
+        return Err(Failure::bad_input(anyhow!(
+            "--prediction oracle and --camera: an oracle knows the path, and nobody knows that of another program; \
+             expected off, linear or quadratic"
+        )));
+    }
+    let settings = PathSettings::default();
+    let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, settings)?;
+    draft.fps = checks::fps(args.course.fps)?;
+    draft.frames = [0, OPEN_END];
+    Ok(draft)
+}
+
+fn draft_of_path(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure> {
+    let LoadedPath { path, notes, warnings } =
+        load_path(&args.course, &database, exaggeration(args.picture.exaggeration)?)?;
+    let (fps, speed) = pace(&args.course, &path)?;
+    let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
+    let poses: Option<Vec<Pose>> = (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
+    let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
+    let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, path.settings)?;
+    (draft.fps, draft.frames, draft.poses) = (fps, frames, poses);
+    (draft.notes, draft.warnings) = (notes, warnings);
+    Ok(draft)
+}
+
+/// Where the frames go.
+fn choose_output(draft: &mut Draft<'_>, args: &FlyArgs) -> Result<(), Failure> {
+    let (output, run) = (&args.output, draft.run.to_string());
+    if is_folder_name(output) || !has_extension(output, &Container::EXTENSIONS) {
+        film::refuse(&args.film, output)?;
+    }
+    if live::shared_name(output).is_some() || output == Path::new("/dev/null") {
+        draft.sink = SinkConfig::Null;
+    } else if output == Path::new("-") {
+        stream_to_stdout(draft)?;
+    } else if is_folder_name(output) {
+        let folder = FrameFolder::create(output, &run).map_err(Failure::bad_input)?;
+        draft.sink = SinkConfig::PngFolder(folder.path().to_owned());
+        draft.folder = Some(folder);
+    } else if let Some(format) = film::format(output, &args.film)? {
+        let file = TemporaryFile::create(output, &run).map_err(Failure::bad_input)?;
+        let temporary = file.temporary().to_owned();
+        draft.stream_into(StreamTarget::Film { path: output.clone(), temporary, format });
+        draft.files.push(file);
+    } else {
+        return Err(no_output(output));
+    }
+    Ok(())
+}
+
+fn stream_to_stdout(draft: &mut Draft<'_>) -> Result<(), Failure> {
+    if std::io::stdout().is_terminal() {
+        return Err(Failure::bad_input(anyhow!(
+            "-o - writes a film to standard output, which is a terminal; send it to a program or a file, \
+             e.g. terravision fly … -o - | ffmpeg -i - film.webm"
+        )));
+    }
+    draft.stream_into(StreamTarget::Stdout);
+    draft.destination = "standard output".into();
+    if output::is_stdout_closed() {
+        let warning = "-o -: standard output is closed, or the null device; the film goes nowhere";
+        draft.warnings.push(warning.to_owned());
+    }
+    Ok(())
+}
+
+/// What a film of odd sides becomes.
+fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
+    let size = [plan.config.width, plan.config.height];
+    let [width, height] = even(size);
+    let is_padded = matches!(plan.stream, Some(StreamTarget::Film { .. })) && size != [width, height];
+    is_padded.then(|| {
+        format!(
+            "a film has even sides: {}x{} becomes {width}x{height}, its last column or row is repeated",
+            size[0], size[1]
+        )
+    })
+}
+
+/// What can be written in place of what was asked for.
+fn no_output(output: &Path) -> Failure {
+    if has_extension(output, &PICTURES) {
+        return Failure::bad_input(anyhow!(
+            "-o {0}: a flight has many frames; expected a folder for them, e.g. -o {1}/ (PNG files), or a film (.{2}); \
+             terravision still makes one picture",
+            output.display(),
+            output.with_extension("").display(),
+            Container::EXTENSIONS.join(", .")
+        ));
+    }
+    Failure::bad_input(anyhow!(
+        "-o {}: expected a film (.{}), a folder that ends with a slash, - for standard output, or shared:NAME",
+        output.display(),
+        Container::EXTENSIONS.join(", .")
+    ))
+}

@@ -1,0 +1,117 @@
+//! How the picture is made: what flags, path and defaults come to.
+
+use super::checks::in_range;
+use super::compression::TexelQuestion;
+use crate::cli::picture::{PictureArgs, Quality};
+use crate::cli::values::{PictureSize, Rgb};
+use crate::failure::Failure;
+use crate::path::PathSettings;
+use anyhow::anyhow;
+use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::shm::Layout;
+use terravision_common::texels::TexelFormat;
+use terravision_common::world::World;
+
+/// Size of a picture for which neither the command line nor the path says one.
+pub const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
+/// Vertical field of view, degrees, if nothing else is said.
+const DEFAULT_VFOV_DEG: f64 = 60.0;
+
+const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
+
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+fn sky_of(body: &str) -> [u8; 3] {
+    match body {
+        "Mars" => [210, 170, 125],
+        "Venus" => [215, 180, 110],
+        "Titan" => [190, 140, 60],
+        "Moon" | "Mercury" | "Ceres" | "Vesta" => [0, 0, 0],
+        _ => DEFAULT_SKY,
+    }
+}
+
+/// How the picture is made.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PictureChoice {
+    pub(super) size: PictureSize,
+    pub(super) vfov_rad: f64,
+    pub(super) technique: TechniqueChoice,
+    pub(super) rays: RaysChoice,
+    pub(super) texels: TexelFormat,
+    /// Wanted sizes of facets (r_z) and texels (r_c), pixels.
+    pub(super) wanted_px: [f64; 2],
+    pub(super) samples: u32,
+}
+
+impl PictureChoice {
+    /// `usual`: the preset if none is asked for.
+    pub(super) fn new(
+        picture: &PictureArgs,
+        settings: &PathSettings,
+        usual: Quality,
+        is_realtime: bool,
+        texels: TexelQuestion,
+        world: &World,
+    ) -> Result<Self, Failure> {
+        let size = picture.size.unwrap_or(PictureSize {
+            width: settings.width.unwrap_or(DEFAULT_SIZE.width),
+            height: settings.height.unwrap_or(DEFAULT_SIZE.height),
+        });
+        let of_path = settings.vfov_of(size.width, size.height);
+        let vfov_rad = vfov_rad(picture, of_path, size)?;
+        let (asked, rays) = technique(picture, is_realtime)?;
+        let (texels, technique) = texels.decide(asked)?;
+        let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
+            // What rays through voxels cost grows with pixels: facets of half the area make up for what sampling loses.
+            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
+            Quality::Default => (10.0, 1),
+            Quality::Best => (3.0, 4),
+            Quality::Finest => (Layout::finest_facet_px(world, [size.width, size.height]), 4),
+        };
+        let facet_px =
+            in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
+        let texel_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
+        let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
+        let samples = picture.samples.unwrap_or(samples);
+        Ok(Self { size, vfov_rad, technique, rays, texels, wanted_px: [facet_px, texel_px], samples })
+    }
+}
+
+/// The sky: as asked, as the path has it, or the body's.
+pub(super) fn sky(picture: &PictureArgs, settings: &PathSettings, body: &str) -> [u8; 3] {
+    picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or_else(|| sky_of(body))
+}
+
+/// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or the default.
+pub(super) fn vfov_rad(picture: &PictureArgs, of_path: Option<f64>, size: PictureSize) -> Result<f64, Failure> {
+    const EXPECTED: &str = "degrees from 1 to 170";
+    if let Some(hfov) = picture.hfov {
+        let half = 0.5 * in_range("--hfov", hfov, 1.0, 170.0, EXPECTED)?.to_radians();
+        let vfov = 2.0 * (half.tan() * f64::from(size.height) / f64::from(size.width)).atan();
+        let shown = format!("--hfov {hfov} is a vertical field of view of");
+        return in_range(&shown, vfov.to_degrees(), 1.0, 170.0, EXPECTED).map(f64::to_radians);
+    }
+    let vfov_deg = picture.vfov.or(of_path.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
+    Ok(in_range("--vfov", vfov_deg, 1.0, 170.0, EXPECTED)?.to_radians())
+}
+
+/// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
+pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
+    // Who says how rays are cast wants rays.
+    let technique = match (picture.technique, picture.rays) {
+        (Some(technique), _) => TechniqueChoice::from(technique),
+        (None, Some(_)) => TechniqueChoice::Rays,
+        (None, None) => TechniqueChoice::Auto,
+    };
+    if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
+        return Err(Failure::bad_input(anyhow!(
+            "--technique rays: one ray is cast per pixel; --samples {} is for --technique mesh",
+            picture.samples.unwrap_or_default()
+        )));
+    }
+    if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
+        return Err(Failure::bad_input(anyhow!("--rays is for --technique rays; a mesh has none")));
+    }
+    let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
+    Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))
+}

@@ -1,0 +1,28 @@
+//! Realtime mode: a frame uses the tiles that are resident, and does not wait for others.
+//!
+//! Each tile is looked up once a frame. The frame does not use a tile that arrives a moment later,
+//! although it is in the pool by then: the frame has not pinned it, so its slot could be reused before
+//! the frame is completed.
+
+use crate::frame_tree::Tile;
+use crate::loader::{LoadError, TileLoader, TileState};
+use terravision_common::shm::Control;
+
+/// Pins the wanted tiles that are resident for a frame, and asks for the others. Returns how many are missing. Does not
+/// block.
+///
+/// # Errors
+/// [`LoadError`].
+pub fn pin_resident(
+    wanted: &[Tile],
+    loader: &mut impl TileLoader,
+    frame: u64,
+    sequence: u64,
+    control: &Control,
+) -> Result<u32, LoadError> {
+    loader.drain()?;
+    let is_missing = |tile: &&Tile| loader.want(**tile, frame, sequence, control) != TileState::Resident;
+    let missing = wanted.iter().filter(is_missing).count() as u32;
+    loader.ask(frame, sequence);
+    Ok(missing)
+}
