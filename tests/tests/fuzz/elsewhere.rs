@@ -1,9 +1,10 @@
-//! Databases in archives and on servers: headers of tar, heads and bodies of HTTP answers.
+//! Databases in archives and on servers, and what asks for metrics: headers of tar, heads and bodies of
+//! HTTP.
 
 use crate::{databases, within};
 use std::fs;
 use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -11,6 +12,8 @@ use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, NO
 use terravision_store::{Location, RetryOptions, Store, StoreOptions};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::fuzz::Target;
+use terravision_tests::live::{end, sender, shared_name};
+use terravision_tests::process::{Terravision, loopback_port};
 
 const BLOCK: usize = 512;
 
@@ -150,4 +153,37 @@ fn answers_of_servers() {
             }
         });
     });
+}
+
+/// What a server of metrics answers to these bytes; nothing when it closes the connection.
+fn ask(port: u16, request: &[u8]) -> Vec<u8> {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    // It may have had enough before all is sent.
+    drop(stream.write_all(request));
+    drop(stream.shutdown(Shutdown::Write));
+    let mut answer = Vec::new();
+    drop(stream.read_to_end(&mut answer));
+    answer
+}
+
+#[test]
+fn requests_for_metrics() {
+    let name = shared_name("fuzz-metrics");
+    let mut flight = Terravision::verb("fly")
+        .arg(&databases()[0])
+        .args(["--camera", &format!("shm:{name}"), "--size", "64x48", "-o", &format!("shared:{name}")])
+        .args(["--metrics", "0"])
+        .spawn();
+    let poses = sender(&mut flight, &name);
+    let port = flight.until("the port", |flight| loopback_port(flight.pid(), "tcp"));
+    let right = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nAccept: text/plain\r\n\r\n".to_vec();
+    let words: [&[u8]; 6] = [b"\r\n\r\n", b"POST ", b"HTTP/9.9", b"Content-Length: 99\r\n", &[0xff; 4], b"\r\r\r\r"];
+    let target = Target { name: "metrics-head", inputs: vec![right.clone()], words: &words, short_round: 100 };
+    target.run(|bytes| {
+        ask(port, bytes);
+        let answer = ask(port, &right);
+        assert!(answer.starts_with(b"HTTP/1.1 200 OK\r\n"), "{}", String::from_utf8_lossy(&answer));
+    });
+    end(&poses);
+    flight.wait().assert_code(0);
 }
