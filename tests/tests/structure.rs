@@ -102,7 +102,7 @@ fn functions(text: &str) -> Vec<(String, usize)> {
             line.strip_prefix(indent).is_some_and(|rest| rest == "}" || (rest.ends_with(';') && !rest.starts_with(' ')))
         };
         // One in a line ends there.
-        let length = if words.ends_with('}') { 0 } else { lines[at..].iter().position(|line| is_end(&line)).unwrap() };
+        let length = if words.ends_with('}') { 0 } else { lines[at..].iter().position(is_end).unwrap() };
         found.push((name.to_owned(), length + 1));
     }
     found

@@ -128,9 +128,9 @@ proptest! {
     #[test]
     fn an_eye_is_in_its_cell(plane in plane(), eye in prop::array::uniform3(-1e5f64..1e5)) {
         let cell = plane.eye_cell(DVec3::from_array(eye));
-        for axis in 0..2 {
+        for (axis, at) in eye.into_iter().enumerate().take(2) {
             let again = cell.corner[axis] as f64 * plane.unit_m() + f64::from(cell.eye_m[axis]);
-            prop_assert!((again - eye[axis]).abs() < 1e-4 && (0.0..=plane.unit_m() as f32 + 1e-4).contains(&cell.eye_m[axis]));
+            prop_assert!((again - at).abs() < 1e-4 && (0.0..=plane.unit_m() as f32 + 1e-4).contains(&cell.eye_m[axis]));
         }
         prop_assert_eq!(i64::from(cell.count(0, 0)), -cell.corner[0]);
     }
