@@ -50,7 +50,8 @@ fn events_of_a_stage() {
                 }
             }
             let told = [collector.device(), collector.driver(), collector.technique().unwrap_or_default()];
-            assert!(told.iter().all(|text| !text.contains('\u{1b}')), "{told:?}");
+            // What is printed of it is escaped there.
+            assert!(told.iter().all(|text| text.len() <= 3 * bytes.len()), "{told:?}");
         });
     });
 }
