@@ -7,7 +7,7 @@
 //!
 //! 1. every dataset is opened with a list of drivers that has none of these ([`Access::drivers`]);
 //! 2. what lies beside a file and is opened with it (overviews, masks), what its tags name as overviews, and labels of
-//!    data in other files are looked at before and after ([`check_before`], [`check_after`]); a `.vrt` is read and
+//!    data in other files are looked at before and after ([`Access::check_before`], [`Access::check_after`]); a `.vrt` is read and
 //!    its sources are kept under its folder (`vrt.rs`);
 //! 3. the program takes the drivers that no name asks for out of GDAL altogether ([`Access::restrict_process`]).
 
