@@ -1,4 +1,5 @@
-//! A fast flight over a database behind a slow link, against the clock: what prediction gains, and what it costs.
+//! A fast flight over a database behind a slow link, against the clock: what prediction gains, and
+//! what it costs.
 
 use crate::cli::{LinkArgs, Options};
 use crate::findings::Findings;
@@ -16,7 +17,8 @@ use terravision_common::report::{DrawnFrames, NetworkReport, RealtimeReport};
 use terravision_common::run::Prediction;
 use terravision_limited_server::{LimitedServer, Link};
 
-/// Speed of the flight: this share of the world's shorter side in a second, and at most so many metres.
+/// Speed of the flight: this share of the world's shorter side in a second, and at most so many
+/// metres.
 const SPEED_SHARE: f64 = 0.0125;
 const FASTEST_M_PER_S: f64 = 300.0;
 /// Height above the highest ground around.
@@ -41,7 +43,8 @@ struct PredictedFlight {
     network: NetworkReport,
 }
 
-/// Flies once with each prediction, each time from a cold cache; draws `link.svg` when plots are wanted.
+/// Flies once with each prediction, each time from a cold cache; draws `link.svg` when plots are
+/// wanted.
 ///
 /// # Errors
 /// When a flight fails.
@@ -138,7 +141,8 @@ fn fly(
 }
 
 impl PredictedFlight {
-    /// Mean of what was on screen from one share of the flight to another: a picture stays until the next one.
+    /// Mean of what was on screen from one share of the flight to another: a picture stays until
+    /// the next one.
     fn sharp(&self, from: f64, to: f64) -> f64 {
         let RealtimeReport { frames, drawn, .. } = &self.realtime;
         let ends = drawn.frame.iter().skip(1).copied().chain([*frames]);

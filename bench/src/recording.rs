@@ -259,6 +259,7 @@ impl RecordedFrames {
                         marker.elevation_start = first_position;
                         SlotContent::Marker(marker)
                     }
+                    SlotContent::View(view) => SlotContent::View(view),
                     SlotContent::Tile(mut tile) => {
                         tile.elevation_position = tile.elevation_position - frame.first_position + first_position;
                         let node = color_node(flight, &tile)?;

@@ -1,4 +1,5 @@
-//! A run of the pipeline in which this program plays the launcher, and any of the stages that it does not start.
+//! A run of the pipeline in which this program plays the launcher, and any of the stages that it
+//! does not start.
 
 use crate::flight::Flight;
 use anyhow::{Context, bail};
@@ -99,12 +100,13 @@ impl Session {
                 has_validation: false,
                 frames_in_flight: 0,
                 sink: SinkConfig::Null,
-                depth: None,
-                ground: None,
+                depth: Vec::new(),
+                ground: Vec::new(),
                 share: None,
                 made_up: Default::default(),
             },
             realtime: None,
+            rig: None,
         };
         let deadline = Instant::now() + DEADLINE;
         Ok(Self { config, run, control, layout, stages: Vec::new(), deadline, _segments: segments })
@@ -138,17 +140,20 @@ impl Session {
         let mut command = Command::new(&program);
         command
             .envs(STAGE_ENVIRONMENT)
+            // Nobody reads what a stage says before it has failed: its log would fill the pipe.
+            .env_remove(terravision_common::log::VARIABLE)
             .arg("--run")
             .arg(config)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        tracing::debug!(%stage, pid = child.id(), "stage started");
         self.stages.push((stage, child));
         Ok(())
     }
 
-    /// Looks whether all is well; to be called again and again by who waits.
+    /// Checks that no stage has failed and that the deadline has not passed. Call it while waiting.
     ///
     /// # Errors
     /// When a stage has failed, with its last words, or the deadline has passed.
@@ -194,17 +199,19 @@ impl Drop for Session {
     }
 }
 
-/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all of a stage's do; where it does not
-/// tell, hundredths of a second have to do, in which some machines count in steps of several.
+/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all
+/// of a stage's do; where it does not tell, hundredths of a second have to do, in which some
+/// machines count in steps of several.
 fn cpu_seconds(pid: u32) -> Option<f64> {
     threads_cpu_seconds(pid).or_else(|| ticks_cpu_seconds(pid))
 }
 
-/// The first field of `/proc/PID/task/TID/schedstat`, of all threads (Documentation/scheduler/sched-stats.rst).
+/// The first field of `/proc/PID/task/TID/schedstat`, of all threads
+/// (Documentation/scheduler/sched-stats.rst).
 fn threads_cpu_seconds(pid: u32) -> Option<f64> {
     let mut nanos = 0.0;
     for thread in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {
-        // One that ends meanwhile is none.
+        // One that ends meanwhile does not count.
         let Ok(text) = std::fs::read_to_string(thread.ok()?.path().join("schedstat")) else { continue };
         nanos += text.split_whitespace().next()?.parse::<f64>().ok()?;
     }

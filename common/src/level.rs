@@ -19,6 +19,7 @@
 //! `√2·r_z` pixels wide and a picture of a million pixels takes 10,000 facets at 10 px (terravision-1995 §2.3).
 
 use crate::camera::Camera;
+use crate::rig::{MAX_VIEWS, Views};
 use crate::surface::{Column, EyeFrame, Row, Sight, WorldBox};
 use crate::world::World;
 use serde::{Deserialize, Serialize};
@@ -46,24 +47,33 @@ const LEAST_SLANT: f64 = 0.15;
 /// Safety of the lower bound, in levels, over the rounding of the exact evaluation (about 1e-8 at 1000 km).
 const BOUND_MARGIN: f64 = 1e-6;
 
-/// The level functions of one frame. The same inputs give the same bits in every process and for every caller: plain
-/// IEEE operations in one order, no fused multiply-add, and [`log2_approximate`] for the logarithm.
+/// The level functions of one frame: at each point the finest level that one of its views wants. The same inputs give the
+/// same bits in every process and for every caller: plain IEEE operations in one order, no fused multiply-add, and
+/// [`log2_approximate`] for the logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelFunction {
     frame: EyeFrame,
     exaggeration: f64,
     measure: Measure,
-    /// cos² of half the diagonal field of view.
-    cos2_half_diagonal: f64,
-    /// Elevation level where the scale `w/g` is 1 m.
-    elevation_offset: f64,
+    views: [ViewLevel; MAX_VIEWS],
+    view_count: usize,
     /// Colour level minus elevation level, everywhere.
     color_minus_elevation: f64,
 }
 
+/// What one view wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ViewLevel {
+    frame: EyeFrame,
+    /// cos² of half the diagonal field of view.
+    cos2_half_diagonal: f64,
+    /// Elevation level where the scale `w/g` is 1 m.
+    elevation_offset: f64,
+}
+
 impl LevelFunction {
-    /// The level functions for `camera`, which the caller has checked with [`Camera::is_valid`]; `r_z_px` and
-    /// `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions for a frame of one view. `camera` is one that the caller has checked with [`Camera::is_valid`];
+    /// `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -73,17 +83,33 @@ impl LevelFunction {
         r_z_px: f64,
         r_c_px: f64,
     ) -> LevelFunction {
-        let [tx, ty] = camera.half_tangents();
+        Self::for_views(camera, &Views::single(camera), world, exaggeration, measure, r_z_px, r_c_px)
+    }
+
+    /// The level functions for a frame of these views, carried by `pose`.
+    #[must_use]
+    pub fn for_views(
+        pose: &Camera,
+        views: &Views,
+        world: &World,
+        exaggeration: f64,
+        measure: Measure,
+        r_z_px: f64,
+        r_c_px: f64,
+    ) -> LevelFunction {
         let cell_px = SQRT_2 * r_z_px;
-        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
         let color_over_elevation =
             r_c_px * f64::from(world.color_tile()) / (cell_px * f64::from(world.elevation_tile()));
+        let mut levels = [ViewLevel::new(&views[0].camera, world, cell_px); MAX_VIEWS];
+        for (level, camera) in levels.iter_mut().zip(views.cameras()).skip(1) {
+            *level = ViewLevel::new(camera, world, cell_px);
+        }
         LevelFunction {
-            frame: world.surface().seen_by(camera),
+            frame: world.surface().seen_by(pose.eye(), pose.axes_in_world()[2]),
             exaggeration,
             measure,
-            cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
-            elevation_offset: log2_approximate(elevation_scale),
+            views: levels,
+            view_count: views.len(),
             color_minus_elevation: log2_approximate(color_over_elevation),
         }
     }
@@ -94,7 +120,7 @@ impl LevelFunction {
         self.exaggeration
     }
 
-    /// The surface as the eye sees it.
+    /// The surface as the eye of the frame's pose sees it.
     #[inline(always)]
     #[must_use]
     pub fn frame(&self) -> &EyeFrame {
@@ -118,10 +144,55 @@ impl LevelFunction {
     /// The elevation levels wanted at the points of a row, heights exaggerated already: the form that compiles to SIMD. All
     /// slices have the length of `out`; longer ones are cut.
     pub fn elevation_levels(&self, columns: &[Column], row: Row, heights_m: &[f64], out: &mut [f64]) {
-        match self.measure {
-            Measure::Max => self.row(columns, row, heights_m, out, 0.5, |w2, _| w2),
-            Measure::Min => self.row(columns, row, heights_m, out, 0.5, |w2, slant| w2 * slant),
-            Measure::Area => self.row(columns, row, heights_m, out, 0.25, |w2, slant| w2 * w2 * slant),
+        let (first, others) = self.views().split_first().expect("a frame has one view at least");
+        first.levels(self.measure, columns, (row, heights_m), out, |_, level| level);
+        for view in others {
+            view.levels(self.measure, columns, (row, heights_m), out, f64::min);
+        }
+    }
+
+    fn views(&self) -> &[ViewLevel] {
+        &self.views[..self.view_count]
+    }
+
+    /// A level that is not above the elevation level at any point of the box.
+    #[must_use]
+    pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
+        self.views().iter().map(|view| view.elevation_bound(self.measure, bounds)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// A level that is not above the colour level at any point of the box.
+    #[must_use]
+    pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
+        self.elevation_bound(bounds) + self.color_minus_elevation
+    }
+}
+
+impl ViewLevel {
+    fn new(camera: &Camera, world: &World, cell_px: f64) -> Self {
+        let [tx, ty] = camera.half_tangents();
+        let elevation_scale = cell_px / (world.surface().unit_m() * camera.focal_px());
+        Self {
+            frame: world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]),
+            cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
+            elevation_offset: log2_approximate(elevation_scale),
+        }
+    }
+
+    /// Puts the levels at a row of points together with what `out` has.
+    #[inline(always)]
+    fn levels(
+        &self,
+        measure: Measure,
+        columns: &[Column],
+        row: (Row, &[f64]),
+        out: &mut [f64],
+        with: impl Fn(f64, f64) -> f64 + Copy,
+    ) {
+        match measure {
+            Measure::Max => self.row(columns, row, out, 0.5, |w2, _| w2, with),
+            Measure::Min => self.row(columns, row, out, 0.5, |w2, slant| w2 * slant, with),
+            Measure::Area => self.row(columns, row, out, 0.25, |w2, slant| w2 * w2 * slant, with),
         }
     }
 
@@ -129,16 +200,17 @@ impl LevelFunction {
     fn row(
         &self,
         columns: &[Column],
-        row: Row,
-        heights_m: &[f64],
+        (row, heights_m): (Row, &[f64]),
         out: &mut [f64],
         slope: f64,
         argument: impl Fn(f64, f64) -> f64 + Copy,
+        with: impl Fn(f64, f64) -> f64 + Copy,
     ) {
         let row = self.frame.row(row);
         for ((column, height_m), out) in columns.iter().zip(heights_m).zip(out) {
             let sight = self.frame.sight(row, *column, *height_m);
-            *out = slope * log2_approximate(self.argument_of(&sight, argument)) + self.elevation_offset;
+            let level = slope * log2_approximate(self.argument_of(&sight, argument)) + self.elevation_offset;
+            *out = with(*out, level);
         }
     }
 
@@ -153,23 +225,15 @@ impl LevelFunction {
         argument(w2, slant)
     }
 
-    /// A level that is not above the elevation level at any point of the box.
-    #[must_use]
-    pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
+    fn elevation_bound(&self, measure: Measure, bounds: &WorldBox) -> f64 {
         let sight = self.frame.bound(bounds);
         let of = |argument: fn(f64, f64) -> f64| self.argument_of(&sight, argument);
-        let level = match self.measure {
+        let level = match measure {
             Measure::Max => 0.5 * log2_approximate(of(|w2, _| w2)),
             Measure::Min => 0.5 * log2_approximate(of(|w2, slant| w2 * slant)),
             Measure::Area => 0.25 * log2_approximate(of(|w2, slant| w2 * w2 * slant)),
         };
         level + self.elevation_offset - BOUND_MARGIN
-    }
-
-    /// A level that is not above the colour level at any point of the box.
-    #[must_use]
-    pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
-        self.elevation_bound(bounds) + self.color_minus_elevation
     }
 }
 

@@ -1,9 +1,11 @@
 //! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on the stage's
 //! command line.
 
+use crate::camera::Camera;
 use crate::film::FrameEncoding;
 use crate::level::Measure;
 use crate::rate::RateSettings;
+use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -21,9 +23,9 @@ pub struct RunConfig {
     pub world: PathBuf,
     /// Where its tiles are.
     pub database: DatabaseConfig,
-    /// Picture width, pixels.
+    /// Width of a frame's picture, which holds all of its views, pixels.
     pub width: u32,
-    /// Picture height, pixels.
+    /// Its height, pixels.
     pub height: u32,
     /// Frames per second that a film plays at.
     pub fps: f64,
@@ -49,6 +51,9 @@ pub struct RunConfig {
     /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits for all its tiles.
     #[serde(default)]
     pub realtime: Option<RealtimeConfig>,
+    /// The cameras that a pose carries; `None` for one, the pose's own.
+    #[serde(default)]
+    pub rig: Option<Rig>,
 }
 
 /// The realtime part of a [`RunConfig`]: frames may be skipped, none waits.
@@ -64,6 +69,18 @@ pub struct RealtimeConfig {
 }
 
 impl RunConfig {
+    /// The views of a frame whose pose is this camera's.
+    #[must_use]
+    pub fn views(&self, pose: &Camera) -> Views {
+        self.rig.as_ref().map_or_else(|| Views::single(pose), |rig| rig.views(pose))
+    }
+
+    /// Pixels of all views of a frame together.
+    #[must_use]
+    pub fn pixels(&self) -> u64 {
+        self.rig.as_ref().map_or(u64::from(self.width) * u64::from(self.height), Rig::pixels)
+    }
+
     /// The time of a frame, nanoseconds.
     #[must_use]
     pub fn period_nanos(&self) -> f64 {
@@ -192,10 +209,12 @@ pub struct RenderConfig {
     pub frames_in_flight: u32,
     /// Where frames go.
     pub sink: SinkConfig,
-    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky.
-    pub depth: Option<PlaneTarget>,
-    /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky.
-    pub ground: Option<PlaneTarget>,
+    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky. A target for each view, or none at all.
+    #[serde(default)]
+    pub depth: Vec<PlaneTarget>,
+    /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky. Likewise.
+    #[serde(default)]
+    pub ground: Vec<PlaneTarget>,
     /// Also put every frame into a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
@@ -320,4 +339,6 @@ pub enum SinkConfig {
     Stream(FrameEncoding),
     /// Nowhere: frames are read back and dropped (benches).
     Null,
+    /// Each view of the rig into one of these, in its order.
+    EachView(Vec<SinkConfig>),
 }

@@ -1,8 +1,8 @@
 //! The slots of the ring between preparer and renderer.
 //!
-//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], then one of kind [`TILE`] per colour leaf, near to far, then one
-//! of kind [`FRAME_END`]. All slots have one size; the kind says which of the three payloads the bytes are. The reader
-//! ([`Slot::read`]) trusts none of them. A marker within a frame breaks that frame off, when it is of another preparer than
+//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is drawn, one of kind [`TILE`]
+//! per colour leaf, near to far, and one of kind [`FRAME_END`]. All slots have one size; the kind says which payload the
+//! bytes are. The reader ([`Slot::read`]) trusts none of them. A marker within a frame breaks that frame off, when it is of another preparer than
 //! the one that was killed in it.
 
 use crate::camera::Camera;
@@ -15,6 +15,8 @@ pub const FRAME_MARKER: u64 = 1;
 pub const TILE: u64 = 2;
 /// Kind of a [`FrameEnd`] slot.
 pub const FRAME_END: u64 = 3;
+/// Kind of a [`ViewSlot`] slot.
+pub const FRAME_VIEW: u64 = 4;
 
 /// Opens a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -22,7 +24,8 @@ pub const FRAME_END: u64 = 3;
 pub struct FrameMarker {
     /// The frame's number.
     pub frame: u64,
-    /// The camera that the tree was made for; the picture is drawn with this one.
+    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of the frame's elevation arrays
+    /// are metres above its eye; its own size and field of view are those of no picture.
     pub camera: Camera,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
@@ -35,6 +38,22 @@ pub struct FrameMarker {
     pub elevation_start: u64,
     /// Which preparer of the run makes it, counted from 1: one that was started again breaks off the frame before.
     pub maker: u64,
+    /// Width and height of the picture that holds all views, pixels.
+    pub picture: [u32; 2],
+}
+
+/// One view of a frame; follows the marker, in the order of the run's rig. All of a frame's views are drawn from the same tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ViewSlot {
+    /// The camera that draws it, and the size of its picture.
+    pub camera: Camera,
+    /// Its upper left corner in the frame's picture, pixels.
+    pub at: [u32; 2],
+    /// Which of the frame's views it is, from 0.
+    pub index: u32,
+    /// How many views the frame has, 1 to [`crate::rig::MAX_VIEWS`].
+    pub count: u32,
 }
 
 /// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.
@@ -117,13 +136,16 @@ pub struct Slot {
     payload: [u64; 16],
 }
 
-const _: () = assert!(size_of::<FrameMarker>() == 120 && size_of::<TileSlot>() == 56 && size_of::<FrameEnd>() == 32);
+const _: () = assert!(size_of::<FrameMarker>() == 128 && size_of::<ViewSlot>() == 88);
+const _: () = assert!(size_of::<TileSlot>() == 56 && size_of::<FrameEnd>() == 32);
 
 /// What a slot says.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SlotContent {
     /// A frame opens.
     Marker(FrameMarker),
+    /// One view of it.
+    View(ViewSlot),
     /// One tile to draw.
     Tile(TileSlot),
     /// The frame is complete.
@@ -137,6 +159,7 @@ impl Slot {
         let mut slot = Slot::zeroed();
         let (kind, bytes) = match content {
             SlotContent::Marker(marker) => (FRAME_MARKER, bytemuck::bytes_of(marker)),
+            SlotContent::View(view) => (FRAME_VIEW, bytemuck::bytes_of(view)),
             SlotContent::Tile(tile) => (TILE, bytemuck::bytes_of(tile)),
             SlotContent::End(end) => (FRAME_END, bytemuck::bytes_of(end)),
         };
@@ -152,6 +175,7 @@ impl Slot {
         let bytes: &[u8] = bytemuck::bytes_of(&self.payload);
         Some(match self.kind {
             FRAME_MARKER => SlotContent::Marker(bytemuck::pod_read_unaligned(&bytes[..size_of::<FrameMarker>()])),
+            FRAME_VIEW => SlotContent::View(bytemuck::pod_read_unaligned(&bytes[..size_of::<ViewSlot>()])),
             TILE => SlotContent::Tile(bytemuck::pod_read_unaligned(&bytes[..size_of::<TileSlot>()])),
             FRAME_END => SlotContent::End(bytemuck::pod_read_unaligned(&bytes[..size_of::<FrameEnd>()])),
             _ => return None,
@@ -171,6 +195,8 @@ mod tests {
         assert_eq!(Slot::new(&SlotContent::End(end)).read(), Some(SlotContent::End(end)));
         let marker = FrameMarker { frame: 9, r_z_px: 10.0, ..FrameMarker::zeroed() };
         assert_eq!(Slot::new(&SlotContent::Marker(marker)).read(), Some(SlotContent::Marker(marker)));
+        let view = ViewSlot { at: [640, 0], index: 1, count: 2, ..ViewSlot::zeroed() };
+        assert_eq!(Slot::new(&SlotContent::View(view)).read(), Some(SlotContent::View(view)));
     }
 
     #[test]

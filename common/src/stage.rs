@@ -8,6 +8,8 @@
 
 use crate::bug::report_panics;
 use crate::event::{Event, EventKind, SpanName, monotonic_nanos};
+use crate::log::start_stage;
+use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
 use crate::terminal::complain;
@@ -130,6 +132,12 @@ impl StageRun {
         if !(0.0..=1e4).contains(&found) {
             return Err(UsageError::OutOfRange { field: "exaggeration", found, expected: "a number from 0 to 10000" });
         }
+        if let Some(rig) = &config.rig
+            && !(1..=MAX_VIEWS).contains(&rig.views.len())
+        {
+            let found = rig.views.len() as f64;
+            return Err(UsageError::OutOfRange { field: "views", found, expected: "1 to 6 views" });
+        }
         if config.frames[0] > config.frames[1] {
             let found = config.frames[1] as f64;
             return Err(UsageError::OutOfRange { field: "last frame", found, expected: "no frame before the first" });
@@ -165,6 +173,7 @@ pub trait StageError: std::error::Error {
 /// outcome, with one sentence on standard error when it is a failure.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
     report_panics("");
+    start_stage();
     let started = StageRun::parse(std::env::args().skip(1)).and_then(|stage_run| {
         set_up_process()?;
         Ok(stage_run)
@@ -173,7 +182,11 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
         Ok(stage_run) => stage_run,
         Err(error) => return fail(&error, BAD_USAGE),
     };
-    match run(&stage_run) {
+    let (run_id, [first, end]) = (stage_run.id(), stage_run.config().frames);
+    tracing::debug!(%run_id, first, end, "stage begins");
+    let ended = run(&stage_run);
+    tracing::debug!(error = ended.as_ref().err().map(tracing::field::display), "stage ends");
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
         Err(error) => fail(&error, if error.is_bad_input() { BAD_USAGE } else { 1 }),
@@ -266,7 +279,7 @@ mod tests {
             "prefetch": { "prediction": "off", "has_retries": false },
             "render": {
                 "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
-                "frames_in_flight": 2, "sink": "null", "depth": null, "ground": null,
+                "frames_in_flight": 2, "sink": "null", "depth": [], "ground": [],
             },
         });
         change(&mut run);

@@ -11,6 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Layers, NodeRange, NodeRanges, NodesRecord, RangesError};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::traversal::{Traversal, TreeLimits, deepest_color_below};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::{World, WorldFields};
@@ -178,7 +179,7 @@ proptest! {
         let level = LevelFunction::new(&camera, &world, 1.0, Measure::Min, 4.0, 1.0);
         let limits = TreeLimits { nodes: 1 << 16, elevation_leaves: 1 << 12 };
         let mut out = vec![TreeNode::zeroed(); 1 << 16];
-        let stats = Traversal::new(&world, limits).build(&camera, &level, &ranges, &mut out);
+        let stats = Traversal::new(&world, limits).build(&Views::single(&camera), &level, &ranges, &mut out);
         prop_assert!(!stats.is_cut_short);
         let tree = &out[..stats.node_count as usize];
         let mut leaves = HashMap::new();

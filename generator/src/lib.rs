@@ -6,6 +6,7 @@ mod realtime;
 use bytemuck::Zeroable;
 use realtime::Pace;
 use std::sync::Arc;
+use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, Index};
 use terravision_common::event::{SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
@@ -158,14 +159,15 @@ impl<R: HeightRanges> Generator<R> {
             }
             (frame, camera)
         };
-        if !camera.is_valid() {
+        if !camera.is_valid() || !self.config.views(&camera).cameras().all(Camera::is_valid) {
             return Err(GeneratorError::BadCamera { frame });
         }
         self.next_frame = frame + 1;
         let mut half = trees.begin(control)?;
         let started_nanos = monotonic_nanos();
-        let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
-        let stats = self.traversal.build(&camera, &level, &self.ranges, half.nodes_mut());
+        let views = self.config.views(&camera);
+        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let stats = self.traversal.build(&views, &level, &self.ranges, half.nodes_mut());
         let header = TreeHeader {
             frame,
             camera,
@@ -186,6 +188,7 @@ impl<R: HeightRanges> Generator<R> {
             events.tell(control, realtime::frame_camera(&header));
         }
         control.heartbeat(Stage::Generator);
+        tracing::trace!(frame, nodes = stats.node_count, r_z_px, r_c_px, "tree");
         Ok(stats)
     }
 }
@@ -201,10 +204,11 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let world = index.world();
     // Memory bounds the pools, not the elevation ring.
     let layout = Layout::for_run(world, u64::MAX >> 8, config.texels)?;
-    let layout = layout.for_picture(world, [config.width, config.height], config.r_z_px);
+    let layout = layout.for_picture(world, config.pixels(), config.r_z_px);
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;
+    tracing::debug!(next_frame = generator.next_frame, nodes = limits.nodes, "generates trees");
     while generator.has_next() {
         generator.frame(&mut ports)?;
     }

@@ -60,12 +60,13 @@ fn config(frames: [u64; 2]) -> RunConfig {
             has_validation: false,
             frames_in_flight: 2,
             sink: SinkConfig::Null,
-            depth: None,
-            ground: None,
+            depth: Vec::new(),
+            ground: Vec::new(),
             share: None,
             made_up: Default::default(),
         },
         realtime: None,
+        rig: None,
     }
 }
 

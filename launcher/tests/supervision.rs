@@ -361,7 +361,7 @@ fn who_does_not_move_is_blamed_and_not_those_that_wait_for_it() {
         ),
         (
             [(Renderer, awaits(Preparer)), (Preparer, awaits(Generator)), (Generator, Activity::Works), idle],
-            Some((Generator, "and had all that it needed")),
+            Some((Generator, "although it had all that it needed")),
         ),
         (
             [(Renderer, Activity::AwaitsDevice), (Preparer, awaits(Renderer)), (Generator, awaits(Preparer)), idle],
@@ -380,7 +380,7 @@ fn who_does_not_move_is_blamed_and_not_those_that_wait_for_it() {
         let found = blamed(rules, waits);
         assert_eq!(found.as_ref().map(|(stage, _)| *stage), expected.map(|(stage, _)| stage), "{found:?}");
         if let (Some((_, how)), Some((_, told))) = (found, expected) {
-            assert!(how.starts_with("got nothing done for") && how.contains(told), "{how}");
+            assert!(how.starts_with("made no progress for") && how.contains(told), "{how}");
         }
     }
     // Of a path the launcher has every camera.

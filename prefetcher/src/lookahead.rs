@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Tile};
 use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::rig::Views;
 use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
@@ -47,11 +48,11 @@ impl<R: HeightRanges> Lookahead<R> {
         }
     }
 
-    /// Every tile that the view of a valid camera wants, coarse to fine; of a level, the near first.
-    pub fn tiles(&mut self, camera: &Camera, resolution: &Resolution) -> &[Tile] {
+    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a level, the near first.
+    pub fn tiles(&mut self, pose: &Camera, views: &Views, resolution: &Resolution) -> &[Tile] {
         let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
-        let level = LevelFunction::new(camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
-        let stats = self.traversal.build(camera, &level, &self.ranges, &mut self.nodes);
+        let level = LevelFunction::for_views(pose, views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let stats = self.traversal.build(views, &level, &self.ranges, &mut self.nodes);
         self.tiles.clear();
         self.queue.clear();
         if stats.node_count > 0 {

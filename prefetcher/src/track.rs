@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_PI_2, PI};
 use terravision_common::camera::Camera;
+use terravision_common::rig::{View, Views};
 use terravision_common::run::Prediction;
 
 /// Poses that are remembered.
@@ -113,6 +114,13 @@ impl CameraTrack {
             }
         }
     }
+}
+
+/// Views with wider fields of view, for poses that were predicted so far ahead.
+#[must_use]
+pub fn widened_views(views: &Views, ahead_secs: f64) -> Views {
+    let wider = |view: &View| View { camera: widened(&view.camera, WIDENING_RAD_PER_SEC * ahead_secs), ..*view };
+    Views::new(views.iter().map(wider)).unwrap_or(*views)
 }
 
 /// The camera with a wider field of view, and a picture as much larger: a pixel stays as wide as it was, so that the

@@ -7,6 +7,7 @@ use support::world;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Tile};
 use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::rig::Views;
 use terravision_common::run::Prediction;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
@@ -104,13 +105,13 @@ fn a_view_wants_what_its_tree_wants_coarse_to_fine() {
     let resolution = Resolution { r_z_px: 10.0, r_c_px: 1.0, exaggeration: 1.0, measure: Measure::Area };
     for (north, heading) in [(1000.0, 0.0), (2500.0, 2.0), (4000.0, 4.0)] {
         let camera = camera(north, heading, 0.0);
-        let tiles = lookahead.tiles(&camera, &resolution).to_vec();
+        let tiles = lookahead.tiles(&camera, &Views::single(&camera), &resolution).to_vec();
         assert!(tiles.len() > 50);
         assert_eq!(tiles[0].node, world.root());
         assert!(tiles.windows(2).all(|pair| pair[0].node.q() >= pair[1].node.q()), "coarse to fine");
         let mut nodes: Vec<TreeNode> = vec![bytemuck::Zeroable::zeroed(); 20_000];
         let level = LevelFunction::new(&camera, &world, 1.0, Measure::Area, 10.0, 1.0);
-        let stats = Traversal::new(&world, limits).build(&camera, &level, &terrain, &mut nodes);
+        let stats = Traversal::new(&world, limits).build(&Views::single(&camera), &level, &terrain, &mut nodes);
         let in_tree: HashSet<_> = nodes[..stats.node_count as usize].iter().map(|n| n.id().expect("an id")).collect();
         let distinct: HashSet<Tile> = tiles.iter().copied().collect();
         assert_eq!(distinct.len(), tiles.len(), "each once");

@@ -12,12 +12,13 @@ use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
 use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::slot::SlotContent;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::{TreeHeader, TreeNode};
 use terravision_common::world::{World, WorldFields};
-use terravision_preparer::frame::{FrameBuffer, FrameMaker};
+use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
 
@@ -77,11 +78,12 @@ fn shortest_ms(mut work: impl FnMut()) -> f64 {
 
 fn measure(terrain: &SyntheticTerrain, ranges: &NodeRanges, camera: Camera, measure: Measure, r_z: f64) -> String {
     let world = terrain.world();
+    let views = Views::single(&camera);
     let level = LevelFunction::new(&camera, world, 1.0, measure, r_z, 1.0);
     let mut traversal = Traversal::new(world, LIMITS);
     let mut tree = vec![<TreeNode as bytemuck::Zeroable>::zeroed(); LIMITS.nodes as usize];
     let mut stats = Default::default();
-    let generate_ms = shortest_ms(|| stats = traversal.build(&camera, &level, ranges, &mut tree));
+    let generate_ms = shortest_ms(|| stats = traversal.build(&views, &level, ranges, &mut tree));
     tree.truncate(stats.node_count as usize);
 
     let posts = world.elevation_posts().pow(2) as usize;
@@ -92,6 +94,7 @@ fn measure(terrain: &SyntheticTerrain, ranges: &NodeRanges, camera: Camera, meas
     };
     let tiles = All(tree.iter().map(read).collect());
     let header = TreeHeader { camera, r_z_px: r_z, r_c_px: 1.0, ..bytemuck::Zeroable::zeroed() };
+    let request = FrameRequest { header: &header, views: &views, level: &level };
     let mut frame_tree = FrameTree::new(world, LIMITS.nodes, LIMITS.elevation_leaves);
     let mut maker = FrameMaker::new(world, LIMITS.nodes);
     let mut frame = FrameBuffer::new(LIMITS.elevation_leaves as usize, posts);
@@ -99,7 +102,7 @@ fn measure(terrain: &SyntheticTerrain, ranges: &NodeRanges, camera: Camera, meas
     let prepare_ms = shortest_ms(|| {
         frame.clear();
         frame_tree.read(&tree).unwrap();
-        counts = maker.make(&header, &level, &frame_tree, &tiles, 0, &mut frame).unwrap();
+        counts = maker.make(&request, &frame_tree, &tiles, 0, &mut frame).unwrap();
     });
     let triangles = |slot: &terravision_common::slot::Slot| match slot.read() {
         Some(SlotContent::Tile(t)) => 2 * u64::from(t.end[0] - t.start[0]) * u64::from(t.end[1] - t.start[1]),

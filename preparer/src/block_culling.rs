@@ -3,14 +3,14 @@
 //! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
 //! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
 //! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
-//! pixel.
+//! pixel. With several views that holds for all of them: what one of them may see stays.
 
 use crate::horizon::Horizon;
 use glam::Vec3;
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
-use terravision_common::surface::{EyeFrame, Vertices};
+use terravision_common::surface::{EyeFrame, Surface, Vertices};
 use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
@@ -20,57 +20,151 @@ const MARGIN: f32 = 1e-4;
 const MARGIN_M: f32 = 1e-3;
 const PLANES: usize = 5;
 
+/// A view, for [`BlockCulling::look`].
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<'a> {
+    /// Its camera.
+    pub camera: &'a Camera,
+    /// Height of the ground under its eye, metres, of any level; `None` where leaves do not come near to far for it, so that
+    /// nothing is hidden from it.
+    pub ground_m: Option<f64>,
+}
+
 /// Culls blocks; keeps its buffers.
 #[derive(Debug)]
 pub struct BlockCulling {
     world: World,
+    /// Of each view of the frame, and those of frames before that had more.
+    eyes: Vec<Eye>,
+    view_count: usize,
+    /// Whether anything of the entered leaf is seen.
+    is_seen: bool,
+}
+
+/// What one view sees of the entered leaf.
+#[derive(Debug)]
+struct Eye {
+    surface: Surface,
     posts: usize,
     normals: [Vec3; PLANES],
-    /// Of the frame's camera.
+    /// Of the view's camera.
     frame: Option<EyeFrame>,
+    /// What heights are above, metres above this eye.
+    datum_m: f32,
     /// Columns and rows of the entered leaf from the eye.
     columns: Vec<f32>,
     rows: Vec<f32>,
+    /// Heights from the eye, where it is not as high as the datum.
+    heights: Vec<f32>,
     /// A bit per plane that the vertex is outside of; as wide as a coordinate, for SIMD.
     outside: Vec<u32>,
     horizon: Horizon,
-    /// Whether anything of the entered leaf is seen.
-    is_seen: bool,
 }
 
 impl BlockCulling {
     /// Buffers for leaves of a world.
     #[must_use]
     pub fn new(world: &World) -> Self {
-        let posts = world.elevation_posts() as usize;
-        Self {
-            world: *world,
-            posts,
-            normals: [Vec3::ZERO; PLANES],
-            frame: None,
-            columns: vec![0.0; posts],
-            rows: vec![0.0; posts],
-            outside: vec![0; posts * posts],
-            horizon: Horizon::new(world),
-            is_seen: false,
+        Self { world: *world, eyes: vec![Eye::new(world)], view_count: 0, is_seen: false }
+    }
+
+    /// Takes the views of a frame, whose heights are above the eye of `pose`.
+    pub fn look<'a>(&mut self, pose: &Camera, views: impl Iterator<Item = Sight<'a>>) {
+        self.view_count = 0;
+        for view in views {
+            if self.view_count == self.eyes.len() {
+                self.eyes.push(Eye::new(&self.world));
+            }
+            self.eyes[self.view_count].look(pose, view);
+            self.view_count += 1;
         }
     }
 
-    /// Takes the frustum of a frame's camera; `ground_m` is the height of the ground under the eye, of any level.
-    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
-        let [a, b, c, d] = camera.frustum_normals_in_world();
-        self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
-        self.frame = Some(self.world.surface().seen_by(camera));
-        self.horizon.look(camera, ground_m);
+    fn eyes(&mut self) -> &mut [Eye] {
+        &mut self.eyes[..self.view_count]
     }
 
-    /// Takes the array of an elevation leaf, near to far: heights relative to the eye, as the slots of its blocks have it, and
-    /// behind them the shares of ground of a world with validity.
+    /// Takes the array of an elevation leaf, near to far: heights relative to the pose's eye, as the slots of its blocks have it,
+    /// and behind them the shares of ground of a world with validity.
     /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
     /// between them are not looked at.
     pub fn enter(&mut self, node: NodeId, array: &[f32], snaps: (u8, [u8; 4])) {
-        let heights = &array[..self.posts * self.posts];
+        let posts = self.world.elevation_posts() as usize;
+        let heights = &array[..posts * posts];
+        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.world.has_validity());
+        let mut rows =
+            shares.into_iter().flat_map(|shares| shares.chunks_exact(posts).take(posts).step_by(1 << snaps.0));
+        let has_hole = rows.any(|row| row.iter().any(|share| *share < 1.0));
+        for eye in self.eyes() {
+            eye.enter(node, heights, snaps);
+            if has_hole {
+                eye.horizon.enter_hole();
+            }
+        }
+        self.is_seen = false;
+    }
+
+    /// All blocks of the entered leaf were culled: what is seen of it hides what comes after it.
+    pub fn leave(&mut self) {
+        if self.is_seen {
+            self.eyes().iter_mut().for_each(|eye| eye.horizon.leave());
+        }
+    }
+
+    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in any
+    /// view.
+    pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
+        let eyes = &self.eyes[..self.view_count];
+        if !cull_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
+            return false;
+        }
+        let mut seen = *slot;
+        let is_unseen = |eye: &Eye, from, to| eye.is_outside(from, to) || eye.horizon.is_hidden(from, to);
+        if cull_by(&mut seen, |from, to| eyes.iter().all(|eye| is_unseen(eye, from, to))) {
+            *slot = seen;
+            self.is_seen = true;
+        } else {
+            slot.is_hidden = 1;
+        }
+        true
+    }
+}
+
+impl Eye {
+    fn new(world: &World) -> Self {
+        let posts = world.elevation_posts() as usize;
+        Self {
+            surface: world.surface(),
+            posts,
+            normals: [Vec3::ZERO; PLANES],
+            frame: None,
+            datum_m: 0.0,
+            columns: vec![0.0; posts],
+            rows: vec![0.0; posts],
+            heights: Vec::new(),
+            outside: vec![0; posts * posts],
+            horizon: Horizon::new(world),
+        }
+    }
+
+    fn look(&mut self, pose: &Camera, Sight { camera, ground_m }: Sight<'_>) {
+        let [a, b, c, d] = camera.frustum_normals_in_world();
+        self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
+        let frame = self.surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
+        self.datum_m = frame.height_from_eye(self.surface.height_m(pose.eye()));
+        self.frame = Some(frame);
+        self.horizon.look(camera, ground_m);
+    }
+
+    fn enter(&mut self, node: NodeId, heights: &[f32], snaps: (u8, [u8; 4])) {
         self.place(node);
+        let heights = if self.datum_m == 0.0 {
+            heights
+        } else {
+            self.heights.clear();
+            self.heights.extend(heights.iter().map(|height| height + self.datum_m));
+            &self.heights
+        };
         let grid = 1 << snaps.0;
         if grid > 1 {
             // Rows that are not drawn have no say in what is outside.
@@ -89,18 +183,11 @@ impl BlockCulling {
             }
         }
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
-        let shares = array.get(GROUND_PLANE * heights.len()..).filter(|_| self.world.has_validity());
-        let mut rows =
-            shares.into_iter().flat_map(|shares| shares.chunks_exact(self.posts).take(self.posts).step_by(grid));
-        if rows.any(|row| row.iter().any(|share| *share < 1.0)) {
-            self.horizon.enter_hole();
-        }
-        self.is_seen = false;
     }
 
     /// Where the columns and rows of a leaf lie from the eye.
     fn place(&mut self, node: NodeId) {
-        let surface = self.world.surface();
+        let surface = self.surface;
         let Some(frame) = self.frame else { return };
         for (column, x) in self.columns.iter_mut().zip(surface.posts(node, 0)) {
             *column = frame.column_from_eye(surface.column(x));
@@ -108,29 +195,6 @@ impl BlockCulling {
         for (row, y) in self.rows.iter_mut().zip(surface.posts(node, 1)) {
             *row = frame.row_from_eye(surface.row(y));
         }
-    }
-
-    /// All blocks of the entered leaf were culled: what is seen of it hides what comes after it.
-    pub fn leave(&mut self) {
-        if self.is_seen {
-            self.horizon.leave();
-        }
-    }
-
-    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in the
-    /// picture.
-    pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
-        if !cull_by(slot, |from, to| self.is_outside(from, to)) {
-            return false;
-        }
-        let mut seen = *slot;
-        if cull_by(&mut seen, |from, to| self.is_outside(from, to) || self.horizon.is_hidden(from, to)) {
-            *slot = seen;
-            self.is_seen = true;
-        } else {
-            slot.is_hidden = 1;
-        }
-        true
     }
 
     /// Whether all vertices of a closed range of the array are outside of the same plane.

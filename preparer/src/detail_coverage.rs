@@ -5,6 +5,7 @@ use crate::truncation::{ColorLeaf, Tiles, Truncation};
 use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::surface::tile::CellPosition;
 use terravision_common::world::World;
 
@@ -16,23 +17,25 @@ const COARSE_SAMPLES: u32 = 16;
 const LEAST_SLANT: f64 = 0.15;
 
 /// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves of the whole tree
-/// against those that stand for nodes below them. Ground that other ground hides counts too. 1 when no ground is seen.
+/// against those that stand for nodes below them, all views of the frame together. Ground that other ground hides counts too.
+/// 1 when no ground is seen.
 #[must_use]
 pub fn detail_coverage(
     world: &World,
-    camera: &Camera,
+    views: &Views,
     exaggeration: f64,
     tree: &FrameTree,
     drawn: &Truncation,
     tiles: &impl Tiles,
 ) -> f64 {
-    let view = View { world, camera, exaggeration, axes: camera.axes_in_world() };
+    let eyes = views.cameras().map(|camera| View { world, camera, exaggeration, axes: camera.axes_in_world() });
     let (mut all, mut fine) = (0.0, 0.0);
     for leaf in drawn.elevation_leaves() {
         let Some((tile, posts)) = heights_of(world, tiles, leaf.node) else { continue };
         for color in &drawn.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize] {
             let is_fine = is_as_wanted(tree, color);
-            let area = view.area_px(color.node, tile, posts, if is_fine { SAMPLES } else { COARSE_SAMPLES });
+            let samples = if is_fine { SAMPLES } else { COARSE_SAMPLES };
+            let area: f64 = eyes.clone().map(|view| view.area_px(color.node, tile, posts, samples)).sum();
             all += area;
             fine += if is_fine { area } else { 0.0 };
         }

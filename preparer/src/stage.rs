@@ -2,7 +2,7 @@
 
 use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
-use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput};
+use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput, FrameRequest};
 use crate::frame_tree::FrameTree;
 use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
@@ -12,6 +12,7 @@ use crate::truncation::RootMissing;
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
+use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
 use terravision_common::level::LevelFunction;
@@ -65,8 +66,8 @@ pub enum PreparerError {
         /// What a person can do, behind a semicolon; may be empty.
         advice: &'static str,
     },
-    /// The generator wrote what cannot be.
-    #[error("the tree of frame {frame} has a header that cannot be: {what}")]
+    /// The generator wrote a header that does not fit the run.
+    #[error("the header of the generator's tree for frame {frame} cannot be used: {what}")]
     BadHeader {
         /// The frame that was expected.
         frame: u64,
@@ -170,6 +171,7 @@ impl<L: TileLoader> Preparer<L> {
             next_frame: config.frames[0].saturating_add(ports.trees.returned()),
         };
         preparer.resume(ports)?;
+        tracing::debug!(next_frame = preparer.next_frame, "waits for the top levels");
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
@@ -187,7 +189,7 @@ impl<L: TileLoader> Preparer<L> {
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
         let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
-            // Behind what is no frame of the run nobody can go on.
+            // What is not a frame of the run says nothing about where to go on.
             Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
                 // Killed between the frame and giving back its tree?
                 ports.trees.return_tree_of(last.frame)?;
@@ -227,12 +229,14 @@ impl<L: TileLoader> Preparer<L> {
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
         let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
-        let level = LevelFunction::new(&camera, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let views = self.config.views(&camera);
+        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let request = FrameRequest { header: &header, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
         // Of a frame that could not be made.
         self.slots.clear();
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
-        let made = self.maker.make(&header, &level, &self.tree, &self.loader, unavailable, &mut output);
+        let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
             FrameError::RootMissing(source) => {
@@ -247,7 +251,7 @@ impl<L: TileLoader> Preparer<L> {
         if is_realtime {
             let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let coverage = detail_coverage(&self.world, &camera, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let coverage = detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
             let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
             events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
         }
@@ -264,6 +268,7 @@ impl<L: TileLoader> Preparer<L> {
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
+        tracing::trace!(frame, ?counts, "frame is in the ring");
         Ok(counts)
     }
 
@@ -304,13 +309,13 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
     let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
     if header.frame != frame && !is_later {
-        return bad("it is of another frame");
+        return bad("it belongs to another frame");
     }
-    if !header.camera.is_valid() {
-        return bad("its camera is none");
+    if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
+        return bad("one of its cameras is not valid");
     }
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
-        return bad("its screen resolutions are no positive numbers");
+        return bad("its screen resolutions are not positive numbers");
     }
     Ok(())
 }

@@ -30,6 +30,7 @@ fn case(k: u32) -> Case {
             height: 400,
             timestamp_nanos: 0,
         },
+        rig: None,
         measure: Measure::Area,
         r_px: [10.0, 2.0],
         exaggeration: 1.0,

@@ -10,6 +10,7 @@ use support::{Case, Mesh, NODES, Vertex, case, tile_slots};
 use terravision_common::camera::Camera;
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
+use terravision_common::rig::{Rig, RigView};
 use terravision_common::slot::SlotContent;
 use terravision_common::synthetic::Relief;
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeNode};
@@ -82,10 +83,12 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Corners of a triangle, metres from the eye.
-fn from_eye(case: &Case, triangle: &[Vertex; 3]) -> [DVec3; 3] {
-    let (unit, eye) = (case.world.lattice_unit_m(), case.camera.eye());
-    triangle.map(|(x, y, z)| DVec3::new(x as f64 * unit - eye.x, y as f64 * unit - eye.y, f64::from(f32::from_bits(z))))
+/// Corners of a triangle, metres from the eye of a view.
+fn from_eye(case: &Case, view: &Camera, triangle: &[Vertex; 3]) -> [DVec3; 3] {
+    let (unit, eye) = (case.world.lattice_unit_m(), view.eye());
+    let datum_m = case.camera.eye_in_world[2];
+    let height = |z: u32| f64::from(f32::from_bits(z)) + (datum_m - eye.z);
+    triangle.map(|(x, y, z)| DVec3::new(x as f64 * unit - eye.x, y as f64 * unit - eye.y, height(z)))
 }
 
 /// Whether a ray from the eye meets the upper side of a triangle before it is at `to`.
@@ -101,16 +104,16 @@ fn is_before([a, b, c]: [DVec3; 3], to: DVec3) -> bool {
     inside(a, b) && inside(b, c) && inside(c, a)
 }
 
-/// Triangles that were trimmed and are not wholly outside of one plane of the frustum: those that are hidden.
-fn hidden_triangles(case: &Case, all: &[[Vertex; 3]], trimmed: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
+/// Triangles that were trimmed and are not wholly outside of one plane of a view's frustum: those that are hidden.
+fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], trimmed: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
     let left: HashSet<_> = trimmed.iter().collect();
-    let [a, b, c, d] = case.camera.frustum_normals_in_world();
-    let planes = [a, b, c, d, case.camera.axes_in_world()[2]];
-    let is_outside = |t: &[Vertex; 3]| planes.iter().any(|n| from_eye(case, t).iter().all(|p| n.dot(*p) < 0.0));
+    let [a, b, c, d] = view.frustum_normals_in_world();
+    let planes = [a, b, c, d, view.axes_in_world()[2]];
+    let is_outside = |t: &[Vertex; 3]| planes.iter().any(|n| from_eye(case, view, t).iter().all(|p| n.dot(*p) < 0.0));
     all.iter().filter(|t| !left.contains(t) && !is_outside(t)).copied().collect()
 }
 
-/// Trimming takes away only triangles that are outside of one plane of the frustum, or hidden by those that are left.
+/// Trimming takes away only triangles that are, in every view, outside of one plane of its frustum, or hidden by those that are left.
 fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
     let tiles = case.tiles(tree);
     let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));
@@ -118,23 +121,34 @@ fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError
     let trimmed = Mesh::of(&case.world, &frame);
     let all: HashSet<[Vertex; 3]> = whole.triangles.iter().copied().collect();
     prop_assert!(trimmed.triangles.iter().all(|t| all.contains(t)));
-    let hidden = hidden_triangles(case, &whole.triangles, &trimmed.triangles);
-    let planes = case.camera.frustum_normals_in_world();
-    for triangle in hidden.iter().step_by(1 + hidden.len() / 16) {
-        let [a, b, c] = from_eye(case, triangle);
-        let inner = |u: f64, v: f64| a + (b - a) * u + (c - a) * v;
-        for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5), (0.3, 0.3)] {
-            let to = inner(u, v);
-            let is_in_picture = planes.iter().all(|n| n.dot(to) > 0.0);
-            let is_hidden = || trimmed.triangles.iter().any(|t| is_before(from_eye(case, t), to));
-            prop_assert!(!is_in_picture || is_hidden(), "{triangle:?} was trimmed and may be seen at {to}");
+    let mut hidden_count = 0;
+    for view in case.views().cameras() {
+        let hidden = hidden_triangles(case, view, &whole.triangles, &trimmed.triangles);
+        hidden_count += hidden.len();
+        let planes = view.frustum_normals_in_world();
+        for triangle in hidden.iter().step_by(1 + hidden.len() / 16) {
+            let [a, b, c] = from_eye(case, view, triangle);
+            let inner = |u: f64, v: f64| a + (b - a) * u + (c - a) * v;
+            for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5), (0.3, 0.3)] {
+                let to = inner(u, v);
+                let is_in_picture = planes.iter().all(|n| n.dot(to) > 0.0);
+                let is_hidden = || trimmed.triangles.iter().any(|t| is_before(from_eye(case, view, t), to));
+                prop_assert!(!is_in_picture || is_hidden(), "{triangle:?} was trimmed and may be seen at {to}");
+            }
         }
     }
     match frame.slots().last().and_then(|slot| slot.read()) {
-        Some(SlotContent::End(end)) => prop_assert_eq!(end.tile_count as usize, frame.slots().len() - 2),
+        Some(SlotContent::End(end)) => {
+            prop_assert_eq!(end.tile_count as usize, frame.slots().len() - 2 - case.views().len())
+        }
         other => prop_assert!(false, "the frame ends with {:?}", other),
     }
-    Ok(hidden.len())
+    Ok(hidden_count)
+}
+
+fn view(offset_m: [f64; 3], yaw_rad: f64) -> RigView {
+    let (pitch_rad, roll_rad, vfov_rad) = (0.0, 0.0, 0.7);
+    RigView { name: String::new(), offset_m, yaw_rad, pitch_rad, roll_rad, vfov_rad, size: [320, 200], at: [0, 0] }
 }
 
 proptest! {
@@ -151,6 +165,15 @@ proptest! {
     }
 
     #[test]
+    fn what_is_trimmed_cannot_be_seen_in_any_view(
+        case in case(), offset_m in prop::array::uniform3(-40.0f64..40.0), turn in -1.0f64..1.0,
+    ) {
+        let pair = [view([0.0; 3], 0.0), view(offset_m, turn)];
+        let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
+        check_trimming(&case, &case.tree())?;
+    }
+
+    #[test]
     fn the_mesh_of_any_tree_is_one_surface(case in case(), density in 100u8..250) {
         check(&case, &wild_tree(&case.world, case.seed, density))?;
     }
@@ -160,10 +183,11 @@ proptest! {
 #[test]
 fn ground_behind_a_ridge_is_trimmed() {
     let world = support::world([512, 512], 8, [0, 0], 8);
-    let mut hidden = 0;
+    let (mut hidden, mut of_pairs) = (0, 0);
     for seed in 0..8 {
         let camera = Camera {
-            eye_in_world: [2560.0, 300.0, 900.0],
+            // Not on a line between nodes, which would lie between the eyes of a pair.
+            eye_in_world: [2601.0, 303.0, 900.0],
             heading_rad: 0.1 * seed as f64 - 0.4,
             pitch_rad: -0.1,
             roll_rad: 0.1,
@@ -174,8 +198,13 @@ fn ground_behind_a_ridge_is_trimmed() {
         };
         let relief = Relief::Mountains { height_m: 1500.0 };
         let (measure, r_px) = (Measure::Max, [4.0, 2.0]);
-        let case = Case { world, relief, camera, measure, r_px, exaggeration: 1.0, missing: 0, seed };
+        let case = Case { world, relief, camera, rig: None, measure, r_px, exaggeration: 1.0, missing: 0, seed };
         hidden += check_trimming(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
+        // The eyes of a stereo pair are so near that leaves come near to far for both.
+        let pair = [view([-0.03, 0.0, 0.0], 0.0), view([0.03, 0.0, 0.0], 0.0)];
+        let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
+        of_pairs += check_trimming(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
     }
+    assert!(of_pairs > 1000, "{of_pairs} triangles were found to be hidden from both eyes");
     assert!(hidden > 1000, "{hidden} triangles were found to be hidden");
 }

@@ -5,8 +5,9 @@ mod support;
 
 use proptest::prelude::*;
 use support::{NODES, case, tile_slots};
+use terravision_common::rig::Views;
 use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, PLANES};
-use terravision_preparer::frame::{FrameBuffer, FrameMaker};
+use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 
 proptest! {
@@ -30,7 +31,9 @@ proptest! {
         frame_tree.read(&tree).expect("a valid tree");
         let mut out = FrameBuffer::new(16, PLANES * posts);
         let mut maker = FrameMaker::new(&case.world, NODES).with_whole_blocks();
-        maker.make(&case.header(&tree), &case.level(), &frame_tree, &tiles, 0, &mut out).expect("a frame");
+        let (header, views, level) = (case.header(&tree), Views::single(&case.camera), case.level());
+        let request = FrameRequest { header: &header, views: &views, level: &level };
+        maker.make(&request, &frame_tree, &tiles, 0, &mut out).expect("a frame");
         let row = case.world.elevation_posts() as usize;
         let level = case.level();
         for slot in tile_slots(&out) {

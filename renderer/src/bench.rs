@@ -105,10 +105,11 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
             debug_assert_eq!(room.len() as u64, texels.tile_bytes(side));
         }
         colors.record_uploads(&mut recording);
-        target.begin_picture(&mut recording, options.sky_rgb);
+        target.begin_picture(&mut recording, options.size, options.sky_rgb);
         pass.draw(&mut recording, &colors);
         target.end(&mut recording);
-        recording.read_back(&mut target, readback);
+        recording.copy_view(&mut target, &readback, options.size, [0, 0]);
+        recording.read_back(readback);
         recording.submit()?;
         if let Some((readback, nanos)) = slot.take()? {
             spare = Some(readback);

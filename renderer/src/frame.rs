@@ -5,7 +5,8 @@
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use terravision_common::ids::Generation;
 use terravision_common::node::NodeId;
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::rig::{MAX_VIEWS, View, Views};
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::world::World;
 
 /// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
@@ -46,13 +47,37 @@ pub enum FrameError {
         /// What it should have been.
         expected: u64,
     },
-    /// The camera of a frame is none.
-    #[error("frame {frame} from the ring has no valid camera for pictures of {}x{} pixels", .size[0], .size[1])]
+    /// The camera that carries a frame's views is none.
+    #[error("frame {frame} from the ring has no valid camera")]
     Camera {
         /// The frame.
         frame: u64,
-        /// The size of the run's pictures.
-        size: [u32; 2],
+    },
+    /// A view of a frame cannot be drawn.
+    #[error(
+        "view {index} of frame {frame} from the ring has no valid camera within a picture of {}x{} pixels",
+        .picture[0], .picture[1]
+    )]
+    View {
+        /// The frame.
+        frame: u64,
+        /// Which of its views.
+        index: usize,
+        /// The size of the frame's picture.
+        picture: [u32; 2],
+    },
+    /// The picture of a frame has another size than the run's.
+    #[error(
+        "frame {frame} from the ring is a picture of {}x{} pixels, expected {}x{}",
+        .found[0], .found[1], .expected[0], .expected[1]
+    )]
+    PictureSize {
+        /// The frame.
+        frame: u64,
+        /// Its size.
+        found: [u32; 2],
+        /// The run's.
+        expected: [u32; 2],
     },
     /// A number of a tile cannot be.
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
@@ -157,8 +182,10 @@ pub fn check_tile(tile: &TileSlot, world: &World, color_slots: u32) -> Result<()
 /// A checked frame.
 #[derive(Debug)]
 pub struct Frame {
-    /// Its first slot. The camera is valid and has the size of the run's pictures.
+    /// Its first slot. The camera is valid.
     pub marker: FrameMarker,
+    /// Its views. Their cameras are valid, and they lie within the frame's picture.
+    pub views: Views,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,
     /// Its last slot.
@@ -178,6 +205,9 @@ pub struct FrameReader {
     size: [u32; 2],
     frame: Frame,
     is_open: bool,
+    /// Views of the open frame, and how many it has.
+    views: Vec<View>,
+    view_count: u32,
     /// Number of the frame that comes next, or of the first that may.
     next: u64,
     /// How far frames were done with when reading began: those before are passed over.
@@ -207,6 +237,7 @@ impl FrameReader {
         }
         let marker = FrameMarker { frame: shape.frames[0], ..bytemuck::Zeroable::zeroed() };
         let frame = Frame {
+            views: Views::single(&marker.camera),
             marker,
             tiles: Vec::with_capacity(4096),
             end: bytemuck::Zeroable::zeroed(),
@@ -220,6 +251,8 @@ impl FrameReader {
             size,
             frame,
             is_open: false,
+            views: Vec::with_capacity(MAX_VIEWS),
+            view_count: 0,
             next: 0,
             done: shape.done,
             sequence: 0,
@@ -275,18 +308,31 @@ impl FrameReader {
         let order = |found, expected| Err(FrameError::Order { frame, found, expected });
         match (slot.read(), self.is_open) {
             (Some(SlotContent::Marker(marker)), false) => self.open(frame, &marker).map(|()| false),
-            (Some(SlotContent::Tile(tile)), true) => self.add_tile(frame, &tile).map(|()| false),
-            (Some(SlotContent::End(end)), true) => self.close(frame, &end).map(|()| true),
+            (Some(SlotContent::View(view)), true) if !self.has_all_views() => {
+                self.add_view(frame, &view).map(|()| false)
+            }
+            (Some(SlotContent::Tile(tile)), true) if self.has_all_views() => {
+                self.add_tile(frame, &tile).map(|()| false)
+            }
+            (Some(SlotContent::End(end)), true) if self.has_all_views() => self.close(frame, &end).map(|()| true),
             // Its preparer was killed in the frame that is open.
             (Some(SlotContent::Marker(marker)), true) if marker.maker > self.frame.marker.maker => {
                 self.is_open = false;
                 self.open(self.next, &marker).map(|()| false)
             }
-            (Some(SlotContent::Tile(_) | SlotContent::End(_)), false) if self.may_begin_within => Ok(false),
+            (Some(SlotContent::View(_) | SlotContent::Tile(_) | SlotContent::End(_)), false)
+                if self.may_begin_within =>
+            {
+                Ok(false)
+            }
             (Some(SlotContent::Marker(_)), true) => order("a frame marker", "a tile or the end of the frame"),
+            (Some(SlotContent::View(_)), true) => order("a view", "a tile or the end of the frame"),
+            (Some(SlotContent::View(_)), false) => order("a view", "a frame marker"),
+            (Some(SlotContent::Tile(_)), true) => order("a tile", "a view"),
+            (Some(SlotContent::End(_)), true) => order("the end of a frame", "a view"),
             (Some(SlotContent::Tile(_)), false) => order("a tile", "a frame marker"),
             (Some(SlotContent::End(_)), false) => order("the end of a frame", "a frame marker"),
-            (None, _) => order("a slot of no kind", "a frame marker, a tile or the end of a frame"),
+            (None, _) => order("a slot of no kind", "a frame marker, a view, a tile or the end of a frame"),
         }
     }
 
@@ -306,16 +352,15 @@ impl FrameReader {
         if !is_stale && lost > self.shape.elevation_arrays {
             return wrong("its first elevation array", marker.elevation_start, self.frame.end.elevation_end);
         }
-        if !marker.camera.is_valid() || [marker.camera.width, marker.camera.height] != self.size {
-            return Err(FrameError::Camera { frame: expected, size: self.size });
+        if !marker.camera.is_valid() {
+            return Err(FrameError::Camera { frame: expected });
         }
-        // The view's cell has to be near enough for differences of 32 bits.
-        let unit = self.shape.world.lattice_unit_m();
-        let cells = marker.camera.eye_in_world[..2].iter().map(|v| (v / unit).abs());
-        if cells.fold(0.0, f64::max) > MAX_NODE_SIDE as f64 {
-            return Err(FrameError::Camera { frame: expected, size: self.size });
+        if marker.picture != self.size {
+            return Err(FrameError::PictureSize { frame: expected, found: marker.picture, expected: self.size });
         }
         self.frame.marker = *marker;
+        self.views.clear();
+        self.view_count = 0;
         self.frame.tiles.clear();
         self.frame.elevation_start = marker.elevation_start;
         self.frame.sequence = marker.sequence;
@@ -327,6 +372,42 @@ impl FrameReader {
 
     fn is_stale(&self, sequence: u64) -> bool {
         sequence != 0 && sequence <= self.done.sequence
+    }
+
+    fn has_all_views(&self) -> bool {
+        self.view_count > 0 && self.views.len() == self.view_count as usize
+    }
+
+    fn add_view(&mut self, frame: u64, slot: &ViewSlot) -> Result<(), FrameError> {
+        let index = self.views.len();
+        let wrong = |field, found, expected| Err(FrameError::Marker { frame, field, found, expected });
+        let most = MAX_VIEWS as u64;
+        match slot.count {
+            count if count == 0 || u64::from(count) > most => return wrong("the number of views", count.into(), most),
+            count if index > 0 && count != self.view_count => {
+                return wrong("the number of views", count.into(), self.view_count.into());
+            }
+            count => self.view_count = count,
+        }
+        if slot.index as usize != index {
+            return wrong("the number of a view", slot.index.into(), index as u64);
+        }
+        let view = View { camera: slot.camera, at: slot.at };
+        let picture = self.frame.marker.picture;
+        // The eye's cell has to be near enough for differences of 32 bits.
+        let unit = self.shape.world.lattice_unit_m();
+        let cells = view.camera.eye_in_world[..2].iter().map(|v| (v / unit).abs());
+        let is_near = cells.fold(0.0, f64::max) <= MAX_NODE_SIDE as f64;
+        if !view.camera.is_valid() || !view.is_within(picture) || !is_near {
+            return Err(FrameError::View { frame, index, picture });
+        }
+        self.views.push(view);
+        if self.has_all_views()
+            && let Some(views) = Views::new(self.views.iter().copied())
+        {
+            self.frame.views = views;
+        }
+        Ok(())
     }
 
     fn add_tile(&mut self, frame: u64, tile: &TileSlot) -> Result<(), FrameError> {

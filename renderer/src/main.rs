@@ -6,17 +6,17 @@ use std::io::Write;
 use std::process::ExitCode;
 use terravision_common::database::Index;
 use terravision_common::event::{Event, EventKind};
-use terravision_common::run::{RaysChoice, RunConfig, SinkConfig};
+use terravision_common::run::{PlaneTarget, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
 use terravision_renderer::bench::floor;
-use terravision_renderer::engine::EngineOptions;
+use terravision_renderer::engine::{EngineOptions, ViewBounds};
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
 use terravision_renderer::sink::lanes::Lanes;
 use terravision_renderer::sink::{
-    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, SinkError,
-    StreamSink,
+    AllOf, DepthSink, EachViewSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
+    SharedSink, SinkError, StreamSink,
 };
 use terravision_renderer::source::LiveSource;
 
@@ -90,6 +90,7 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
 }
 
 fn render(run_text: &str) -> anyhow::Result<()> {
+    terravision_common::log::start_stage();
     let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
@@ -101,7 +102,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
     }
     let render = &config.render;
     let is_depth_shared = render.share.as_ref().is_some_and(|share| share.has_depth || share.has_ground);
-    let has_depth = render.depth.is_some() || render.ground.is_some() || is_depth_shared;
+    let has_depth = !render.depth.is_empty() || !render.ground.is_empty() || is_depth_shared;
     let options = EngineOptions {
         technique: render.technique,
         // What exact frames look like must not depend on how fast the machine is.
@@ -113,6 +114,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],
+        views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views.len() }),
         samples: render.samples,
         sky_rgb: render.sky_rgb,
         skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
@@ -132,6 +134,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         lanes,
         &mut |engine, source| {
             let found = engine.describe();
+            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
                 (EventKind::DeviceName, found.device.as_str()),
                 (EventKind::DriverName, &found.driver),
@@ -155,9 +158,9 @@ fn sinks(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<d
     // before them.
     let is_in_any_order = render.share.is_none()
         && config.realtime.is_none()
-        && match render.sink {
-            SinkConfig::PngFolder(_) => true,
-            SinkConfig::Null => render.depth.is_some() || render.ground.is_some(),
+        && match &render.sink {
+            SinkConfig::PngFolder(_) | SinkConfig::EachView(_) => true,
+            SinkConfig::Null => !render.depth.is_empty() || !render.ground.is_empty(),
             SinkConfig::PngFile(_) | SinkConfig::Stream(_) => false,
         };
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
@@ -167,17 +170,8 @@ fn sinks(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<d
 /// The sinks of one lane.
 fn lane(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
     let render = &config.render;
-    let mut picture: Box<dyn FrameSink> = match &render.sink {
-        SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
-        SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
-        SinkConfig::Stream(encoding) => Box::new(StreamSink::stdout(*encoding)?),
-        SinkConfig::Null => Box::new(NullSink),
-    };
-    // What is left out of a stream the launcher makes up for; of files, the frame before.
-    if config.realtime.is_some() && !matches!(render.sink, SinkConfig::Stream(_)) {
-        picture = Box::new(RepeatSink::new(picture, config.frames, written)?);
-    }
-    if render.depth.is_none() && render.ground.is_none() && render.share.is_none() {
+    let picture = picture_sink(&render.sink, config, written)?;
+    if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
         return Ok(picture);
     }
     let mut all = AllOf(Vec::new());
@@ -186,14 +180,45 @@ fn lane(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn Fr
         let sink = SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?;
         all.0.push(Box::new(sink.with_made_up(render.made_up)));
     }
-    if let Some(target) = &render.depth {
-        all.0.push(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)));
-    }
-    if let Some(target) = &render.ground {
-        let sink = GroundSink::new(target, origin, config.exaggeration)?;
-        all.0.push(Box::new(sink.with_made_up(render.made_up)));
-    }
+    let depth = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
+        Ok(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)))
+    };
+    let ground = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
+        Ok(Box::new(GroundSink::new(target, origin, config.exaggeration)?.with_made_up(render.made_up)))
+    };
+    let depths = render.depth.iter().map(depth).collect::<Result<_, _>>()?;
+    let grounds = render.ground.iter().map(ground).collect::<Result<_, _>>()?;
+    all.0.extend([each_view(config, depths), each_view(config, grounds)].into_iter().flatten());
     // Last: where there is a picture of a frame, there is all of it.
     all.0.push(picture);
     Ok(Box::new(all))
+}
+
+/// The sink of pictures.
+fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+    let made: Box<dyn FrameSink> = match sink {
+        SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
+        SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
+        // What is left out of a stream the launcher makes up for.
+        SinkConfig::Stream(encoding) => return Ok(Box::new(StreamSink::stdout(*encoding)?)),
+        SinkConfig::Null => Box::new(NullSink),
+        SinkConfig::EachView(sinks) => {
+            let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;
+            return Ok(each_view(config, sinks).unwrap_or_else(|| Box::new(NullSink)));
+        }
+    };
+    // Files of frames that were left out show the frame before.
+    Ok(if config.realtime.is_some() { Box::new(RepeatSink::new(made, config.frames, written)?) } else { made })
+}
+
+/// Sinks of all views, in the order of the rig, as one; `None` without any.
+fn each_view(config: &RunConfig, mut sinks: Vec<Box<dyn FrameSink>>) -> Option<Box<dyn FrameSink>> {
+    match &config.rig {
+        None => sinks.pop(),
+        Some(_) if sinks.is_empty() => None,
+        Some(rig) => {
+            let names = rig.views.iter().map(|view| view.name.clone());
+            Some(Box::new(EachViewSink::new(names.zip(sinks).collect())))
+        }
+    }
 }

@@ -3,7 +3,7 @@
 
 use crate::gpu::Readback;
 
-/// Picture, and depth when it was asked for, of one frame.
+/// Picture, and depth when it was asked for, of all views of one frame.
 #[derive(Debug)]
 pub enum Pixels {
     /// Where a Vulkan device has put them.
@@ -25,7 +25,8 @@ impl Raster {
     #[must_use]
     pub fn new(size: [u32; 2], has_depth: bool) -> Self {
         let pixels = size[0] as usize * size[1] as usize;
-        Self { size, rgba: vec![0; pixels], reversed_depth: has_depth.then(|| vec![0.0; pixels]) }
+        let black = u32::from_le_bytes([0, 0, 0, 255]);
+        Self { size, rgba: vec![black; pixels], reversed_depth: has_depth.then(|| vec![0.0; pixels]) }
     }
 }
 

@@ -122,6 +122,7 @@ pub fn run(
 ) -> Result<RunSummary, RunError> {
     let mut looped = FrameLoop::new(options, source, lanes)?;
     on_device(&looped.engine, looped.source);
+    tracing::debug!(buffers = looped.buffers, "draws");
     let mut losses = Losses::default();
     while let Err(error) = looped.fly(observe) {
         if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
@@ -169,7 +170,7 @@ struct FrameLoop<'a> {
     reader: FrameReader,
     skirt: Option<Skirt>,
     /// Of the frames that are with the engine, in order.
-    borders: VecDeque<Option<Border>>,
+    borders: VecDeque<Vec<Border>>,
     record_started: u64,
     free: Vec<Pixels>,
     /// Read-back buffers in all.
@@ -272,17 +273,18 @@ impl<'a> FrameLoop<'a> {
         let pixels = self.wait_for_room(observe)?;
         self.wait_for_frame(observe)?;
         let started = self.record_started;
-        let border = match &mut self.skirt {
-            Some(skirt) => skirt.border(self.reader.frame(), self.source)?,
-            None => None,
+        let borders = match &mut self.skirt {
+            Some(skirt) => skirt.borders(self.reader.frame(), self.source)?,
+            None => Vec::new(),
         };
-        self.borders.push_back(border);
+        self.borders.push_back(borders);
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
         if matches!(submitted, Err(EngineError::Frame { .. })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
         self.tell_of_recording(started, submitted?);
         self.source.progress();
+        tracing::trace!(frames = self.summary.frames, "frame is with the device");
         Ok(())
     }
 
@@ -358,7 +360,7 @@ impl<'a> FrameLoop<'a> {
 
     fn finish(&mut self, mut finished: Finished, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         self.source.progress();
-        if let Some(border) = self.borders.pop_front().flatten() {
+        for border in self.borders.pop_front().unwrap_or_default() {
             border.draw(&mut finished.pixels, self.options.samples);
         }
         if self.is_held_until_written {
@@ -382,7 +384,7 @@ impl<'a> FrameLoop<'a> {
             work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(self.last_finished)),
             interval_nanos: since_last,
             finished_nanos: finished.finished_nanos,
-            camera_nanos: finished.camera.timestamp_nanos,
+            camera_nanos: finished.pose.timestamp_nanos,
         });
         self.last_finished = finished.finished_nanos;
         self.source.event(&Event {

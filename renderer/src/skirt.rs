@@ -13,7 +13,7 @@ use crate::pixels::Pixels;
 use crate::source::{FrameSource, SourceError};
 use crate::technique::NEAR_M;
 use glam::DVec3;
-use terravision_common::camera::Camera;
+use terravision_common::rig::View;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::{GROUND_PLANE, HALF};
 use terravision_common::world::World;
@@ -37,6 +37,8 @@ pub struct Skirt {
     world: World,
     low_m: f64,
     array: Vec<f32>,
+    /// What the array's heights are above, metres above the eye.
+    datum_m: f64,
 }
 
 /// Ground along a stretch of the border, linear between its ends.
@@ -48,10 +50,10 @@ struct Stretch {
     heights: [f64; 2],
 }
 
-/// The border of one frame as an eye beside the world sees it.
+/// The border of one frame as the eye of one of its views sees it from beside the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Border {
-    camera: Camera,
+    view: View,
     extent_m: [f64; 2],
     /// Metres above the eye.
     low: f64,
@@ -73,16 +75,27 @@ impl Skirt {
     /// Of a world whose lowest ground, exaggerated as it is drawn, is `low_m` high.
     #[must_use]
     pub fn new(world: &World, low_m: f64) -> Self {
-        Self { world: *world, low_m, array: vec![0.0; world.elevation_values()] }
+        Self { world: *world, low_m, array: vec![0.0; world.elevation_values()], datum_m: 0.0 }
     }
 
-    /// The border of a checked frame; `None` for an eye over the world, which sees nothing of it.
+    /// The borders of a checked frame, of those of its views whose eye is beside the world: others see nothing of it.
     ///
     /// # Errors
     /// The source is damaged.
-    pub fn border(&mut self, frame: &Frame, source: &mut dyn FrameSource) -> Result<Option<Border>, SourceError> {
-        let camera = frame.marker.camera;
+    pub fn borders(&mut self, frame: &Frame, source: &mut dyn FrameSource) -> Result<Vec<Border>, SourceError> {
+        let borders = frame.views.iter().map(|view| self.border(view, frame, source));
+        borders.filter_map(Result::transpose).collect()
+    }
+
+    fn border(
+        &mut self,
+        view: &View,
+        frame: &Frame,
+        source: &mut dyn FrameSource,
+    ) -> Result<Option<Border>, SourceError> {
+        let camera = &view.camera;
         let extent_m = self.world.extent_m();
+        self.datum_m = frame.marker.camera.eye_in_world[2] - camera.eye_in_world[2];
         if (0..2).all(|axis| (0.0..=extent_m[axis]).contains(&camera.eye_in_world[axis])) {
             return Ok(None);
         }
@@ -109,7 +122,7 @@ impl Skirt {
             stretches.sort_unstable_by(|a, b| a.ends[0].total_cmp(&b.ends[0]));
         }
         Ok(Some(Border {
-            camera,
+            view: *view,
             extent_m,
             low: self.low_m - camera.eye_in_world[2],
             has_floor: !self.world.has_holes(),
@@ -145,7 +158,7 @@ impl Skirt {
 
     /// The height in column (`axis` 0) or row `at` of the array that was read last.
     fn height(&self, axis: usize, at: u32, k: u32) -> f64 {
-        self.value(0, axis, at, k).unwrap_or(f64::NAN)
+        self.value(0, axis, at, k).map_or(f64::NAN, |height| height + self.datum_m)
     }
 
     /// The share that is ground, likewise.
@@ -215,19 +228,22 @@ fn touched_sides(world: &World, tile: &TileSlot) -> [Option<u32>; 4] {
 }
 
 impl Border {
-    /// Draws walls and floor over the picture, and into the depth where there is one. `samples`: per pixel, 1 or 4.
+    /// Draws walls and floor over the view in its frame's picture, and into the depth where there is one. `samples`: per pixel,
+    /// 1 or 4.
     pub fn draw(&self, pixels: &mut Pixels, samples: u32) {
-        let [width, height] = pixels.size();
+        let row_length = pixels.size()[0] as usize;
+        let [left, top] = self.view.at.map(|at| at as usize);
+        let [width, height] = self.view.size();
         let places: &[[f64; 2]] = if samples > 1 { &SAMPLES } else { &CENTRE };
         let (rgba, mut depths) = pixels.planes_mut();
-        let rows = rgba.chunks_exact_mut(4 * width as usize).zip(0..height);
+        let rows = rgba.chunks_exact_mut(4 * row_length).skip(top).zip(0..height);
         for (row, y) in rows {
-            for (texel, x) in row.chunks_exact_mut(4).zip(0..width) {
-                let ray = |[dx, dy]: [f64; 2]| self.camera.ray_in_world(f64::from(x) + dx, f64::from(y) + dy);
+            for (texel, x) in row.chunks_exact_mut(4).skip(left).zip(0..width) {
+                let ray = |[dx, dy]: [f64; 2]| self.view.camera.ray_in_world(f64::from(x) + dx, f64::from(y) + dy);
                 let seen = |place: &[f64; 2]| self.seen(ray(*place));
                 mix(texel, places.iter().map(seen));
                 if let (Some(depths), Some(seen)) = (&mut depths, self.seen(ray(CENTRE[0]))) {
-                    depths[y as usize * width as usize + x as usize] = (NEAR_M / seen.depth) as f32;
+                    depths[(top + y as usize) * row_length + left + x as usize] = (NEAR_M / seen.depth) as f32;
                 }
             }
         }
@@ -235,7 +251,7 @@ impl Border {
 
     /// What a ray from the eye, of depth 1, sees.
     fn seen(&self, ray: DVec3) -> Option<Seen> {
-        let eye = self.camera.eye();
+        let eye = self.view.camera.eye();
         let (mut near, mut far, mut side) = (0.0f64, f64::INFINITY, None);
         for axis in 0..2 {
             let [a, b] = [-eye[axis] / ray[axis], (self.extent_m[axis] - eye[axis]) / ray[axis]];
@@ -293,6 +309,7 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
 mod tests {
     use super::*;
     use crate::pixels::Raster;
+    use terravision_common::camera::Camera;
 
     /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest ground -10 m; the eye 100 m
     /// west of it, 20 m high, looking east.
@@ -309,7 +326,7 @@ mod tests {
         };
         let west = Stretch { ends: [0.0, 100.0], heights: [-20.0, 30.0] };
         Border {
-            camera,
+            view: View { camera, at: [0; 2] },
             extent_m: [100.0; 2],
             low: -30.0,
             has_floor: true,
@@ -320,7 +337,7 @@ mod tests {
     #[test]
     fn a_ray_that_enters_below_the_ground_sees_the_wall_and_one_that_rises_below_it_the_floor() {
         let border = border();
-        let seen = |x: f64, y: f64| border.seen(border.camera.ray_in_world(x, y));
+        let seen = |x: f64, y: f64| border.seen(border.view.camera.ray_in_world(x, y));
         // A pixel is a metre on the west side; the middle of the picture is its middle, 20 m high.
         let wall = Some(Seen { rgb: WALL.map(|v| (v * SHADES[0]).round() as u8), depth: 100.0 });
         assert_eq!(seen(100.5, 110.0), wall, "10 m high where the ground is 25 m");
@@ -331,7 +348,7 @@ mod tests {
         assert_eq!(seen(100.5, 129.0), wall, "just above the lowest height");
         assert_eq!(seen(100.5, 131.0), None, "below it");
         let from_below = Border { low: 30.0, ..border.clone() };
-        let floor = from_below.seen(from_below.camera.ray_in_world(100.5, 80.0)).expect("the floor");
+        let floor = from_below.seen(from_below.view.camera.ray_in_world(100.5, 80.0)).expect("the floor");
         assert!(floor.rgb == FLOOR && (floor.depth - 150.0).abs() < 1e-9);
     }
 
@@ -343,7 +360,7 @@ mod tests {
         assert_eq!(ground_along([1.0, 0.0]), Some([0.0, 0.5]));
         // Seen from below there is no floor under holes.
         let holed = Border { low: 30.0, has_floor: false, ..border() };
-        assert_eq!(holed.seen(holed.camera.ray_in_world(100.5, 80.0)), None);
+        assert_eq!(holed.seen(holed.view.camera.ray_in_world(100.5, 80.0)), None);
     }
 
     #[test]

@@ -5,7 +5,7 @@ mod support;
 use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
 use terravision_renderer::source::{Done, SourceShape};
@@ -61,15 +61,41 @@ fn shape() -> SourceShape {
 
 fn marker() -> FrameMarker {
     let camera = camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE);
-    FrameMarker { frame: 7, camera, sequence: 1, elevation_start: 100, maker: 1, ..FrameMarker::zeroed() }
+    FrameMarker {
+        frame: 7,
+        camera,
+        sequence: 1,
+        elevation_start: 100,
+        maker: 1,
+        picture: SIZE,
+        ..FrameMarker::zeroed()
+    }
+}
+
+fn view() -> ViewSlot {
+    ViewSlot { camera: marker().camera, at: [0, 0], index: 0, count: 1 }
+}
+
+/// The slots, with the one view of a frame behind its marker.
+fn with_view(slots: &[SlotContent]) -> Vec<SlotContent> {
+    let is_marker = |slot: &SlotContent| matches!(slot, SlotContent::Marker(_));
+    slots
+        .iter()
+        .flat_map(|slot| [Some(*slot), is_marker(slot).then_some(SlotContent::View(view()))])
+        .flatten()
+        .collect()
 }
 
 fn end() -> FrameEnd {
     FrameEnd { frame: 7, tile_count: 1, elevation_end: 101, ..FrameEnd::zeroed() }
 }
 
-/// Feeds slots; what the reader says to the last of them.
+/// Feeds slots of frames with one view; what the reader says to the last of them.
 fn feed(slots: &[SlotContent]) -> Result<bool, String> {
+    feed_as_they_are(&with_view(slots))
+}
+
+fn feed_as_they_are(slots: &[SlotContent]) -> Result<bool, String> {
     let mut reader = FrameReader::new(shape(), SIZE).expect("the world is small");
     let mut last = Ok(false);
     for content in slots {
@@ -99,7 +125,10 @@ fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
     };
     let shape = SourceShape { frames: [7, 20], has_gaps: true, ..shape() };
     let read = |reader: &mut FrameReader, number: u64| {
-        frame(number).iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
+        with_view(&frame(number))
+            .iter()
+            .try_fold(false, |_, slot| reader.add(&Slot::new(slot)))
+            .map_err(|error| error.to_string())
     };
     let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
     assert_eq!((read(&mut reader, 9), reader.remaining(), reader.frame().sequence), (Ok(true), 10, 1));
@@ -114,7 +143,7 @@ fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
         SlotContent::Marker(FrameMarker { frame: 19, sequence: 2, elevation_start: 101, ..marker() }),
         SlotContent::End(FrameEnd { frame: 19, tile_count: 0, elevation_end: 101, ..end() }),
     ];
-    assert!(last.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
+    assert!(with_view(&last).iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
     assert_eq!((reader.remaining(), reader.frame().sequence), (0, 2));
 }
 
@@ -140,7 +169,10 @@ fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_gi
         SlotContent::Marker(FrameMarker { frame, sequence, elevation_start, ..marker() })
     };
     let close = |frame, elevation_end| SlotContent::End(FrameEnd { frame, elevation_end, ..end() });
-    let mut add = |slot: SlotContent| reader.add(&Slot::new(&slot)).map_err(|error| error.to_string());
+    let mut add = |slot: SlotContent| {
+        let slots = with_view(&[slot]);
+        slots.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
+    };
     // The end of a frame that did not fit into the ring, one that is done, and the first that is not.
     for slot in [tile(60), close(6, 61), marker(7, 1, 90), tile(90)] {
         assert_eq!(add(slot), Ok(false));
@@ -181,14 +213,7 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
             vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
             "no valid camera",
         ),
-        (
-            vec![SlotContent::Marker(FrameMarker { camera: camera([0.0; 3], 0.0, 0.0, [9, 9]), ..marker() })],
-            "no valid camera",
-        ),
-        (
-            vec![SlotContent::Marker(FrameMarker { camera: camera([1e11, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
-            "no valid camera",
-        ),
+        (vec![SlotContent::Marker(FrameMarker { picture: [9, 9], ..marker() })], "a picture of 9x9 pixels, expected"),
         (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
         (vec![opened, plain, tile(&|t| t.color_generation = 2)], "another generation"),
         (vec![opened, closed], "the number of its tiles is 1, expected 0"),
@@ -202,6 +227,39 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         let error = feed(&slots).unwrap_err();
         assert!(error.contains(sentence), "{error:?} does not say {sentence:?}");
     }
+}
+
+#[test]
+fn views_that_cannot_be_are_refused_with_a_sentence() {
+    let [opened, closed] = [SlotContent::Marker(marker()), SlotContent::End(end())];
+    let tile = SlotContent::Tile(TileSlot { elevation_position: 100, ..good_tile() });
+    let of = |change: &dyn Fn(&mut ViewSlot)| {
+        let mut view = view();
+        change(&mut view);
+        SlotContent::View(view)
+    };
+    let whole = of(&|_| {});
+    let [first, second] = [0, 1].map(|index| of(&|view| (view.index, view.count) = (index, 2)));
+    let far = camera([1e11, 0.0, 0.0], 0.0, 0.0, SIZE);
+    let cases: [(Vec<SlotContent>, &str); 12] = [
+        (vec![whole], "found a view, expected a frame marker"),
+        (vec![opened, tile], "found a tile, expected a view"),
+        (vec![opened, closed], "found the end of a frame, expected a view"),
+        (vec![opened, first, tile], "found a tile, expected a view"),
+        (vec![opened, whole, whole], "found a view, expected a tile"),
+        (vec![opened, of(&|view| view.count = 0)], "the number of views is 0"),
+        (vec![opened, of(&|view| view.count = 7)], "the number of views is 7, expected 6"),
+        (vec![opened, second], "the number of a view is 1, expected 0"),
+        (vec![opened, first, of(&|view| (view.index, view.count) = (1, 3))], "the number of views is 3, expected 2"),
+        (vec![opened, of(&|view| view.at = [1, 0])], "view 0 of frame 7 from the ring has no valid camera within"),
+        (vec![opened, of(&|view| view.camera.vfov_rad = f64::NAN)], "no valid camera within"),
+        (vec![opened, of(&|view| view.camera = far)], "no valid camera within"),
+    ];
+    for (slots, sentence) in cases {
+        let error = feed_as_they_are(&slots).unwrap_err();
+        assert!(error.contains(sentence), "{error:?} does not say {sentence:?}");
+    }
+    assert_eq!(feed_as_they_are(&[opened, first, second, tile, closed]), Ok(true));
 }
 
 #[test]

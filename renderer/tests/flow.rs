@@ -13,7 +13,7 @@ use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{RunState, memory};
-use terravision_common::slot::{FrameMarker, Slot, SlotContent};
+use terravision_common::slot::{FrameMarker, Slot, SlotContent, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
@@ -323,6 +323,13 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                 let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
                 if ring.push(&Slot::new(&SlotContent::Marker(marker)), &control).is_err() {
                     return;
+                }
+                for (index, view) in (0..).zip(frame.views.iter()) {
+                    let count = frame.views.len() as u32;
+                    let view = ViewSlot { camera: view.camera, at: view.at, index, count };
+                    if ring.push(&Slot::new(&SlotContent::View(view)), &control).is_err() {
+                        return;
+                    }
                 }
                 let mut tiles = frame.tiles.clone();
                 for tile in &mut tiles {

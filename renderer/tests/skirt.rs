@@ -50,7 +50,7 @@ fn draw(options: &EngineOptions, camera: &Camera) -> Option<Finished> {
     let mut reader = FrameReader::new(source.shape(), options.size).unwrap();
     let mut engine = Engine::new(options.clone(), &source).unwrap();
     reader.read(&mut source, true).unwrap();
-    let border = Skirt::new(&source.shape().world, LOW_M).border(reader.frame(), &mut source).unwrap();
+    let mut borders = Skirt::new(&source.shape().world, LOW_M).borders(reader.frame(), &mut source).unwrap();
     let pixels = engine.new_pixels().unwrap();
     engine.submit(reader.frame(), &mut source, pixels).unwrap();
     let mut finished = loop {
@@ -59,7 +59,7 @@ fn draw(options: &EngineOptions, camera: &Camera) -> Option<Finished> {
         }
     };
     engine.check_validation().unwrap();
-    border?.draw(&mut finished.pixels, options.samples);
+    borders.pop()?.draw(&mut finished.pixels, options.samples);
     Some(finished)
 }
 

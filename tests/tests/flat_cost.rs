@@ -7,6 +7,7 @@ use bytemuck::Zeroable;
 use std::collections::BTreeSet;
 use std::time::Instant;
 use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::rig::Views;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits, TreeStats};
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeNode};
@@ -46,7 +47,7 @@ fn search(posts: u32) -> (TreeStats, BTreeSet<(u64, u8)>, f64) {
     let start = Instant::now();
     let mut stats = TreeStats::default();
     for _ in 0..20 {
-        stats = traversal.build(&camera, &level, &terrain, &mut out);
+        stats = traversal.build(&Views::single(&camera), &level, &terrain, &mut out);
     }
     let micros = start.elapsed().as_secs_f64() * 1e6 / 20.0;
     let leaves = out[..stats.node_count as usize]

@@ -112,11 +112,11 @@ impl Layout {
     /// With room for the trees of a picture of so many pixels, if its facets are so small (2 pixels or less) that the usual room
     /// would cut them short. What the elevation pool takes more, the colour pool has less.
     #[must_use]
-    pub fn for_picture(self, world: &World, [width, height]: [u32; 2], r_z_px: f64) -> Self {
+    pub fn for_picture(self, world: &World, pixels: u64, r_z_px: f64) -> Self {
         if r_z_px > FINE_FACET_PX {
             return self;
         }
-        let leaves = FACETS_PER_WANTED * f64::from(width) * f64::from(height) / r_z_px.powi(2) / tile_facets(world);
+        let leaves = FACETS_PER_WANTED * pixels as f64 / r_z_px.powi(2) / tile_facets(world);
         let fitting = 4 * ELEVATION_RING_BYTES / self.elevation_slot_bytes.max(1);
         let most = MAX_FINE_ARRAYS.min(fitting) as f64;
         let arrays = (leaves.ceil().clamp(1.0, most) as u32).next_power_of_two().clamp(1, MAX_FINE_ARRAYS as u32);
@@ -137,9 +137,8 @@ impl Layout {
 
     /// The smallest facets, pixels, from 1 up, that the trees of a picture of so many pixels have room for.
     #[must_use]
-    pub fn finest_facet_px(world: &World, [width, height]: [u32; 2]) -> f64 {
-        let pixels = f64::from(width) * f64::from(height);
-        let facet_px = (FACETS_PER_WANTED * pixels / (MAX_FINE_ARRAYS as f64 * tile_facets(world))).sqrt();
+    pub fn finest_facet_px(world: &World, pixels: u64) -> f64 {
+        let facet_px = (FACETS_PER_WANTED * pixels as f64 / (MAX_FINE_ARRAYS as f64 * tile_facets(world))).sqrt();
         // Up to the next tenth, which people can read.
         ((facet_px * 10.0).ceil() / 10.0).max(1.0)
     }

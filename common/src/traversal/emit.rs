@@ -1,6 +1,6 @@
 //! The found nodes as the flat tree of [`crate::tree`].
 
-use super::{Found, HeightRanges, Traversal, TreeStats, View};
+use super::{Found, HeightRanges, Search, Traversal, TreeStats};
 use crate::database::Layer;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use bytemuck::Zeroable;
@@ -14,7 +14,7 @@ pub(super) struct Pending {
 
 impl Traversal {
     /// Writes the drawn nodes; `out` is long enough (the search was limited by it).
-    pub(super) fn emit<R: HeightRanges>(&mut self, view: &View<'_, R>, out: &mut [TreeNode]) -> TreeStats {
+    pub(super) fn emit<R: HeightRanges>(&mut self, search: &Search<'_, R>, out: &mut [TreeNode]) -> TreeStats {
         let mut stats = TreeStats::default();
         if !self.found.first().is_some_and(|root| root.is_drawn) || out.is_empty() {
             return stats;
@@ -30,15 +30,16 @@ impl Traversal {
                 stats.color_leaf_count += 1;
                 continue;
             }
-            let color_bound = parent.bound + view.level.color_minus_elevation() + view.coarser;
+            let color_bound = parent.bound + search.level.color_minus_elevation() + search.coarser;
             // Where colour ends above elevation, it is fine enough: there is no finer one.
-            let is_color_fine = f64::from(parent.id.q()) <= color_bound || !view.has_children(Layer::Color, parent.id);
+            let is_color_fine =
+                f64::from(parent.id.q()) <= color_bound || !search.has_children(Layer::Color, parent.id);
             let node = &mut out[pending.out as usize];
             let inherited = if is_color_fine { COLOR_FROM_ANCESTOR } else { node.flags & COLOR_FROM_ANCESTOR };
             node.flags &= !COLOR_LEAF;
             node.first_child = stats.node_count;
             let first_pending = self.stack.len();
-            for index in self.world.surface().near_to_far(parent.id, view.level.frame().eye()) {
+            for index in self.world.surface().near_to_far(parent.id, search.level.frame().eye()) {
                 let Some(child) = parent.children[usize::from(index)] else { continue };
                 let found = &self.found[child.get() as usize];
                 if found.is_drawn {

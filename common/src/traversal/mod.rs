@@ -1,6 +1,6 @@
-//! The search of the quad tree, coarse to fine, for what a camera sees (design §3, §4): the truncated quad tree.
+//! The search of the quad tree, coarse to fine, for what the views of a frame see (design §3, §4): the truncated quad tree.
 //!
-//! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum is split while its level
+//! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum of a view is split while its level
 //!    is above the elevation level's lower bound over its box.
 //! 2. **Restriction.** Elevation leaves that are coarser than an edge neighbour by more than one level are split
 //!    until none is.
@@ -19,11 +19,11 @@ mod view;
 
 pub use view::{Frustum, HeightRanges, node_box};
 
-use crate::camera::Camera;
 use crate::database::Layer;
 use crate::level::LevelFunction;
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
+use crate::rig::{MAX_VIEWS, Views};
 use crate::surface::{SIDES, Surface, WorldBox};
 use crate::tree::TreeNode;
 use crate::world::World;
@@ -78,38 +78,44 @@ pub struct Traversal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Full;
 
-/// What one search of one frame reads.
-struct View<'a, R> {
-    surface: Surface,
+/// What a view can see.
+#[derive(Clone, Copy)]
+struct ViewSight {
     frustum: Frustum,
-    level: &'a LevelFunction,
-    ranges: &'a R,
-    /// Added to both wanted levels.
-    coarser: f64,
     /// For an eye beside the world, which sees the walls under the world's border: the lowest ground, metres.
     skirt_low_m: Option<f64>,
 }
 
-impl<'a, R: HeightRanges> View<'a, R> {
-    fn new(camera: &Camera, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
+/// What one search of one frame reads.
+struct Search<'a, R> {
+    surface: Surface,
+    sights: [Option<ViewSight>; MAX_VIEWS],
+    level: &'a LevelFunction,
+    ranges: &'a R,
+    /// Added to both wanted levels.
+    coarser: f64,
+}
+
+impl<'a, R: HeightRanges> Search<'a, R> {
+    fn new(views: &Views, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
         let surface = world.surface();
-        let is_beside = !surface.is_over(camera.eye());
-        let lowest = || node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
-        Self {
-            surface,
-            frustum: Frustum::new(camera),
-            level,
-            ranges,
-            coarser: 0.0,
-            skirt_low_m: is_beside.then(lowest).flatten(),
+        let lowest_m = node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
+        let mut sights = [None; MAX_VIEWS];
+        for (sight, camera) in sights.iter_mut().zip(views.cameras()) {
+            let skirt_low_m = lowest_m.filter(|_| !surface.is_over(camera.eye()));
+            *sight = Some(ViewSight { frustum: Frustum::new(camera), skirt_low_m });
         }
+        Self { surface, sights, level, ranges, coarser: 0.0 }
     }
 
-    /// Whether the node may be seen, or the wall under it where it lies on the world's border. (How fine it has to be is a matter of
-    /// its ground alone.)
+    /// Whether the node may be seen in any of the views, or the wall under it where it lies on the world's border. (How fine it has to
+    /// be is a matter of its ground alone.)
     fn may_see(&self, bounds: &WorldBox) -> bool {
-        let low = self.skirt_low_m.filter(|_| self.surface.reaches_border(bounds));
-        self.frustum.may_see(&low.map_or(*bounds, |low| bounds.down_to(low)))
+        let is_on_border = self.surface.reaches_border(bounds);
+        self.sights.iter().flatten().any(|sight| {
+            let low = sight.skirt_low_m.filter(|_| is_on_border);
+            sight.frustum.may_see(&low.map_or(*bounds, |low| bounds.down_to(low)))
+        })
     }
 
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
@@ -131,74 +137,83 @@ impl Traversal {
         }
     }
 
-    /// Searches the tree for a valid camera and writes it to the front of `out`. The level functions are the camera's
-    /// own. Neither blocks nor allocates.
+    /// Searches the tree for views with valid cameras and writes it to the front of `out`: what any of them may see, as fine
+    /// as any of them wants. The level functions are those of the same views. Neither blocks nor allocates.
     pub fn build(
         &mut self,
-        camera: &Camera,
+        views: &Views,
         level: &LevelFunction,
         ranges: &impl HeightRanges,
         out: &mut [TreeNode],
     ) -> TreeStats {
-        let mut view = View::new(camera, level, ranges, &self.world);
+        let mut search = Search::new(views, level, ranges, &self.world);
         let mut is_cut_short = false;
         // Wanted levels span some 80 powers of two at most, then every tree is its root.
-        while view.coarser < 128.0 {
-            if self.search(&view, out.len()).is_ok() {
+        while search.coarser < 128.0 {
+            if self.search(&search, out.len()).is_ok() {
                 break;
             }
-            view.coarser += 1.0;
+            search.coarser += 1.0;
             is_cut_short = true;
         }
-        TreeStats { is_cut_short, ..self.emit(&view, out) }
+        TreeStats { is_cut_short, ..self.emit(&search, out) }
     }
 
-    fn search<R: HeightRanges>(&mut self, view: &View<'_, R>, out_len: usize) -> Result<(), Full> {
+    fn search<R: HeightRanges>(&mut self, search: &Search<'_, R>, out_len: usize) -> Result<(), Full> {
         self.found.clear();
         self.table.clear();
         let capacity = out_len.min(self.limits.nodes as usize);
-        if self.add(view, self.world.root(), capacity)?.is_none() {
+        if self.add(search, self.world.root(), capacity)?.is_none() {
             return Ok(());
         }
         let mut at = 0;
         while at < self.found.len() {
             let Found { id, bound, .. } = self.found[at];
-            let is_too_coarse = f64::from(id.q()) > bound + view.coarser;
-            if is_too_coarse && id.q() > self.world.finest_elevation_level() && view.has_children(Layer::Elevation, id)
+            let is_too_coarse = f64::from(id.q()) > bound + search.coarser;
+            if is_too_coarse
+                && id.q() > self.world.finest_elevation_level()
+                && search.has_children(Layer::Elevation, id)
             {
-                self.split(view, at, capacity)?;
+                self.split(search, at, capacity)?;
             }
             at += 1;
         }
-        self.restrict(view, capacity)?;
-        self.split_for_color(view, capacity)?;
+        self.restrict(search, capacity)?;
+        self.split_for_color(search, capacity)?;
         self.mark_drawn();
         let leaves = self.found.iter().filter(|f| f.is_elevation_leaf && f.is_drawn).count();
         if leaves > self.limits.elevation_leaves as usize { Err(Full) } else { Ok(()) }
     }
 
     /// Adds the node when it may be visible and gives its index.
-    fn add<R: HeightRanges>(&mut self, view: &View<'_, R>, id: NodeId, capacity: usize) -> Result<Option<usize>, Full> {
-        let Some(bounds) = node_box(&self.world, view.ranges, view.level.exaggeration(), id) else { return Ok(None) };
-        if !view.may_see(&bounds) {
+    fn add<R: HeightRanges>(
+        &mut self,
+        search: &Search<'_, R>,
+        id: NodeId,
+        capacity: usize,
+    ) -> Result<Option<usize>, Full> {
+        let Some(bounds) = node_box(&self.world, search.ranges, search.level.exaggeration(), id) else {
+            return Ok(None);
+        };
+        if !search.may_see(&bounds) {
             return Ok(None);
         }
         let at = self.found.len();
         if at >= capacity {
             return Err(Full);
         }
-        let bound = view.level.elevation_bound(&bounds);
+        let bound = search.level.elevation_bound(&bounds);
         let node = Found { id, bound, children: [None; 4], is_split: false, is_elevation_leaf: false, is_drawn: false };
         self.found.push(node);
         self.table.insert(id, at as u32).map_err(|_value| Full)?;
         Ok(Some(at))
     }
 
-    fn split<R: HeightRanges>(&mut self, view: &View<'_, R>, at: usize, capacity: usize) -> Result<(), Full> {
+    fn split<R: HeightRanges>(&mut self, search: &Search<'_, R>, at: usize, capacity: usize) -> Result<(), Full> {
         self.found[at].is_split = true;
         for index in 0..4u8 {
             if let Some(child) = self.found[at].id.child(index) {
-                let child = self.add(view, child, capacity)?;
+                let child = self.add(search, child, capacity)?;
                 self.found[at].children[usize::from(index)] = child.and_then(|c| NonZeroU32::new(c as u32));
             }
         }
@@ -207,13 +222,13 @@ impl Traversal {
 
     /// Splits leaves until edge neighbours differ by one level at most. Each leaf of level q asks for the four nodes of
     /// level q + 1 across its edges; those that a split brings into being ask in their turn, as they come later.
-    fn restrict<R: HeightRanges>(&mut self, view: &View<'_, R>, capacity: usize) -> Result<(), Full> {
+    fn restrict<R: HeightRanges>(&mut self, search: &Search<'_, R>, capacity: usize) -> Result<(), Full> {
         let mut at = 0;
         while at < self.found.len() {
             if !self.found[at].is_split {
                 for (east, north) in SIDES {
                     if let Some(neighbor) = self.world.neighbor(self.found[at].id, east, north) {
-                        self.reach(view, neighbor.parent(), capacity)?;
+                        self.reach(search, neighbor.parent(), capacity)?;
                     }
                 }
             }
@@ -223,7 +238,7 @@ impl Traversal {
     }
 
     /// Splits the leaf that covers `target` until `target` is in the tree, or is found to be invisible.
-    fn reach<R: HeightRanges>(&mut self, view: &View<'_, R>, target: NodeId, capacity: usize) -> Result<(), Full> {
+    fn reach<R: HeightRanges>(&mut self, search: &Search<'_, R>, target: NodeId, capacity: usize) -> Result<(), Full> {
         let root = self.world.root();
         while self.table.get(target).is_none() {
             let mut above = target;
@@ -237,21 +252,21 @@ impl Traversal {
                 }
             };
             // Sparse levels end so that a neighbour is never missing; a damaged index may say otherwise.
-            if self.found[covering].is_split || !view.has_children(Layer::Elevation, self.found[covering].id) {
+            if self.found[covering].is_split || !search.has_children(Layer::Elevation, self.found[covering].id) {
                 return Ok(());
             }
-            self.split(view, covering, capacity)?;
+            self.split(search, covering, capacity)?;
         }
         Ok(())
     }
 
-    fn split_for_color<R: HeightRanges>(&mut self, view: &View<'_, R>, capacity: usize) -> Result<(), Full> {
+    fn split_for_color<R: HeightRanges>(&mut self, search: &Search<'_, R>, capacity: usize) -> Result<(), Full> {
         let elevation_nodes = self.found.len();
         for found in &mut self.found {
             found.is_elevation_leaf = !found.is_split;
         }
         let deepest = deepest_color_below(&self.world);
-        let color_minus_elevation = view.level.color_minus_elevation();
+        let color_minus_elevation = search.level.color_minus_elevation();
         for leaf in 0..elevation_nodes {
             if self.found[leaf].is_split {
                 continue;
@@ -261,9 +276,9 @@ impl Traversal {
             let mut at = leaf;
             loop {
                 let Found { id, bound, .. } = self.found[at];
-                let is_too_coarse = f64::from(id.q()) > bound + color_minus_elevation + view.coarser;
-                if id.q() > finest && is_too_coarse && view.has_children(Layer::Color, id) {
-                    self.split(view, at, capacity)?;
+                let is_too_coarse = f64::from(id.q()) > bound + color_minus_elevation + search.coarser;
+                if id.q() > finest && is_too_coarse && search.has_children(Layer::Color, id) {
+                    self.split(search, at, capacity)?;
                 }
                 if next >= self.found.len() {
                     break;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::camera::Camera;
 use crate::level::Measure;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF};
 use crate::world::WorldFields;
@@ -86,9 +87,9 @@ impl Case {
         let level = LevelFunction::new(&self.camera, &self.world, 1.0, self.measure, self.r_px[0], self.r_px[1]);
         let mut out = vec![TreeNode::zeroed(); limits.nodes as usize];
         let mut traversal = Traversal::new(&self.world, limits);
-        traversal.build(&self.camera, &level, &ranges, &mut out);
+        traversal.build(&Views::single(&self.camera), &level, &ranges, &mut out);
         // Twice: nothing may be left over from the frame before.
-        let stats = traversal.build(&self.camera, &level, &ranges, &mut out);
+        let stats = traversal.build(&Views::single(&self.camera), &level, &ranges, &mut out);
         out.truncate(stats.node_count as usize);
         (out, stats)
     }

@@ -1,7 +1,9 @@
-//! Poses and intrinsics beside the depth and the ground of a flight: `frames.json`, and `transforms.json` as nerfstudio
-//! reads it. Only frames whose files are whole are listed; frames of earlier flights into the same folders stay listed.
+//! Poses and intrinsics beside the depth and the ground of a flight: `frames.json`, and
+//! `transforms.json` as nerfstudio reads it. Only frames whose files are whole are listed; frames
+//! of earlier flights into the same folders stay listed.
 //!
-//! * [`geometry`]: the camera model, as matrices. [`listing`]: the two files. docs/data-sets.md explains them.
+//! * [`geometry`]: the camera model, as matrices. [`listing`]: the two files. docs/data-sets.md
+//!   explains them.
 
 pub mod geometry;
 pub mod listing;
@@ -85,7 +87,8 @@ impl DataSet {
         sizes.map(|file| file.len()).sum()
     }
 
-    /// Lists these frames, beside those that are listed already. `run` makes the names of temporary files unique.
+    /// Lists these frames, beside those that are listed already. `run` makes the names of temporary
+    /// files unique.
     ///
     /// # Errors
     /// The files cannot be read or written.

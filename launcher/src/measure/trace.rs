@@ -1,8 +1,10 @@
-//! The trace of a run: what every process did when, in the Trace Event Format (Chrome's JSON, which Perfetto opens).
+//! The trace of a run: what every process did when, in the Trace Event Format (Chrome's JSON, which
+//! Perfetto opens).
 //!
-//! All processes share the monotonic clock, so their spans lie on one timeline; it begins with the program. Viewers draw spans of one
-//! row over each other when they overlap, so no two on a row do: what a process does at the same time (requests for
-//! tiles, uploads while a frame is recorded) stands on rows of its own.
+//! All processes share the monotonic clock, so their spans lie on one timeline; it begins with the
+//! program. Viewers draw spans of one row over each other when they overlap, so no two on a row do:
+//! what a process does at the same time (requests for tiles, uploads while a frame is recorded)
+//! stands on rows of its own.
 
 use super::stats::RunStats;
 use serde_json::{Value, json};
@@ -12,7 +14,8 @@ use terravision_common::event::{Event, EventKind, SpanName};
 use terravision_common::node::NodeId;
 use terravision_common::shm::Stage;
 
-/// Threads of a process are numbered below this; further rows of the same thread follow in steps of it.
+/// Threads of a process are numbered below this; further rows of the same thread follow in steps of
+/// it.
 const ROW_STEP: u32 = 10_000;
 
 /// A part of the run of a process that sends no events: this program, or its encoder.
@@ -105,7 +108,8 @@ fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Re
     Ok(())
 }
 
-/// What is no span: a frame that is written, a tile that cannot be had, the triangles of a frame.
+/// Moments, not spans: a frame that is written, a tile that cannot be had, the triangles of a
+/// frame.
 fn write_moment<W: Write>(list: &mut List<'_, W>, pid: u32, event: &Event, ts: f64) -> io::Result<()> {
     let (tid, frame) = (event.thread, event.frame);
     match EventKind::from_number(event.kind) {
@@ -162,7 +166,8 @@ impl Slice {
 struct Rows(BTreeMap<(u32, u32), Vec<u64>>);
 
 impl Rows {
-    /// The row of a span: the first that is free when it begins. Spans of a thread come by their beginning.
+    /// The row of a span: the first that is free when it begins. Spans of a thread come by their
+    /// beginning.
     fn place(&mut self, slice: &Slice) -> u32 {
         let rows = self.0.entry((slice.pid, slice.thread)).or_default();
         let row = rows.iter().position(|end| *end <= slice.start_nanos).unwrap_or(rows.len());

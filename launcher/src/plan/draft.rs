@@ -21,7 +21,6 @@ use crate::path::{PathSettings, Pose};
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
-use glam::DVec2;
 use std::path::Path;
 use terravision_common::camera::Camera;
 use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
@@ -101,7 +100,8 @@ impl<'a> Draft<'a> {
     /// The plan.
     ///
     /// # Errors
-    /// Bad input: a number out of range, a path that does not go with the world, an output that cannot be written.
+    /// Bad input: a number out of range, a path that does not go with the world, an output that
+    /// cannot be written.
     pub(super) fn finish(
         mut self,
         texels: TexelQuestion,
@@ -147,13 +147,12 @@ impl<'a> Draft<'a> {
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut self.warnings)?;
         }
-        let origin = DVec2::from_array(world.fields().origin);
         let mut lifted = 0;
         let mut cameras = Vec::with_capacity(self.poses.len());
         for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
             lifted += usize::from(ground::lift(&mut pose, &ground));
             let camera = Camera {
-                eye_in_world: (pose.position - origin.extend(0.0)).to_array(),
+                eye_in_world: world.crs_frame().position(pose.position).to_array(),
                 heading_rad: pose.heading_rad,
                 pitch_rad: pose.pitch_rad,
                 roll_rad: pose.roll_rad,
@@ -176,7 +175,7 @@ impl<'a> Draft<'a> {
         }
         if lifted > 0 {
             self.warnings.push(format!(
-                "{lifted} of {} frames were below ground + {} m and were lifted",
+                "{lifted} of {} frames were lifted: their poses were less than {} m above the ground",
                 cameras.len(),
                 ground::CLEARANCE_M
             ));
@@ -206,6 +205,7 @@ impl<'a> Draft<'a> {
             prefetch: prefetch(self.realtime),
             realtime: self.realtime.and_then(|args| realtime(args, choice.wanted_px).transpose()).transpose()?,
             render: self.render_config(choice, exaggeration),
+            rig: None,
         })
     }
 
@@ -222,8 +222,8 @@ impl<'a> Draft<'a> {
             has_validation: self.resources.validation,
             frames_in_flight: FRAMES_IN_FLIGHT,
             sink: std::mem::replace(&mut self.sink, SinkConfig::Null),
-            depth: self.depth.take(),
-            ground: self.ground.take(),
+            depth: self.depth.take().into_iter().collect(),
+            ground: self.ground.take().into_iter().collect(),
             share: self.share.take(),
             made_up: picture.made_up.into(),
         }
@@ -232,9 +232,9 @@ impl<'a> Draft<'a> {
 
 /// The run's shared memory.
 fn layout(world: &World, choice: &PictureChoice, memory: MemorySize) -> Result<Layout, Failure> {
-    let size = [choice.size.width, choice.size.height];
+    let pixels = u64::from(choice.size.width) * u64::from(choice.size.height);
     let layout = Layout::for_run(world, memory.0, choice.texels);
-    layout.map(|layout| layout.for_picture(world, size, choice.wanted_px[0])).map_err(|error| match error {
+    layout.map(|layout| layout.for_picture(world, pixels, choice.wanted_px[0])).map_err(|error| match error {
         ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
             "--memory {}: the tile pools of this world need at least {}",
             bytes_for_people(memory.0),

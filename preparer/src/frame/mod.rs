@@ -1,10 +1,10 @@
-//! One frame from tree to ring: marker, a slot per colour leaf near to far, end.
+//! One frame from tree to ring: marker, views, a slot per colour leaf near to far, end.
 
 mod buffer;
 
 pub use buffer::FrameBuffer;
 
-use crate::block_culling::BlockCulling;
+use crate::block_culling::{BlockCulling, Sight};
 use crate::decimation::Decimation;
 use crate::frame_tree::{FrameTree, TreeError};
 use crate::heights::{Heights, TileVanished};
@@ -12,8 +12,9 @@ use crate::truncation::{ColorLeaf, ElevationLeaf, RootMissing, Tiles, Truncation
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::level::LevelFunction;
+use terravision_common::rig::Views;
 use terravision_common::shm::WaitError;
-use terravision_common::slot::{FrameEnd, FrameMarker, SlotContent, TileSlot};
+use terravision_common::slot::{FrameEnd, FrameMarker, SlotContent, TileSlot, ViewSlot};
 use terravision_common::surface::tile::node_elevation;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
@@ -62,6 +63,17 @@ pub trait FrameOutput {
     /// # Errors
     /// The run ended.
     fn finish(&mut self) -> Result<(), FrameError>;
+}
+
+/// What a frame is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameRequest<'a> {
+    /// The header of its tree.
+    pub header: &'a TreeHeader,
+    /// The views that are drawn of it, which the header's camera carries.
+    pub views: &'a Views,
+    /// The level functions of these views.
+    pub level: &'a LevelFunction,
 }
 
 /// What a frame was made of.
@@ -116,14 +128,13 @@ impl FrameMaker {
         &self.truncation
     }
 
-    /// Makes one frame from a tree that was read and from the tiles that are there. `level` is of the header's camera.
+    /// Makes one frame from a tree that was read and from the tiles that are there.
     ///
     /// # Errors
     /// [`FrameError`]; part of the frame may be in the ring then, without its end.
     pub fn make(
         &mut self,
-        header: &TreeHeader,
-        level: &LevelFunction,
+        &FrameRequest { header, views, level }: &FrameRequest<'_>,
         tree: &FrameTree,
         tiles: &impl Tiles,
         unavailable: u32,
@@ -135,10 +146,23 @@ impl FrameMaker {
             camera: header.camera,
             r_z_px: header.r_z_px,
             r_c_px: header.r_c_px,
+            picture: views.picture(),
             ..FrameMarker::zeroed()
         }))?;
+        for (index, view) in (0u32..).zip(views.iter()) {
+            let count = views.len() as u32;
+            out.slot(&SlotContent::View(ViewSlot { camera: view.camera, at: view.at, index, count }))?;
+        }
         self.decimation.choose(&self.truncation, level, tiles, &mut self.heights)?;
-        self.culling.look(&header.camera, self.ground_under_eye(&header.camera, level.exaggeration(), tiles));
+        let world = self.world;
+        self.culling.look(
+            &header.camera,
+            views.cameras().map(|camera| {
+                let is_in_order = tree.is_near_to_far(header.camera.eye(), camera.eye());
+                let ground_m = ground_under_eye(&world, camera, level.exaggeration(), tiles);
+                Sight { camera, ground_m: is_in_order.then_some(ground_m) }
+            }),
+        );
         let mut tile_count = 0;
         for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
             let snaps = self.decimation.snaps(at, leaf);
@@ -176,13 +200,14 @@ impl FrameMaker {
         out.finish()?;
         Ok(counts)
     }
+}
 
-    /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
-    fn ground_under_eye(&self, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
-        let (root, under) = (self.world.root(), self.world.surface().lattice_under(camera.eye()));
-        let height = |posts| exaggeration * node_elevation(&self.world, root, posts, under);
-        tiles.elevation(root).map_or(f64::INFINITY, height)
-    }
+/// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
+fn ground_under_eye(world: &World, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
+    let (root, surface) = (world.root(), world.surface());
+    let under = surface.lattice_under(camera.eye());
+    let height = |posts| exaggeration * node_elevation(&surface, root, posts, under);
+    tiles.elevation(root).map_or(f64::INFINITY, height)
 }
 
 /// The slot of one colour leaf.

@@ -100,9 +100,10 @@ impl Horizon {
         }
     }
 
-    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated. Nothing is hidden from
-    /// an eye beside the world, which may see under its edge, from one under the ground, nor in a steep view.
-    pub fn look(&mut self, camera: &Camera, ground_m: f64) {
+    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated; `None` where leaves do not
+    /// come near to far for this eye. Nothing is hidden then, nor from an eye beside the world, which may see under its edge,
+    /// from one under the ground, nor in a steep view.
+    pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
         let (sin, cos) = camera.heading_rad.sin_cos();
         let ahead = DVec2::new(sin, cos);
         let (width, height) = (f64::from(camera.width), f64::from(camera.height));
@@ -110,7 +111,7 @@ impl Horizon {
         let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
         let eye = camera.eye();
         self.is_active = self.surface.is_over(eye)
-            && self.surface.height_m(eye) > ground_m
+            && ground_m.is_some_and(|ground_m| self.surface.height_m(eye) > ground_m)
             && corners.iter().all(|corner| corner.dot(ahead) >= LEAST_AHEAD);
         self.entered = None;
         self.holed = [0; 2];

@@ -26,7 +26,7 @@ fn horizon() -> Horizon {
         height: 200,
         timestamp_nanos: 0,
     };
-    horizon.look(&camera, 0.0);
+    horizon.look(&camera, Some(0.0));
     horizon
 }
 

@@ -12,6 +12,7 @@ use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::run::{
     DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
 };
@@ -237,12 +238,13 @@ impl Flight {
                 has_validation: false,
                 frames_in_flight: 2,
                 sink: SinkConfig::Null,
-                depth: None,
-                ground: None,
+                depth: Vec::new(),
+                ground: Vec::new(),
                 share: None,
                 made_up: Default::default(),
             },
             realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
+            rig: None,
         }
     }
 
@@ -279,7 +281,7 @@ impl Flight {
     ) -> Result<(), WaitError> {
         let level = LevelFunction::new(camera, &small_world(), 1.5, Measure::Area, R_PX[0], R_PX[1]);
         trees.write(control, |nodes| {
-            let stats = traversal.build(camera, &level, &self.source.terrain, nodes);
+            let stats = traversal.build(&Views::single(camera), &level, &self.source.terrain, nodes);
             let [r_z_px, r_c_px] = R_PX;
             let node_count = stats.node_count;
             TreeHeader { frame, camera: *camera, r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
@@ -318,6 +320,10 @@ impl Flight {
                     assert!(open.is_none(), "a frame opens inside of another");
                     open = Some(Frame { marker, tiles: vec![], arrays: vec![], end: FrameEnd::zeroed() });
                     array_of.clear();
+                }
+                SlotContent::View(view) => {
+                    let frame = open.as_ref().expect("a view has a frame");
+                    assert_eq!((view.camera, view.index, view.count), (frame.marker.camera, 0, 1));
                 }
                 SlotContent::Tile(tile) => {
                     let frame = open.as_mut().expect("a tile has a frame");

@@ -8,12 +8,13 @@ use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
+use terravision_common::rig::{Rig, Views};
 use terravision_common::slot::{SlotContent, TileSlot};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::{TreeHeader, TreeNode};
 use terravision_common::world::{World, WorldFields};
-use terravision_preparer::frame::{FrameBuffer, FrameMaker};
+use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
 
@@ -42,6 +43,8 @@ pub struct Case {
     pub world: World,
     pub relief: Relief,
     pub camera: Camera,
+    /// The views that the camera carries; none for the camera alone.
+    pub rig: Option<Rig>,
     pub measure: Measure,
     pub r_px: [f64; 2],
     pub exaggeration: f64,
@@ -74,7 +77,7 @@ pub fn case() -> impl Strategy<Value = Case> {
             };
             let (is_static, height_m) = relief;
             let relief = if is_static { Relief::Static { height_m } } else { Relief::Mountains { height_m } };
-            Case { world, relief, camera, measure, r_px: r.map(f64::exp2), exaggeration, missing, seed }
+            Case { world, relief, camera, rig: None, measure, r_px: r.map(f64::exp2), exaggeration, missing, seed }
         },
     )
 }
@@ -86,14 +89,19 @@ impl Case {
 
     pub fn level(&self) -> LevelFunction {
         let [r_z, r_c] = self.r_px;
-        LevelFunction::new(&self.camera, &self.world, self.exaggeration, self.measure, r_z, r_c)
+        LevelFunction::for_views(&self.camera, &self.views(), &self.world, self.exaggeration, self.measure, r_z, r_c)
+    }
+
+    /// The views that are drawn.
+    pub fn views(&self) -> Views {
+        self.rig.as_ref().map_or_else(|| Views::single(&self.camera), |rig| rig.views(&self.camera))
     }
 
     /// The generator's tree.
     pub fn tree(&self) -> Vec<TreeNode> {
         let mut out = vec![bytemuck::Zeroable::zeroed(); NODES as usize];
         let mut traversal = Traversal::new(&self.world, TreeLimits { nodes: NODES, elevation_leaves: 2_000 });
-        let stats = traversal.build(&self.camera, &self.level(), &self.terrain(), &mut out);
+        let stats = traversal.build(&self.views(), &self.level(), &self.terrain(), &mut out);
         out.truncate(stats.node_count as usize);
         out
     }
@@ -139,7 +147,9 @@ impl Case {
         let mut frame_tree = FrameTree::new(&self.world, NODES, NODES);
         frame_tree.read(tree).expect("a valid tree");
         let mut out = FrameBuffer::new(16, (self.world.elevation_posts() as usize).pow(2));
-        maker.make(&self.header(tree), &self.level(), &frame_tree, tiles, 0, &mut out).expect("a frame");
+        let (header, views, level) = (self.header(tree), self.views(), self.level());
+        let request = FrameRequest { header: &header, views: &views, level: &level };
+        maker.make(&request, &frame_tree, tiles, 0, &mut out).expect("a frame");
         out
     }
 }

@@ -24,8 +24,9 @@ const LEAST_BELOW: f32 = 1e-5;
 @group(0) @binding(3) var<storage, read_write> maxima: array<f32>;
 @group(0) @binding(4) var<storage, read_write> hits: array<Hit>;
 
+// A number of an array: a height becomes metres above the eye.
 fn stored(tile: Tile, at: vec2<u32>) -> f32 {
-    return elevations[tile.array_start + at.y * tile.strides.y + at.x * tile.strides.x];
+    return elevations[tile.array_start + at.y * tile.strides.y + at.x * tile.strides.x] + frame.datum_m;
 }
 
 // A post at the latitude of stored ones: past the border it continues the slope that leads there.
@@ -258,7 +259,8 @@ fn share_at(index: u32, direction: vec3<f32>, s: f32, plane: u32) -> f32 {
     let corners = corners_of(tile, at);
     var slope = vec2(corners.w - corners.z, corners.z - corners.x);
     if by.x >= by.y { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
-    return corners.x + dot(slope, by);
+    // A share is no height.
+    return corners.x + dot(slope, by) - frame.datum_m;
 }
 
 fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {

@@ -22,13 +22,15 @@ struct Frame {
     has_undersides: u32,
     // Values of an elevation array's plane; 0 where there is no plane but the heights.
     plane: u32,
+    // What the elevations are above, metres above the eye.
+    datum_m: f32,
 }
 
 struct Tile {
     // South west corner, metres from the eye.
     corner: vec2<f32>,
     cells_per_m: f32,
-    // First post in the elevations, which are metres from the eye.
+    // First post in the elevations.
     array_start: u32,
     cells: vec2<u32>,
     // Values from post to post east, and north.

@@ -59,8 +59,9 @@ impl DeviceEngine {
         }
         let shape = source.shape();
         let world = shape.world;
+        let views = options.view_bounds();
         let needs = Needs {
-            size: options.size,
+            size: views.size,
             samples: options.samples,
             color_layers: shape.color_slots,
             color_tile_side: world.color_stored(),
@@ -72,7 +73,7 @@ impl DeviceEngine {
             device.lose_at(at);
         }
         let slot_count = frames_in_flight(options.frames_in_flight, device.capabilities().kind);
-        let target = Target::new(&device, options.size, options.samples, options.has_depth)?;
+        let target = Target::new(&device, views.size, options.samples, options.has_depth)?;
         let filtering = Filtering { lod_bias: LOD_BIAS, max_anisotropy: MAX_ANISOTROPY };
         let shared = source.color_memory().filter(|_| options.can_import_colors);
         let tiles = [world.color_stored(), shape.color_slots];
@@ -81,7 +82,7 @@ impl DeviceEngine {
         let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
         let has_overlay = options.has_tree_overlay;
         let technique: Box<dyn Technique> = if options.is_compute() {
-            Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, slot_count)?)
+            Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, [slot_count, views.count])?)
         } else {
             Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
         };
@@ -208,17 +209,20 @@ impl DeviceEngine {
         }
         let uploads = colors.record_uploads(&mut recording);
         let upload_nanos = monotonic_nanos() - before;
-        // The picture, and depth.
+        // The picture of each view, and its depth.
         technique.prepare(&mut recording, frame, elevation, ArrayPlaces { starts })?;
-        target.begin_picture(&mut recording, options.sky_rgb);
-        technique.draw(&mut recording, colors, false);
-        target.end(&mut recording);
-        if target.has_depth_pass() {
-            target.begin_depth(&mut recording);
-            technique.draw(&mut recording, colors, true);
+        for (index, view) in frame.views.iter().enumerate() {
+            target.begin_picture(&mut recording, view.size(), options.sky_rgb);
+            technique.draw(index, &mut recording, colors, false);
             target.end(&mut recording);
+            if target.has_depth_pass() {
+                target.begin_depth(&mut recording, view.size());
+                technique.draw(index, &mut recording, colors, true);
+                target.end(&mut recording);
+            }
+            recording.copy_view(target, &readback, view.size(), view.at);
         }
-        recording.read_back(target, readback);
+        recording.read_back(readback);
         recording.submit()?;
         let in_flight = InFlight::new(frame, self.technique.triangles(), started_nanos, monotonic_nanos());
         self.in_flight.push_back((index, in_flight));

@@ -16,6 +16,7 @@ use crate::source::{Done, FrameSource, SourceError};
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::rig::Views;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_raycast::workers::WorkersError;
 
@@ -30,8 +31,10 @@ pub struct EngineOptions {
     pub workers: usize,
     /// Which device.
     pub device: DeviceChoice,
-    /// Picture size, pixels.
+    /// Size of a frame's picture, which holds all of its views, pixels.
     pub size: [u32; 2],
+    /// How large and how many the views of a frame are; `None` for one that is the whole picture.
+    pub views: Option<ViewBounds>,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
     /// Colour of the sky.
@@ -54,7 +57,21 @@ pub struct EngineOptions {
     pub lose_device_at: Option<u64>,
 }
 
+/// How large and how many the views of a frame are at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ViewBounds {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Views of a frame.
+    pub count: usize,
+}
+
 impl EngineOptions {
+    /// How large and how many views are at most.
+    fn view_bounds(&self) -> ViewBounds {
+        self.views.unwrap_or(ViewBounds { size: self.size, count: 1 })
+    }
+
     /// Whether a device casts rays.
     fn is_compute(&self) -> bool {
         self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Compute
@@ -66,7 +83,8 @@ impl EngineOptions {
             return self;
         }
         // Without Vulkan there is none.
-        let devices = describe_adapters(&self.device, &Needs { size: self.size, ..Needs::LEAST }).unwrap_or_default();
+        let devices = describe_adapters(&self.device, &Needs { size: self.view_bounds().size, ..Needs::LEAST })
+            .unwrap_or_default();
         let is_gpu = |device: &AdapterDescription| device.kind > DeviceKind::Cpu && device.missing.is_empty();
         let has_gpu = devices.iter().any(|device| device.is_chosen && is_gpu(device));
         Self { rays: if has_gpu { RaysChoice::Compute } else { RaysChoice::Auto }, ..self }
@@ -81,6 +99,7 @@ impl Default for EngineOptions {
             workers: 1,
             device: DeviceChoice::from_environment(),
             size: [1280, 720],
+            views: None,
             samples: 1,
             sky_rgb: [150, 190, 235],
             skirt_low_m: None,
@@ -185,8 +204,10 @@ pub struct Finished {
     pub elevation_end: u64,
     /// One past its last slot in the ring.
     pub slots_end: u64,
-    /// Its camera.
-    pub camera: Camera,
+    /// The camera that its tree was made for.
+    pub pose: Camera,
+    /// What its picture shows, and where.
+    pub views: Views,
     /// Screen resolutions of facets and texels that its tree was made for, pixels.
     pub r_px: [f64; 2],
     /// Whether every tile that it wanted was there.
@@ -210,7 +231,8 @@ pub struct Finished {
 struct InFlight {
     frame: u64,
     done: Done,
-    camera: Camera,
+    pose: Camera,
+    views: Views,
     r_px: [f64; 2],
     is_settled: bool,
     triangles: u64,
@@ -223,7 +245,8 @@ impl InFlight {
         Self {
             frame: frame.marker.frame,
             done: Done { sequence: frame.sequence, elevation_end: frame.end.elevation_end, slots_end: frame.slots_end },
-            camera: frame.marker.camera,
+            pose: frame.marker.camera,
+            views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,
             triangles,
@@ -234,14 +257,15 @@ impl InFlight {
 
     /// The frame with its picture, now.
     fn finish(self, gpu_nanos: Option<f64>, pixels: Pixels) -> Finished {
-        let Self { frame, done, camera, r_px, is_settled, triangles, started_nanos, submitted_nanos } = self;
+        let Self { frame, done, pose, views, r_px, is_settled, triangles, started_nanos, submitted_nanos } = self;
         let Done { sequence, elevation_end, slots_end } = done;
         Finished {
             frame,
             sequence,
             elevation_end,
             slots_end,
-            camera,
+            pose,
+            views,
             r_px,
             is_settled,
             triangles,

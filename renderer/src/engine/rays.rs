@@ -35,7 +35,8 @@ pub struct RaysEngine {
     /// Heights alone, and with voxels.
     grounds: [Ground; 2],
     blocks: BlockReader,
-    picture: Picture,
+    /// Of each view of the frame, and those of frames before that had more.
+    pictures: Vec<Picture>,
     /// Of each tile of the ground its colours; empty between frames, kept for its memory.
     layers: Vec<&'static [u8]>,
     /// Of each tile the colour of its outline, where outlines are wanted.
@@ -121,8 +122,8 @@ impl RaysEngine {
         if options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
         }
-        if options.size.iter().any(|side| *side > LONGEST_SIDE) {
-            return Err(EngineError::PictureSize { size: options.size, limit: LONGEST_SIDE });
+        if options.view_bounds().size.iter().any(|side| *side > LONGEST_SIDE) {
+            return Err(EngineError::PictureSize { size: options.view_bounds().size, limit: LONGEST_SIDE });
         }
         let SourceShape { world, texels, .. } = source.shape();
         if texels.is_compressed() {
@@ -132,7 +133,7 @@ impl RaysEngine {
             caster: Caster::new(options.workers)?,
             grounds: [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter))),
             blocks: BlockReader::new(&world),
-            picture: Picture::new(options.size),
+            pictures: Vec::new(),
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
@@ -179,7 +180,7 @@ impl RaysEngine {
     ) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
         let prepared_nanos = self.cast(self.choice.method(), frame, source)?;
-        let pixels = self.hand_over(pixels);
+        let pixels = self.hand_over(frame, pixels);
         let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
         self.finished = Some(finished);
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
@@ -241,14 +242,21 @@ impl RaysEngine {
             has_undersides: self.has_holes,
             ..CastOptions::default()
         };
-        self.caster.draw(ground, &layers[..], &frame.marker.camera, &options, &self.picture);
+        for (index, view) in frame.views.iter().enumerate() {
+            match self.pictures.get_mut(index) {
+                Some(picture) if picture.size() == view.size() => {}
+                Some(picture) => *picture = Picture::new(view.size()),
+                None => self.pictures.push(Picture::new(view.size())),
+            }
+            self.caster.draw(ground, &layers[..], &view.camera, &options, &self.pictures[index]);
+            if self.options.has_tree_overlay {
+                self.outlines.clear();
+                self.outlines.extend(frame.tiles.iter().map(outline_of));
+                self.caster.outline(ground, &view.camera, &self.outlines, &self.pictures[index]);
+            }
+        }
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
-        if self.options.has_tree_overlay {
-            self.outlines.clear();
-            self.outlines.extend(frame.tiles.iter().map(outline_of));
-            self.caster.outline(ground, &frame.marker.camera, &self.outlines, &self.picture);
-        }
         for (index, tile) in frame.tiles.iter().enumerate() {
             // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
             if source.color(tile.color()).is_none() {
@@ -258,27 +266,43 @@ impl RaysEngine {
         Ok(prepared_nanos)
     }
 
-    /// Copies the picture to where sinks read it.
-    fn hand_over(&self, pixels: Pixels) -> Pixels {
+    /// Copies the pictures of a frame's views to where sinks read them.
+    fn hand_over(&self, frame: &Frame, pixels: Pixels) -> Pixels {
         let mut raster = match pixels {
             Pixels::Memory(raster) if raster.size == self.options.size => raster,
             Pixels::Memory(_) | Pixels::Device(_) => Raster::new(self.options.size, self.options.has_depth),
         };
-        let ([width, height], workers) = (self.options.size.map(|side| side as usize), self.caster.workers());
-        workers.split(height, &mut raster.rgba, &|row| row * width, &|rows, out| {
-            for (out, (texel, _)) in out.iter_mut().zip(self.picture.rows(rows)) {
-                *out = texel.to_le();
+        for (view, picture) in frame.views.iter().zip(&self.pictures) {
+            self.place(picture, view.at, &mut raster.rgba, raster.size, |(texel, _)| texel.to_le());
+            if let Some(depths) = &mut raster.reversed_depth {
+                // NaN for the sky, which is infinitely far.
+                self.place(picture, view.at, depths, raster.size, |(_, depth)| {
+                    if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) }
+                });
             }
-        });
-        if let Some(depths) = &mut raster.reversed_depth {
-            workers.split(height, depths, &|row| row * width, &|rows, out| {
-                for (out, (_, depth)) in out.iter_mut().zip(self.picture.rows(rows)) {
-                    // NaN for the sky, which is infinitely far.
-                    *out = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
-                }
-            });
         }
         Pixels::Memory(raster)
+    }
+
+    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view lies within it.
+    fn place<T: Send>(
+        &self,
+        picture: &Picture,
+        at: [u32; 2],
+        plane: &mut [T],
+        size: [u32; 2],
+        of: impl Fn((u32, f32)) -> T + Sync,
+    ) {
+        let [x, y] = at.map(|at| at as usize);
+        let ([width, height], row) = (picture.size().map(|side| side as usize), size[0] as usize);
+        let Some(plane) = plane.get_mut(y * row..(y + height) * row) else { return };
+        self.caster.workers().split(height, plane, &|rows| rows * row, &|rows, out| {
+            for (number, out) in rows.zip(out.chunks_exact_mut(row)) {
+                for (out, pixel) in out[x..x + width].iter_mut().zip(picture.rows(number..number + 1)) {
+                    *out = of(pixel);
+                }
+            }
+        });
     }
 }
 

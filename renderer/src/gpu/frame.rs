@@ -124,7 +124,7 @@ impl FrameSlot {
                 );
             }
         }
-        Ok(Recording { slot: self, device })
+        Ok(Recording { slot: self, device, has_copied: false })
     }
 }
 
@@ -133,6 +133,8 @@ impl FrameSlot {
 pub struct Recording<'a> {
     slot: &'a mut FrameSlot,
     device: Arc<Device>,
+    /// Whether a view was copied to the read-back buffer.
+    has_copied: bool,
 }
 
 impl Recording<'_> {
@@ -150,9 +152,18 @@ impl Recording<'_> {
         self.slot.commands
     }
 
-    /// Copies what was drawn to `target` for the processor to read. Its pixels come back with the slot.
-    pub fn read_back(&mut self, target: &mut Target, readback: Readback) {
-        target.record_copy(self, &readback);
+    /// Copies the view of this size that was drawn to `target` to its place in `readback`.
+    pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
+        if std::mem::replace(&mut self.has_copied, true) {
+            // Views beside each other share rows of the buffer, if no byte of them.
+            // SAFETY: recording, outside of rendering.
+            unsafe { barrier::memory(&self.device, self.slot.commands, Access::CopyTarget, Access::CopyTarget) };
+        }
+        target.record_copy(self, readback, size, at);
+    }
+
+    /// The pixels that the frame's views were copied to; they come back with the slot.
+    pub fn read_back(&mut self, readback: Readback) {
         self.slot.readback = Some(readback);
     }
 
@@ -161,7 +172,7 @@ impl Recording<'_> {
     /// # Errors
     /// The device was lost or is out of memory.
     pub fn submit(self) -> Result<(), GpuError> {
-        let Self { slot, device } = self;
+        let Self { slot, device, .. } = self;
         // SAFETY: recording, outside of rendering.
         unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
         if let Some(queries) = &slot.queries {

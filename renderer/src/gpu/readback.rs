@@ -1,4 +1,4 @@
-//! Buffers that finished pictures come back in. A read-back buffer is filled by one frame, then owned by whoever encodes
+//! Buffers that finished pictures come back in, with all views of a frame. A read-back buffer is filled by one frame, then owned by whoever encodes
 //! it, then goes back to be filled again: pixels are never copied on their way to a sink.
 
 use super::buffer::{Buffer, BufferUse};
@@ -15,15 +15,21 @@ pub struct Readback {
 }
 
 impl Readback {
-    /// A buffer for pictures of this size, with depth when `has_depth`.
+    /// A buffer for frames' pictures of this size, with depth when `has_depth`.
     ///
     /// # Errors
     /// Out of memory.
     pub fn new(device: &Arc<Device>, size: [u32; 2], has_depth: bool) -> Result<Self, GpuError> {
         let len = u64::from(size[0]) * u64::from(size[1]) * 4;
-        let depth =
-            if has_depth { Some(Buffer::new(device, len, BufferUse::Readback, "depth read-back")?) } else { None };
-        Ok(Self { color: Buffer::new(device, len, BufferUse::Readback, "colour read-back")?, depth, size })
+        let (mut color, mut depth) = (Buffer::new(device, len, BufferUse::Readback, "colour read-back")?, None);
+        // What no view covers is black, and as far away as the sky.
+        color.bytes_mut().chunks_exact_mut(4).for_each(|texel| texel.copy_from_slice(&[0, 0, 0, 255]));
+        if has_depth {
+            let mut made = Buffer::new(device, len, BufferUse::Readback, "depth read-back")?;
+            made.bytes_mut().fill(0);
+            depth = Some(made);
+        }
+        Ok(Self { color, depth, size })
     }
 
     /// Width and height, pixels.

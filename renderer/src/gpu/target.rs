@@ -1,4 +1,6 @@
-//! What is drawn to: a picture and its depth, with 1 or 4 samples per pixel.
+//! What views are drawn to: a picture and its depth, with 1 or 4 samples per pixel. Every view is drawn from the upper left
+//! corner on, whatever its place in the frame's picture: rasterizers work in coordinates of the target, and its bytes must not
+//! depend on where it is shown.
 
 use super::barrier::{self, Access, layout_of};
 use super::device::Device;
@@ -14,7 +16,10 @@ pub(super) const COLOR_FORMAT: vk::Format = vk::Format::R8G8B8A8_UNORM;
 /// Format of depth buffers.
 pub(super) const DEPTH_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
-/// The images that frames are drawn to. One set serves all frames in flight: the device draws them one after another.
+/// Bytes of a pixel, in pictures and in depth buffers.
+const BYTES_PER_PIXEL: u64 = 4;
+
+/// The images that views are drawn to. One set serves all of them, and all frames in flight: the device draws one after another.
 #[derive(Debug)]
 pub struct Target {
     color: Image,
@@ -66,7 +71,7 @@ impl Target {
         Ok(Self { color, depth, color_samples, depth_of_centres, size, samples })
     }
 
-    /// Size of the picture, pixels.
+    /// Size of the largest view that fits, pixels.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
         self.size
@@ -84,8 +89,8 @@ impl Target {
         self.depth_of_centres.is_some()
     }
 
-    /// Begins the picture: all sky.
-    pub fn begin_picture(&self, recording: &mut Recording<'_>, sky_rgb: [u8; 3]) {
+    /// Begins the picture of a view of this size: all sky.
+    pub fn begin_picture(&self, recording: &mut Recording<'_>, size: [u32; 2], sky_rgb: [u8; 3]) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let images = [Some(&self.color), self.color_samples.as_ref()];
@@ -110,22 +115,23 @@ impl Target {
                 .resolve_image_layout(layout_of(Access::ColorTarget)),
             None => color.image_view(self.color.view()).store_op(vk::AttachmentStoreOp::STORE),
         };
-        self.begin(&device, commands, &[color], &self.depth);
+        self.begin(&device, commands, size, &[color], &self.depth);
     }
 
     /// Begins the depth of pixel centres. Nothing happens when the picture's own depth serves.
-    pub fn begin_depth(&self, recording: &mut Recording<'_>) {
+    pub fn begin_depth(&self, recording: &mut Recording<'_>, size: [u32; 2]) {
         let Some(depth) = &self.depth_of_centres else { return };
         let device = Arc::clone(recording.device());
         // SAFETY: recording, outside of rendering; the image waits for the submit before it goes (`Owned`).
         unsafe { barrier::image(&device, recording.commands(), depth, Access::Discarded, Access::DepthTarget) };
-        self.begin(&device, recording.commands(), &[], depth);
+        self.begin(&device, recording.commands(), size, &[], depth);
     }
 
     fn begin(
         &self,
         device: &Device,
         commands: vk::CommandBuffer,
+        [width, height]: [u32; 2],
         colors: &[vk::RenderingAttachmentInfo<'_>],
         depth: &Image,
     ) {
@@ -139,21 +145,15 @@ impl Target {
             .clear_value(clear);
         let area = vk::Rect2D {
             offset: vk::Offset2D::default(),
-            extent: vk::Extent2D { width: self.size[0], height: self.size[1] },
+            extent: vk::Extent2D { width: width.min(self.size[0]), height: height.min(self.size[1]) },
         };
         let info = vk::RenderingInfo::default()
             .render_area(area)
             .layer_count(1)
             .color_attachments(colors)
             .depth_attachment(&depth);
-        let viewport = vk::Viewport {
-            x: 0.0,
-            y: 0.0,
-            width: self.size[0] as f32,
-            height: self.size[1] as f32,
-            min_depth: 0.0,
-            max_depth: 1.0,
-        };
+        let viewport =
+            vk::Viewport { x: 0.0, y: 0.0, width: width as f32, height: height as f32, min_depth: 0.0, max_depth: 1.0 };
         // SAFETY: recording, outside of rendering; the attachments are in the layouts named and have one size.
         unsafe {
             device.raw().cmd_begin_rendering(commands, &info);
@@ -168,8 +168,20 @@ impl Target {
         unsafe { recording.device().raw().cmd_end_rendering(recording.commands()) };
     }
 
-    /// Copies picture and depth into a read-back buffer.
-    pub(super) fn record_copy(&mut self, recording: &mut Recording<'_>, readback: &Readback) {
+    /// Copies picture and depth of a view of this size to a place in a read-back buffer; what does not fit there is left out.
+    pub(super) fn record_copy(
+        &mut self,
+        recording: &mut Recording<'_>,
+        readback: &Readback,
+        size: [u32; 2],
+        at: [u32; 2],
+    ) {
+        let room = [0, 1].map(|axis| readback.size()[axis].saturating_sub(at[axis]));
+        let [width, height] = [0, 1].map(|axis| size[axis].min(self.size[axis]).min(room[axis]));
+        if width == 0 || height == 0 {
+            return;
+        }
+        let row = readback.size()[0];
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let depth = self.depth_of_centres.as_ref().unwrap_or(&self.depth);
@@ -186,11 +198,9 @@ impl Target {
                     base_array_layer: 0,
                     layer_count: 1,
                 })
-                .image_extent(vk::Extent3D {
-                    width: self.size[0].min(readback.size()[0]),
-                    height: self.size[1].min(readback.size()[1]),
-                    depth: 1,
-                });
+                .buffer_offset((u64::from(at[1]) * u64::from(row) + u64::from(at[0])) * BYTES_PER_PIXEL)
+                .buffer_row_length(row)
+                .image_extent(vk::Extent3D { width, height, depth: 1 });
             let regions = [region];
             let info = vk::CopyImageToBufferInfo2::default()
                 .src_image(image.raw())

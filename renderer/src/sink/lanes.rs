@@ -181,7 +181,8 @@ fn run_lane(
             size: frame.pixels.size(),
             rgba: frame.pixels.rgba(),
             reversed_depth: frame.pixels.reversed_depth(),
-            camera: frame.camera,
+            view: None,
+            views: frame.views,
             is_settled: frame.is_settled,
         };
         let result = sink.write(&picture).map(|()| Written {

@@ -1,5 +1,6 @@
 //! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`lanes`]).
 
+mod each_view;
 pub mod lanes;
 mod null;
 mod png;
@@ -10,6 +11,7 @@ mod temporary;
 mod tiff;
 mod y4m;
 
+pub use each_view::EachViewSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
 pub use repeat::RepeatSink;
@@ -20,12 +22,15 @@ pub use tiff::{DepthSink, GroundSink};
 use std::io;
 use std::path::PathBuf;
 use terravision_common::camera::Camera;
+use terravision_common::rig::Views;
 
 /// One finished picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     /// Number of the frame in its flight.
     pub frame: u64,
+    /// Name of the one view that it shows; `None` where it shows all views of its frame.
+    pub view: Option<&'a str>,
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was made up
@@ -33,13 +38,19 @@ pub struct Picture<'a> {
     pub rgba: &'a [u8],
     /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was asked for.
     pub reversed_depth: Option<&'a [f32]>,
-    /// The camera of the picture.
-    pub camera: Camera,
+    /// The views that it shows, and where.
+    pub views: Views,
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
 }
 
 impl<'a> Picture<'a> {
+    /// Its camera: that of the first view, where it shows several.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.views[0].camera
+    }
+
     /// Of each pixel, whether it shows ground that was made up.
     pub fn is_made_up(&self) -> impl Iterator<Item = bool> + use<'a> {
         self.rgba.chunks_exact(4).map(|texel| texel[3] & 1 == 0)
@@ -86,6 +97,14 @@ pub enum SinkError {
     NoDepth {
         /// The file that needs it.
         path: PathBuf,
+    },
+    /// A frame has other views than the run's rig.
+    #[error("a frame has {found} views, expected {expected}")]
+    ViewCount {
+        /// Views of the frame.
+        found: usize,
+        /// Views of the rig.
+        expected: usize,
     },
     /// The frame ring could not be opened or written.
     #[error(transparent)]

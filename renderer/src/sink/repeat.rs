@@ -4,6 +4,7 @@
 use super::{FrameSink, Picture, Pixels, SinkError};
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
+use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
 
 /// Fills the gaps between the frames that another sink is given.
@@ -35,10 +36,11 @@ impl RepeatSink {
         Ok(Self { inner, frames, next, last })
     }
 
-    fn repeat(&mut self, until: u64, camera: Camera, size: [u32; 2], rgba: &[u8]) -> Result<(), SinkError> {
+    /// Writes a picture for every frame before `until`.
+    fn repeat(&mut self, until: u64, picture: &Picture<'_>) -> Result<(), SinkError> {
         while self.next < until {
-            let picture = Picture { frame: self.next, size, rgba, reversed_depth: None, camera, is_settled: false };
-            self.inner.write(&picture)?;
+            let stand_in = Picture { frame: self.next, reversed_depth: None, is_settled: false, ..*picture };
+            self.inner.write(&stand_in)?;
             self.next += 1;
         }
         Ok(())
@@ -49,11 +51,11 @@ impl FrameSink for RepeatSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         match self.last.take() {
             Some((size, rgba)) if size == picture.size => {
-                self.repeat(picture.frame, picture.camera, size, &rgba)?;
+                self.repeat(picture.frame, &Picture { rgba: &rgba, ..*picture })?;
                 self.last = Some((size, rgba));
             }
             // The picture before went with a renderer that was killed.
-            _ => self.repeat(picture.frame, picture.camera, picture.size, picture.rgba)?,
+            _ => self.repeat(picture.frame, picture)?,
         }
         self.inner.write(picture)?;
         self.next = picture.frame.saturating_add(1);
@@ -67,7 +69,10 @@ impl FrameSink for RepeatSink {
     fn finish(&mut self) -> Result<(), SinkError> {
         // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
-            self.repeat(self.frames[1], Camera::zeroed(), size, &rgba)?;
+            let views = Views::single(&Camera::zeroed());
+            let (frame, rgba) = (self.next, &rgba);
+            let last = Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: false };
+            self.repeat(self.frames[1], &last)?;
         }
         self.inner.finish()
     }
@@ -112,8 +117,9 @@ mod tests {
     fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
-            let camera = Camera::zeroed();
-            let picture = Picture { frame, size: [1, 1], rgba: &rgba, reversed_depth: None, camera, is_settled: true };
+            let views = Views::single(&Camera::zeroed());
+            let picture =
+                Picture { frame, view: None, size: [1, 1], rgba: &rgba, reversed_depth: None, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();

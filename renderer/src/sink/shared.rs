@@ -48,11 +48,11 @@ impl FrameSink for SharedSink {
         let is_told = || picture.is_made_up().map(|is_made_up| is_made_up && self.made_up == MadeUp::Nan);
         let depth = reversed.iter().map(|&depth| depth_m(depth) as f32).zip(is_told());
         let depth = depth.map(|(depth, is_nan)| if is_nan { f32::NAN } else { depth });
-        let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
+        let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
         let ground = view.positions(reversed, width).zip(is_told());
         let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
-        let Picture { frame, camera, is_settled, .. } = picture;
-        let info = FrameInfo::new(*frame, camera, self.origin, *is_settled, monotonic_nanos());
+        let Picture { frame, is_settled, .. } = picture;
+        let info = FrameInfo::new(*frame, picture.camera(), self.origin, *is_settled, monotonic_nanos());
         self.ring.write(&info, picture.rgba, depth, ground)?;
         Ok(())
     }

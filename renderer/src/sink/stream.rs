@@ -83,9 +83,11 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use terravision_common::camera::Camera;
+    use terravision_common::rig::Views;
 
     fn picture(frame: u64, size: [u32; 2], rgba: &[u8]) -> Picture<'_> {
-        Picture { frame, size, rgba, reversed_depth: None, camera: Camera::zeroed(), is_settled: true }
+        let views = Views::single(&Camera::zeroed());
+        Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: true }
     }
 
     #[test]

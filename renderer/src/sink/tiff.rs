@@ -94,7 +94,7 @@ impl FrameSink for GroundSink {
         let path = self.target.path(picture.frame);
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
-        let view = GroundView::new(&picture.camera, self.origin, self.exaggeration);
+        let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
         let pixels = view.positions(depths, width).zip(picture.is_made_up());
         match self.made_up {
             MadeUp::Nan => {
@@ -232,6 +232,7 @@ where
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
+    use terravision_common::rig::Views;
 
     #[test]
     fn depth_is_metres_and_sky_is_not_a_number() {
@@ -248,8 +249,8 @@ mod tests {
         let rgba = vec![255; 4 * depths.len()];
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
         for frame in [3, 4] {
-            let camera = Camera::zeroed();
-            let picture = Picture { frame, size, rgba: &rgba, reversed_depth: Some(&depths), camera, is_settled: true };
+            let (views, reversed_depth) = (Views::single(&Camera::zeroed()), Some(&depths[..]));
+            let picture = Picture { frame, view: None, size, rgba: &rgba, reversed_depth, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         let mut expected = std::io::Cursor::new(Vec::new());
@@ -297,8 +298,9 @@ mod tests {
         // Measured, made up, sky.
         let (rgba, depths) =
             ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);
+        let (views, reversed_depth) = (Views::single(&camera), Some(&depths[..]));
         let picture =
-            Picture { frame: 0, size: [3, 1], rgba: &rgba, reversed_depth: Some(&depths), camera, is_settled: true };
+            Picture { frame: 0, view: None, size: [3, 1], rgba: &rgba, reversed_depth, views, is_settled: true };
         let folder = std::env::temp_dir().join(format!("terravision-tiff-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let target = PlaneTarget::File(folder.join("a.tif"));

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use terravision_common::event::Event;
 use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
+use terravision_common::rig::Views;
 use terravision_common::shm::Counter;
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
 
@@ -17,6 +18,8 @@ use terravision_common::world::World;
 pub struct RecordedFrame {
     /// Its first slot.
     pub marker: FrameMarker,
+    /// Its views.
+    pub views: Views,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,
     /// Its last slot.
@@ -146,7 +149,7 @@ pub struct RecordedSource {
     laps: u64,
     lap: u64,
     frame: usize,
-    /// 0: the marker; 1..: tiles; then the end.
+    /// 0: the marker; then views, tiles, and the end.
     slot: usize,
     /// Slots that were delivered.
     position: u64,
@@ -208,6 +211,7 @@ impl FrameSource for RecordedSource {
         let Some(frame) = self.recording.frames.get(self.frame) else { return Err(SourceError::Ended) };
         let frames = self.lap * self.recording.frames.len() as u64;
         let arrays = self.lap * self.recording.arrays;
+        let views = frame.views.len();
         let content = if self.slot == 0 {
             let before = self.frame.checked_sub(1).and_then(|before| self.recording.frames.get(before));
             SlotContent::Marker(FrameMarker {
@@ -217,7 +221,10 @@ impl FrameSource for RecordedSource {
                 maker: 1,
                 ..frame.marker
             })
-        } else if let Some(tile) = frame.tiles.get(self.slot - 1) {
+        } else if let Some(view) = frame.views.get(self.slot - 1) {
+            let (index, count) = (self.slot as u32 - 1, views as u32);
+            SlotContent::View(ViewSlot { camera: view.camera, at: view.at, index, count })
+        } else if let Some(tile) = frame.tiles.get(self.slot - 1 - views) {
             SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
         } else {
             let end = frame.end;
@@ -229,7 +236,7 @@ impl FrameSource for RecordedSource {
         };
         self.slot += 1;
         self.position += 1;
-        if self.slot > frame.tiles.len() + 1 {
+        if self.slot > views + frame.tiles.len() + 1 {
             (self.slot, self.frame) = (0, self.frame + 1);
             if self.frame == self.recording.frames.len() {
                 (self.frame, self.lap) = (0, self.lap + 1);

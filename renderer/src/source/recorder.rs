@@ -5,8 +5,9 @@ use crate::gpu::HostMemory;
 use terravision_common::event::Event;
 use terravision_common::ids::SlotKey;
 use terravision_common::rate::FrameTiming;
+use terravision_common::rig::{View, Views};
 use terravision_common::shm::Counter;
-use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot};
+use terravision_common::slot::{FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 
 /// A source that keeps a copy of all that it delivers.
 #[derive(Debug)]
@@ -14,6 +15,7 @@ pub struct Recorder<S> {
     inner: S,
     builder: RecordingBuilder,
     marker: Option<FrameMarker>,
+    views: Vec<View>,
     tiles: Vec<TileSlot>,
     /// Position, in the inner source, of the recording's first array of the frame that is passing.
     frame_start: Option<u64>,
@@ -29,6 +31,7 @@ impl<S: FrameSource> Recorder<S> {
             inner,
             builder: RecordingBuilder::new(world).with_texels(texels),
             marker: None,
+            views: Vec::new(),
             tiles: Vec::new(),
             frame_start: None,
             array: vec![0.0; world.elevation_values()],
@@ -46,11 +49,15 @@ impl<S: FrameSource> Recorder<S> {
         match slot.read() {
             Some(SlotContent::Marker(marker)) => {
                 self.marker = Some(marker);
+                self.views.clear();
                 self.tiles.clear();
             }
+            Some(SlotContent::View(ViewSlot { camera, at, .. })) => self.views.push(View { camera, at }),
             Some(SlotContent::Tile(tile)) => self.tiles.push(tile),
             Some(SlotContent::End(end)) => {
-                let Some(marker) = self.marker.take() else { return Ok(()) };
+                let (Some(marker), Some(views)) = (self.marker.take(), Views::new(self.views.iter().copied())) else {
+                    return Ok(());
+                };
                 let lowest = self.tiles.iter().map(|tile| tile.elevation_position).min();
                 let start = self.frame_start.or(lowest).unwrap_or(end.elevation_end);
                 let count = end.elevation_end.wrapping_sub(start);
@@ -74,7 +81,7 @@ impl<S: FrameSource> Recorder<S> {
                 }
                 self.frame_start = Some(end.elevation_end);
                 let end = terravision_common::slot::FrameEnd { elevation_end: first + count, ..end };
-                self.builder.add_frame(RecordedFrame { marker, tiles, end });
+                self.builder.add_frame(RecordedFrame { marker, views, tiles, end });
             }
             None => {}
         }

@@ -1,7 +1,7 @@
 //! Exact rays by a Vulkan device: the same surface and the same walk as the processor's (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
-use super::view::{NEAR_M, is_over_world};
+use super::view::{NEAR_M, datum_above_eye_m, is_over_world};
 use super::{ArrayPlaces, Technique, outline_of};
 use crate::engine::EngineError;
 use crate::frame::{Frame, FrameError, TileFault};
@@ -19,14 +19,15 @@ use terravision_raycast::view::View;
 pub struct ComputeRays {
     pass: RaysPass,
     world: World,
-    view: RayView,
+    views: Vec<RayView>,
     tree: Tree,
     tiles: Vec<RayTile>,
     nodes: Vec<RayNode>,
 }
 
 impl ComputeRays {
-    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of the colour leaves.
+    /// For views no larger than `target`, and this many frame slots of so many views. `has_overlay`: outlines of the colour
+    /// leaves.
     ///
     /// # Errors
     /// The device is out of memory.
@@ -35,12 +36,12 @@ impl ComputeRays {
         target: &Target,
         world: &World,
         has_overlay: bool,
-        slots: usize,
+        slots_and_views: [usize; 2],
     ) -> Result<Self, EngineError> {
         Ok(Self {
-            pass: RaysPass::new(colors, target, has_overlay, slots)?,
+            pass: RaysPass::new(colors, target, has_overlay, slots_and_views)?,
             world: *world,
-            view: bytemuck::Zeroable::zeroed(),
+            views: Vec::with_capacity(slots_and_views[1]),
             tree: Tree::default(),
             tiles: Vec::with_capacity(4096),
             nodes: Vec::with_capacity(4096),
@@ -60,8 +61,35 @@ impl Technique for ComputeRays {
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
     ) -> Result<(), EngineError> {
+        self.views.clear();
+        for (index, view) in frame.views.iter().enumerate() {
+            self.prepare_view(index, &view.camera, recording, frame, elevation, places)?;
+        }
+        Ok(())
+    }
+
+    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, _is_depth_only: bool) {
+        if let Some(parameters) = self.views.get(view) {
+            self.pass.draw(recording, colors, (view, parameters));
+        }
+    }
+
+    fn triangles(&self) -> u64 {
+        0
+    }
+}
+
+impl ComputeRays {
+    fn prepare_view(
+        &mut self,
+        index: usize,
+        camera: &Camera,
+        recording: &mut Recording<'_>,
+        frame: &Frame,
+        elevation: &Elevation,
+        places: ArrayPlaces<'_>,
+    ) -> Result<(), EngineError> {
         let world = &self.world;
-        let camera = &frame.marker.camera;
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         self.tiles.clear();
         self.tree.clear(world.elevation_tile().ilog2(), u32::from(world.root().q()));
@@ -85,21 +113,17 @@ impl Technique for ComputeRays {
         self.nodes.clear();
         let eye = camera.eye().truncate();
         place_nodes(&self.tree, world, eye, &mut self.nodes);
-        self.view = ray_view(camera, [ground[0] - eye, ground[1] - eye]);
-        self.view.has_undersides = u32::from(!is_over_world(camera, world) || world.has_holes());
-        self.view.plane = if world.has_validity() { world.elevation_posts().pow(2) } else { 0 };
-        self.view.root = code(self.tree.root());
-        self.view.root_low = (-eye).as_vec2().to_array();
-        self.view.root_side = world.node_side_m(world.root().q()) as f32;
-        Ok(self.pass.prepare(recording, elevation, &self.view, &mut self.tiles, &self.nodes)?)
-    }
-
-    fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, _is_depth_only: bool) {
-        self.pass.draw(recording, colors, &self.view);
-    }
-
-    fn triangles(&self) -> u64 {
-        0
+        let view = RayView {
+            has_undersides: u32::from(!is_over_world(camera, world) || world.has_holes()),
+            plane: if world.has_validity() { world.elevation_posts().pow(2) } else { 0 },
+            datum_m: datum_above_eye_m(camera, frame.marker.camera.eye_in_world[2]),
+            root: code(self.tree.root()),
+            root_low: (-eye).as_vec2().to_array(),
+            root_side: world.node_side_m(world.root().q()) as f32,
+            ..ray_view(camera, [ground[0] - eye, ground[1] - eye])
+        };
+        self.views.push(view);
+        Ok(self.pass.prepare(recording, elevation, (index, &view), &mut self.tiles, &self.nodes)?)
     }
 }
 
@@ -149,7 +173,8 @@ fn ray_view(camera: &Camera, ground: [DVec2; 2]) -> RayView {
         turn: 0,
         has_undersides: 0,
         plane: 0,
-        reserved: [0; 2],
+        datum_m: 0.0,
+        reserved: 0,
     }
 }
 

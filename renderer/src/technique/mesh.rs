@@ -9,6 +9,7 @@ use crate::gpu::{
     ViewParameters,
 };
 use terravision_common::camera::Camera;
+use terravision_common::rig::MAX_VIEWS;
 use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 use terravision_common::world::World;
@@ -26,11 +27,22 @@ pub const MAX_ANISOTROPY: f32 = 8.0;
 pub struct MeshTechnique {
     pass: TerrainPass,
     world: World,
-    view: ViewParameters,
-    sides: Sides,
+    views: Vec<MeshView>,
+    /// The tiles of all views: as seen from one eye after the other.
     tiles: Vec<TileParameters>,
     blocks: Vec<Block>,
     triangles: u64,
+}
+
+/// A view of the frame.
+#[derive(Debug, Clone, Copy)]
+struct MeshView {
+    parameters: ViewParameters,
+    sides: Sides,
+    /// The lattice cell of its eye.
+    cell: [i64; 2],
+    /// Its first tile.
+    first_tile: usize,
 }
 
 impl MeshTechnique {
@@ -48,8 +60,7 @@ impl MeshTechnique {
         Ok(Self {
             pass: TerrainPass::new(colors, target, world, has_overlay, slots)?,
             world: *world,
-            view: bytemuck::Zeroable::zeroed(),
-            sides: Sides::Both,
+            views: Vec::with_capacity(MAX_VIEWS),
             tiles: Vec::with_capacity(4096),
             blocks: Vec::with_capacity(4096),
             triangles: 0,
@@ -69,29 +80,32 @@ impl Technique for MeshTechnique {
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
     ) -> Result<(), EngineError> {
-        let (view, cell) = view_parameters(&frame.marker.camera, &self.world);
-        self.view = view;
-        self.sides = visible_sides(&frame.marker.camera, &self.world);
+        self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
-        self.triangles = 0;
-        for tile in frame.tiles.iter().filter(|tile| tile.is_hidden == 0) {
-            let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
-            // `FrameReader` checked that every tile's array is one of the frame's.
-            let Some(&start) = places.starts.get(array) else { continue };
-            self.tiles.push(tile_parameters(tile, &self.world, cell, start));
-            let start = tile.start.map(u32::from);
-            let size = [0, 1].map(|axis| u32::from(tile.end[axis]) - start[axis]);
-            let snap = u32::from(tile.grid_snap);
-            self.blocks.push(Block { start, size, snap });
-            self.triangles += 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
+        for view in frame.views.iter() {
+            let (parameters, cell) = view_parameters(&view.camera, &self.world, frame.marker.camera.eye_in_world[2]);
+            let sides = visible_sides(&view.camera, &self.world);
+            // Eyes in one cell see the same tiles.
+            let seen = self.views.iter().find(|before| before.cell == cell).map(|before| before.first_tile);
+            let first_tile = seen.unwrap_or(self.tiles.len());
+            self.views.push(MeshView { parameters, sides, cell, first_tile });
+            if seen.is_none() {
+                self.tiles.extend(
+                    drawn_tiles(frame, places).map(|(tile, start)| tile_parameters(tile, &self.world, cell, start)),
+                );
+            }
         }
+        self.blocks.extend(drawn_tiles(frame, places).map(|(tile, _)| block(tile)));
+        let triangles = |Block { size, snap, .. }: &Block| 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
+        self.triangles = frame.views.len() as u64 * self.blocks.iter().map(triangles).sum::<u64>();
         Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
     }
 
-    fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
-        let view = TerrainView { parameters: &self.view, blocks: &self.blocks, sides: self.sides, is_depth_only };
-        self.pass.draw(recording, colors, &view);
+    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
+        let Some(MeshView { parameters, sides, first_tile, .. }) = self.views.get(view) else { return };
+        let (blocks, sides, first_tile) = (&self.blocks[..], *sides, *first_tile);
+        self.pass.draw(recording, colors, &TerrainView { parameters, blocks, first_tile, sides, is_depth_only });
     }
 
     fn triangles(&self) -> u64 {
@@ -104,6 +118,21 @@ impl Technique for MeshTechnique {
 /// An eye beside the world may look under its edge, and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
     if is_over_world(camera, world) && !world.has_holes() { Sides::Upper } else { Sides::Both }
+}
+
+/// The tiles that are drawn, each with the first value of its elevation array.
+fn drawn_tiles<'a>(frame: &'a Frame, places: ArrayPlaces<'a>) -> impl Iterator<Item = (&'a TileSlot, u32)> {
+    frame.tiles.iter().filter(|tile| tile.is_hidden == 0).filter_map(move |tile| {
+        let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
+        // `FrameReader` checked that every tile's array is one of the frame's.
+        Some((tile, *places.starts.get(array)?))
+    })
+}
+
+fn block(tile: &TileSlot) -> Block {
+    let start = tile.start.map(u32::from);
+    let size = [0, 1].map(|axis| u32::from(tile.end[axis]) - start[axis]);
+    Block { start, size, snap: tile.grid_snap.into() }
 }
 
 fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: u32) -> TileParameters {

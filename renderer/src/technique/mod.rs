@@ -23,10 +23,10 @@ pub struct ArrayPlaces<'a> {
     pub starts: &'a [u32],
 }
 
-/// Draws a frame's tiles into a picture and its depth. It knows no sink.
+/// Draws a frame's tiles into the picture of each of its views, and its depth. It knows no sink.
 ///
-/// One thread calls it: [`Technique::prepare`], then, within rendering, [`Technique::draw`] once for the picture and
-/// perhaps once more for depth.
+/// One thread calls it: [`Technique::prepare`], then, within rendering, [`Technique::draw`] of each view once for the picture
+/// and perhaps once more for depth.
 pub trait Technique: Send {
     /// What it is called in reports.
     fn name(&self) -> &'static str;
@@ -43,10 +43,11 @@ pub trait Technique: Send {
         places: ArrayPlaces<'_>,
     ) -> Result<(), EngineError>;
 
-    /// Draws the frame that was prepared last. `is_depth_only`: no picture, depth at pixel centres.
-    fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
+    /// Draws a view, the so many-th from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
+    /// centres.
+    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 
-    /// Triangles of the frame that was prepared last.
+    /// Triangles of the frame that was prepared last, in all of its views.
     fn triangles(&self) -> u64;
 }
 

@@ -12,9 +12,9 @@ pub const NEAR_M: f64 = 0.5;
 /// Places between two pixels that rasterizers take vertices to: 8 bits, lavapipe's and the usual `subPixelPrecisionBits`.
 const SUBPIXELS: f32 = 256.0;
 
-/// The view, and the eye's lattice cell, which all lattice points are relative to.
+/// The view, and the eye's lattice cell, which all lattice points are relative to. `datum_z_m`: what elevations are above.
 #[must_use]
-pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64; 2]) {
+pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewParameters, [i64; 2]) {
     let unit = world.lattice_unit_m();
     let cell = [0, 1].map(|axis| (camera.eye_in_world[axis] / unit).floor());
     let eye_in_cell = [0, 1].map(|axis| (camera.eye_in_world[axis] - cell[axis] * unit) as f32);
@@ -36,8 +36,15 @@ pub fn view_parameters(camera: &Camera, world: &World) -> (ViewParameters, [i64;
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
         grid: [camera.width, camera.height].map(|side| 0.5 * side as f32 * SUBPIXELS),
+        datum_m: datum_above_eye_m(camera, datum_z_m),
+        reserved: [0; 3],
     };
     (view, cell)
+}
+
+/// What elevations are above, metres above the eye: 0 for the view that the frame's pose itself is.
+pub(super) fn datum_above_eye_m(camera: &Camera, datum_z_m: f64) -> f32 {
+    (datum_z_m - camera.eye_in_world[2]) as f32
 }
 
 /// Whether the eye is over the world. One beside it may look under its edge, and sees both sides of facets.

@@ -7,6 +7,7 @@ use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
@@ -148,15 +149,21 @@ impl<'a> Scene<'a> {
 
     /// Adds a frame of these tiles.
     pub fn frame(&mut self, camera: &Camera, tiles: Vec<TileSlot>) {
-        let (frame, camera) = (self.frame, *camera);
-        let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, ..FrameMarker::zeroed() };
+        self.frame_of_views(camera, Views::single(camera), tiles);
+    }
+
+    /// Adds a frame of these tiles, whose heights are above the pose's eye, seen by these views.
+    pub fn frame_of_views(&mut self, pose: &Camera, views: Views, tiles: Vec<TileSlot>) {
+        let (frame, camera) = (self.frame, *pose);
+        let picture = views.picture();
+        let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, picture, ..FrameMarker::zeroed() };
         let end = FrameEnd {
             frame: self.frame,
             tile_count: tiles.len() as u32,
             elevation_end: self.builder.arrays(),
             ..FrameEnd::zeroed()
         };
-        self.builder.add_frame(RecordedFrame { marker, tiles, end });
+        self.builder.add_frame(RecordedFrame { marker, views, tiles, end });
         self.frame += 1;
     }
 

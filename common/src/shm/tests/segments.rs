@@ -210,15 +210,15 @@ fn the_layout_of_a_run_keeps_to_its_memory() {
     assert!(pools <= gibibyte && pools > gibibyte * 99 / 100);
     assert!(layout.total_bytes() < gibibyte / 2 + (100 << 20));
     // Fine facets have room for their trees, within the same memory; usual ones change nothing.
-    assert_eq!(layout.for_picture(&world, [1280, 720], 3.0), layout);
-    let fine = layout.for_picture(&world, [3840, 2160], 1.0);
+    assert_eq!(layout.for_picture(&world, 1280 * 720, 3.0), layout);
+    let fine = layout.for_picture(&world, 3840 * 2160, 1.0);
     assert_eq!((fine.elevation_arrays, fine.tree_nodes), (65_536, 262_144));
     assert!(fine.elevation_slots >= 131_072 && fine.color_slots > 64);
     let bytes = 2 * u64::from(fine.color_slots) * fine.color_slot_bytes
         + u64::from(fine.elevation_slots) * fine.elevation_slot_bytes;
     assert!(bytes <= gibibyte, "{bytes}");
-    assert_eq!(Layout::finest_facet_px(&world, [1280, 720]), 1.0);
-    let facet_px = Layout::finest_facet_px(&world, [16_384, 8192]);
+    assert_eq!(Layout::finest_facet_px(&world, 1280 * 720), 1.0);
+    let facet_px = Layout::finest_facet_px(&world, 16_384 * 8192);
     assert!(facet_px > 3.0 && facet_px < 4.0, "{facet_px}");
     // Image arrays end somewhere.
     assert_eq!(Layout::for_run(&world, 64 * gibibyte, TexelFormat::Rgba8).unwrap().color_slots, 2048);

@@ -5,7 +5,8 @@ use terravision_common::event::{Event, EventKind, SpanName};
 /// Spans of which each frame has a sum: all names.
 pub const SPANS: usize = SpanName::ALL.len();
 
-/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
+/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not
+/// come.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FrameStats {
     /// Sum of durations by [`SpanName`] (its number less one).

@@ -1,6 +1,8 @@
-//! Collects what the stages tell of their work, by frame; and keeps all of it when a trace is wanted.
+//! Collects what the stages tell of their work, by frame; and keeps all of it when a trace is
+//! wanted.
 //!
-//! * [`frame`]: what is known of one frame. [`failures`]: what went wrong while the database was read.
+//! * [`frame`]: what is known of one frame. [`failures`]: what went wrong while the database was
+//!   read.
 
 pub mod failures;
 pub mod frame;

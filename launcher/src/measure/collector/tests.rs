@@ -8,7 +8,7 @@ fn event(kind: EventKind, frame: u64, start: u64, duration: u64, value: u64) -> 
 }
 
 #[test]
-fn events_become_figures_of_their_frame() {
+fn events_become_stats_of_their_frame() {
     let mut collector = Collector::new(10, 2, true);
     collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 5, 7, SpanName::LoadTile as u64));
     collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 9, 3, SpanName::LoadTile as u64));
@@ -29,7 +29,7 @@ fn events_become_figures_of_their_frame() {
 }
 
 #[test]
-fn a_flight_without_a_known_end_has_figures_of_the_frames_that_came() {
+fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
     let mut collector = Collector::new(0, 0, false).open_ended(true);
     for frame in 0..3 {
         collector.take(Stage::Renderer, event(EventKind::FrameDone, frame, 7, 0, 1));

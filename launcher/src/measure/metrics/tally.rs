@@ -4,7 +4,7 @@ use crate::measure::timing::ON_TIME_PERIODS;
 use terravision_common::event::{Event, EventKind};
 use terravision_common::run::RunConfig;
 
-/// Upper bounds of the histogram of frame times, seconds: from a tenth of a frame at 60 Hz to what nobody waits for.
+/// Upper bounds of the histogram of frame times, seconds: from a tenth of a frame at 60 Hz to 10 s.
 pub(super) const BOUNDS_S: [f64; 14] =
     [0.002, 0.005, 0.01, 0.0167, 0.02, 0.0334, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
 
@@ -39,7 +39,8 @@ impl FrameTally {
         Self { first_frame: config.frames[0], period_nanos, ..Self::default() }
     }
 
-    /// Takes an event of any stage. `clock_start`: moment of the first frame of a flight against the clock.
+    /// Takes an event of any stage. `clock_start`: moment of the first frame of a flight against
+    /// the clock.
     pub fn take(&mut self, event: &Event, clock_start: Option<u64>) {
         match EventKind::from_number(event.kind) {
             Some(EventKind::FrameDone) => self.frame_done(event, clock_start),
@@ -69,7 +70,7 @@ impl FrameTally {
         if let (Some(period), Some(start)) = (self.period_nanos, clock_start) {
             let due = start as f64 + (index as f64 + ON_TIME_PERIODS) * period;
             self.late += u64::from(index > 0 && event.start_nanos as f64 > due);
-            // A frame number that cannot be is no reason to count for ever.
+            // A wrong frame number must not make it count for ever.
             let before = self.last.map_or(index, |last| last + 1);
             self.skipped = self.skipped.saturating_add(index.saturating_sub(before));
         }

@@ -1,6 +1,8 @@
-//! From what a run measured to its report (docs/report.md; the fields are those of [`terravision_common::report`]).
+//! From what a run measured to its report (docs/report.md; the fields are those of
+//! [`terravision_common::report`]).
 //!
-//! * [`realtime`]: the part about a flight against the clock. [`network`]: the parts about where tiles came from.
+//! * [`realtime`]: the part about a flight against the clock. [`network`]: the parts about where
+//!   tiles came from.
 //! * [`summary`]: a report in one line, and what could not be had.
 
 pub mod network;

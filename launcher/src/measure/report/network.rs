@@ -1,4 +1,5 @@
-//! The parts of a report that are about where tiles came from: the prefetcher, and a database on a server.
+//! The parts of a report that are about where tiles came from: the prefetcher, and a database on a
+//! server.
 
 use crate::measure::stats::{PrefetchStats, RunStats};
 use terravision_common::report::{CacheReport, FailureReport, NetworkReport, Percentiles, PrefetchReport};
@@ -56,7 +57,8 @@ pub fn main_failure(stats: &RunStats) -> Option<String> {
     told.max_by_key(|failure| failure.count).and_then(|failure| failure.told.into_iter().next())
 }
 
-/// What went wrong while the database was read, a message for each cause: how often, why, and where.
+/// What went wrong while the database was read, a message for each cause: how often, why, and
+/// where.
 #[must_use]
 pub fn failure_messages(stats: &RunStats) -> Vec<String> {
     let is_told = |failure: &FailureReport| stats.collector.failures.is_told(&failure.cause);

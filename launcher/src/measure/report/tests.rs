@@ -38,12 +38,13 @@ pub(crate) fn config() -> RunConfig {
             has_validation: false,
             frames_in_flight: 2,
             sink: SinkConfig::Null,
-            depth: None,
-            ground: None,
+            depth: Vec::new(),
+            ground: Vec::new(),
             share: None,
             made_up: Default::default(),
         },
         realtime: None,
+        rig: None,
     }
 }
 
@@ -84,8 +85,8 @@ pub(crate) fn stats() -> RunStats {
     }
 }
 
-/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the third while the second was
-/// drawn.
+/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the
+/// third while the second was drawn.
 #[test]
 fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
     let mut stats = stats();

@@ -47,8 +47,10 @@ pub struct RayView {
     pub has_undersides: u32,
     /// Values of an elevation array's plane; 0 in a world without validity.
     pub plane: u32,
+    /// What elevations are above, metres above the eye.
+    pub datum_m: f32,
     /// Zero.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
 }
 
 /// `Tile` of `rays/shared.wgsl`: one block.
@@ -120,9 +122,9 @@ const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::VERTEX.as_raw(),
 );
 
-/// What one frame in flight has of its own.
+/// What one view of one frame in flight has of its own.
 #[derive(Debug)]
-struct SlotInputs {
+struct ViewInputs {
     tiles: Buffer,
     nodes: Buffer,
     maxima: Buffer,
@@ -139,22 +141,26 @@ pub struct RaysPass {
     layout: Owned<vk::PipelineLayout>,
     _set_layout: Owned<vk::DescriptorSetLayout>,
     _descriptors: Owned<vk::DescriptorPool>,
-    slots: Vec<SlotInputs>,
-    size: [u32; 2],
+    /// Of each frame slot its views.
+    slots: Vec<Vec<ViewInputs>>,
 }
 
 impl RaysPass {
-    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of the blocks.
+    /// For views no larger than `target`, and this many frame slots of so many views. `has_overlay`: outlines of the blocks.
     ///
     /// # Errors
     /// Out of memory, or the picture is too large for the device's buffers.
-    pub fn new(colors: &ColorPool, target: &Target, has_overlay: bool, slots: usize) -> Result<Self, GpuError> {
+    pub fn new(
+        colors: &ColorPool,
+        target: &Target,
+        has_overlay: bool,
+        [slots, views]: [usize; 2],
+    ) -> Result<Self, GpuError> {
         let device = colors.device();
-        let [width, height] = target.size();
-        let hit_bytes = u64::from(width) * u64::from(height) * HIT_BYTES;
+        let hit_bytes = hit_bytes(target.size());
         checked(device, "bytes of what pixels see", hit_bytes)?;
         let set_layout = pipeline::storage_layout(device, BINDINGS, STAGES)?;
-        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, BINDINGS, slots)?;
+        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, BINDINGS, slots * views)?;
         let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], STAGES)?;
         let module = pipeline::module(device, &CAST.0, "rays")?;
         let model = pipeline::compute(device, &module, &layout, c"model", "models of rays")?;
@@ -169,23 +175,21 @@ impl RaysPass {
             name: "colours of rays",
         };
         let color = pipeline::pipeline(device, &module, &layout, &shape)?;
-        let slots = sets
-            .into_iter()
-            .map(|set| {
-                Ok(SlotInputs {
-                    tiles: tile_buffer(device, FIRST_TILES)?,
-                    nodes: node_buffer(device, FIRST_TILES)?,
-                    maxima: maxima_buffer(device, FIRST_MAXIMA)?,
-                    hits: Buffer::new(device, hit_bytes, BufferUse::Scratch, "what pixels see")?,
-                    set,
-                })
+        let inputs = |set: &vk::DescriptorSet| {
+            Ok(ViewInputs {
+                tiles: tile_buffer(device, FIRST_TILES)?,
+                nodes: node_buffer(device, FIRST_TILES)?,
+                maxima: maxima_buffer(device, FIRST_MAXIMA)?,
+                hits: hit_buffer(device, hit_bytes)?,
+                set: *set,
             })
-            .collect::<Result<Vec<_>, GpuError>>()?;
-        let size = [width, height];
-        Ok(Self { model, cast, color, layout, _set_layout: set_layout, _descriptors: descriptors, slots, size })
+        };
+        let slots = sets.chunks(views.max(1)).map(|sets| sets.iter().map(inputs).collect());
+        let slots = slots.collect::<Result<Vec<Vec<_>>, GpuError>>()?;
+        Ok(Self { model, cast, color, layout, _set_layout: set_layout, _descriptors: descriptors, slots })
     }
 
-    /// Casts the rays of the frame being recorded; before rendering begins. Blocks lie within the elevations, and the tree of
+    /// Casts the rays of a view, the `index`-th, of the frame being recorded; before rendering begins. Blocks lie within the elevations, and the tree of
     /// nodes is one.
     ///
     /// # Errors
@@ -194,16 +198,23 @@ impl RaysPass {
         &mut self,
         recording: &mut Recording<'_>,
         elevation: &Elevation,
-        view: &RayView,
+        (index, view): (usize, &RayView),
         tiles: &mut [RayTile],
         nodes: &[RayNode],
     ) -> Result<(), GpuError> {
-        let index = recording.slot_index();
+        let slot = recording.slot_index();
         let device = Arc::clone(recording.device());
-        let limit = self.slots.len() as u64;
-        let (Some(slot), Some(elevations)) = (self.slots.get_mut(index), elevation.buffer(index)) else {
-            return Err(GpuError::TooMany { what: "frame slots", found: index as u64 + 1, limit });
+        let limit = self.slots.first().map_or(0, Vec::len) as u64;
+        let (Some(slot), Some(elevations)) =
+            (self.slots.get_mut(slot).and_then(|views| views.get_mut(index)), elevation.buffer(slot))
+        else {
+            return Err(GpuError::TooMany { what: "views of a frame", found: index as u64 + 1, limit });
         };
+        let size = [view.size & 0xffff, view.size >> 16];
+        checked(&device, "bytes of what pixels see", hit_bytes(size))?;
+        if slot.hits.len() < hit_bytes(size) {
+            slot.hits = hit_buffer(&device, hit_bytes(size))?;
+        }
         let (mut maxima, mut most) = (0u64, 0u32);
         for tile in tiles.iter_mut() {
             let count = maxima_of(tile.cells);
@@ -216,7 +227,7 @@ impl RaysPass {
         slot.bind(&device, elevations);
         let commands = recording.commands();
         let compute = vk::PipelineBindPoint::COMPUTE;
-        let groups = self.size.map(|side| side.div_ceil(GROUP_SIDE));
+        let groups = size.map(|side| side.div_ceil(GROUP_SIDE));
         let constants = |turn: u32| RayView { turn, ..*view };
         // SAFETY: recording, outside of rendering; the set's buffers have room for all that the shaders index; every object
         // waits for the submit before it goes.
@@ -239,11 +250,11 @@ impl RaysPass {
         Ok(())
     }
 
-    /// Draws what the rays of the frame being recorded have met; within rendering.
-    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, view: &RayView) {
+    /// Draws what the rays of a view of the frame being recorded have met; within rendering.
+    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, (index, view): (usize, &RayView)) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let Some(slot) = self.slots.get(recording.slot_index()) else { return };
+        let Some(slot) = self.slots.get(recording.slot_index()).and_then(|views| views.get(index)) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
@@ -257,7 +268,7 @@ impl RaysPass {
     }
 }
 
-impl SlotInputs {
+impl ViewInputs {
     /// Takes a frame's blocks and nodes in, and makes room for their maxima.
     fn fill(
         &mut self,
@@ -306,6 +317,14 @@ fn maxima_of(cells: [u32; 2]) -> u32 {
 fn checked(device: &Device, what: &'static str, bytes: u64) -> Result<(), GpuError> {
     let limit = device.capabilities().max_storage_range;
     if bytes > limit { Err(GpuError::TooMany { what, found: bytes, limit }) } else { Ok(()) }
+}
+
+fn hit_bytes([width, height]: [u32; 2]) -> u64 {
+    u64::from(width) * u64::from(height) * HIT_BYTES
+}
+
+fn hit_buffer(device: &Arc<Device>, bytes: u64) -> Result<Buffer, GpuError> {
+    Buffer::new(device, bytes, BufferUse::Scratch, "what pixels see")
 }
 
 fn tile_buffer(device: &Arc<Device>, tiles: usize) -> Result<Buffer, GpuError> {

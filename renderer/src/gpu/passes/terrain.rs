@@ -43,6 +43,10 @@ pub struct ViewParameters {
     pub color_border: f32,
     /// Steps of the rasterizer's grid of vertices from the picture's centre to its edges.
     pub grid: [f32; 2],
+    /// What elevations are above, metres above the eye.
+    pub datum_m: f32,
+    /// Zero.
+    pub reserved: [u32; 3],
 }
 
 /// `Tile` of `mesh.wgsl`: one block.
@@ -71,7 +75,7 @@ pub struct TileParameters {
     pub reserved: u32,
 }
 
-const _: () = assert!(size_of::<ViewParameters>() == 80 && size_of::<TileParameters>() == 48);
+const _: () = assert!(size_of::<ViewParameters>() == 96 && size_of::<TileParameters>() == 48);
 
 /// Columns and rows of a block, in posts: `start` within the array, `size` at least 1, both multiples of `1 << snap`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,8 +102,10 @@ pub enum Sides {
 pub struct TerrainView<'a> {
     /// The view.
     pub parameters: &'a ViewParameters,
-    /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`].
+    /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`] behind `first_tile`.
     pub blocks: &'a [Block],
+    /// Where the tiles as this view sees them begin.
+    pub first_tile: usize,
     /// Which sides.
     pub sides: Sides,
     /// The pass of [`Target::begin_depth`].
@@ -248,8 +254,8 @@ impl TerrainPass {
                 bytemuck::bytes_of(view.parameters),
             );
         }
-        let room = slot.tiles.len() / size_of::<TileParameters>() as u64;
-        for (instance, block) in view.blocks.iter().enumerate().take(room as usize) {
+        let room = (slot.tiles.len() / size_of::<TileParameters>() as u64) as usize;
+        for (instance, block) in (view.first_tile..room).zip(view.blocks) {
             let draw = |indices: u32, first: u32, row: u32| {
                 let vertex = (block.start[1] + (row << block.snap)) * self.posts + block.start[0];
                 // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the

@@ -1,0 +1,282 @@
+//! Rigs: several cameras that are carried by one pose and draw one frame from one tree: a stereo pair, the cameras of a
+//! drone, the six faces of a cube.
+//!
+//! A run has one rig ([`crate::run::RunConfig::rig`]); from a frame's pose every stage derives the same [`Views`], so that a
+//! pose is all that travels through the rings. Without a rig a frame has one view, the pose's own camera.
+
+use crate::camera::Camera;
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::FRAC_PI_2;
+use std::ops::Deref;
+
+/// Most views of a frame: the faces of a cube.
+pub const MAX_VIEWS: usize = 6;
+
+/// A camera whose forward axis is this near to the vertical has no heading of its own (sine of the angle).
+const VERTICAL: f64 = 1e-9;
+
+/// One camera of a rig, relative to the pose that carries it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigView {
+    /// Its name, part of file names: unique in its rig.
+    pub name: String,
+    /// Where its eye is, metres to the right, ahead and above as the pose's camera sees it.
+    pub offset_m: [f64; 3],
+    /// How far it is turned to the right, radians, before it is pitched up and then rolled clockwise.
+    pub yaw_rad: f64,
+    /// Radians up.
+    pub pitch_rad: f64,
+    /// Radians clockwise.
+    pub roll_rad: f64,
+    /// Vertical field of view, radians.
+    pub vfov_rad: f64,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Its upper left corner in the frame's picture, pixels.
+    pub at: [u32; 2],
+}
+
+/// The cameras of a run, 1 to [`MAX_VIEWS`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// The cameras, in the order of their pictures.
+    pub views: Vec<RigView>,
+}
+
+/// One view of a frame: a camera, which says how large its picture is, and where that lies in the frame's picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// The camera.
+    pub camera: Camera,
+    /// Upper left corner in the frame's picture, pixels.
+    pub at: [u32; 2],
+}
+
+impl View {
+    /// Width and height, pixels.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        [self.camera.width, self.camera.height]
+    }
+
+    /// Whether all of it lies within a picture of this size.
+    #[must_use]
+    pub fn is_within(&self, picture: [u32; 2]) -> bool {
+        (0..2).all(|axis| self.at[axis].checked_add(self.size()[axis]).is_some_and(|end| end <= picture[axis]))
+    }
+}
+
+/// The views of one frame, at least one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Views {
+    views: [View; MAX_VIEWS],
+    count: usize,
+}
+
+impl Views {
+    /// One view, which is the whole picture.
+    #[must_use]
+    pub fn single(camera: &Camera) -> Self {
+        Self { views: [View { camera: *camera, at: [0; 2] }; MAX_VIEWS], count: 1 }
+    }
+
+    /// These views; `None` when there are none or too many.
+    #[must_use]
+    pub fn new(views: impl IntoIterator<Item = View>) -> Option<Self> {
+        let mut views = views.into_iter();
+        let first = views.next()?;
+        let mut made = Self { views: [first; MAX_VIEWS], count: 1 };
+        for view in views {
+            *made.views.get_mut(made.count)? = view;
+            made.count += 1;
+        }
+        Some(made)
+    }
+
+    /// Their cameras.
+    pub fn cameras(&self) -> impl Iterator<Item = &Camera> + Clone {
+        self.iter().map(|view| &view.camera)
+    }
+
+    /// Width and height of the picture that holds all of them, pixels.
+    #[must_use]
+    pub fn picture(&self) -> [u32; 2] {
+        let end = |axis: usize| self.iter().map(|view| view.at[axis].saturating_add(view.size()[axis])).max();
+        [end(0).unwrap_or(0), end(1).unwrap_or(0)]
+    }
+}
+
+impl Deref for Views {
+    type Target = [View];
+
+    fn deref(&self) -> &[View] {
+        &self.views[..self.count]
+    }
+}
+
+impl Rig {
+    /// The views of a frame whose pose is this camera's.
+    #[must_use]
+    pub fn views(&self, pose: &Camera) -> Views {
+        let views = self.views.iter().map(|view| View { camera: view.camera(pose), at: view.at });
+        Views::new(views.take(MAX_VIEWS)).unwrap_or(Views::single(pose))
+    }
+
+    /// A size that no view exceeds, pixels.
+    #[must_use]
+    pub fn view_size(&self) -> [u32; 2] {
+        [0, 1].map(|axis| self.views.iter().map(|view| view.size[axis]).max().unwrap_or(1))
+    }
+
+    /// Pixels of all views together.
+    #[must_use]
+    pub fn pixels(&self) -> u64 {
+        self.views.iter().map(|view| u64::from(view.size[0]) * u64::from(view.size[1])).sum()
+    }
+}
+
+impl RigView {
+    /// The camera of this view, carried by a pose.
+    #[must_use]
+    pub fn camera(&self, pose: &Camera) -> Camera {
+        let [right, up, forward] = pose.axes_in_world();
+        let [across, ahead, above] = self.offset_m;
+        let mut eye = pose.eye();
+        if self.offset_m != [0.0; 3] {
+            eye += right * across + forward * ahead + up * above;
+        }
+        let [heading_rad, pitch_rad, roll_rad] = self.angles(pose);
+        let [width, height] = self.size;
+        Camera {
+            eye_in_world: eye.to_array(),
+            heading_rad,
+            pitch_rad,
+            roll_rad,
+            vfov_rad: self.vfov_rad,
+            width,
+            height,
+            timestamp_nanos: pose.timestamp_nanos,
+        }
+    }
+
+    /// Heading, pitch and roll. Where angles can be added they are, so that a view that is not turned has the pose's own bits.
+    fn angles(&self, pose: &Camera) -> [f64; 3] {
+        let Self { yaw_rad, pitch_rad, roll_rad, .. } = *self;
+        if [yaw_rad, pitch_rad] == [0.0; 2] {
+            return [pose.heading_rad, pose.pitch_rad, pose.roll_rad + roll_rad];
+        }
+        if [pose.pitch_rad, pose.roll_rad] == [0.0; 2] {
+            return [pose.heading_rad + yaw_rad, pitch_rad, roll_rad];
+        }
+        let [right, up, forward] = pose.axes_in_world();
+        let world_from_pose = DMat3::from_cols(right, forward, up);
+        // As a pose in the carrying camera's own space: x right, y ahead, z above.
+        let turned = Camera { heading_rad: yaw_rad, pitch_rad, roll_rad, ..*pose };
+        angles_of(turned.axes_in_world().map(|axis| world_from_pose * axis))
+    }
+}
+
+/// Heading, pitch and roll of a camera with these unit vectors right, up and forward.
+fn angles_of([right, up, forward]: [DVec3; 3]) -> [f64; 3] {
+    let level = forward.truncate().length();
+    if level < VERTICAL {
+        // Straight up or down: any heading will do, with the roll that belongs to it; none is taken for the roll.
+        return [(-right.y).atan2(right.x), FRAC_PI_2.copysign(forward.z), 0.0];
+    }
+    [forward.x.atan2(forward.y), forward.z.atan2(level), (-right.z).atan2(up.z)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn view() -> RigView {
+        RigView {
+            name: "one".to_owned(),
+            offset_m: [0.0; 3],
+            yaw_rad: 0.0,
+            pitch_rad: 0.0,
+            roll_rad: 0.0,
+            vfov_rad: 1.0,
+            size: [64, 48],
+            at: [0, 0],
+        }
+    }
+
+    fn pose(angles: [f64; 3]) -> Camera {
+        Camera {
+            eye_in_world: [10.0, 20.0, 30.0],
+            heading_rad: angles[0],
+            pitch_rad: angles[1],
+            roll_rad: angles[2],
+            vfov_rad: 1.0,
+            width: 64,
+            height: 48,
+            timestamp_nanos: 9,
+        }
+    }
+
+    #[test]
+    fn a_view_that_is_neither_moved_nor_turned_is_the_pose_to_the_bit() {
+        let pose = pose([0.3, -0.7, 0.1]);
+        assert_eq!(view().camera(&pose), pose);
+    }
+
+    #[test]
+    fn offsets_are_seen_from_the_camera() {
+        // Looking east, 30 degrees down.
+        let pose = pose([FRAC_PI_2, -30f64.to_radians(), 0.0]);
+        let eye = |offset_m| RigView { offset_m, ..view() }.camera(&pose).eye() - pose.eye();
+        assert!((eye([2.0, 0.0, 0.0]) - DVec3::new(0.0, -2.0, 0.0)).length() < 1e-12, "right is south");
+        assert!((eye([0.0, 2.0, 0.0]) - 2.0 * pose.axes_in_world()[2]).length() < 1e-12);
+        assert!(eye([0.0, 0.0, 2.0]).z > 1.7 && eye([0.0, 0.0, 2.0]).x > 0.9, "above leans ahead");
+    }
+
+    #[test]
+    fn the_faces_of_a_cube_look_along_the_axes_of_a_tilted_pose() {
+        let pose = pose([0.4, -0.5, 0.2]);
+        let [right, up, forward] = pose.axes_in_world();
+        let turned = |yaw: f64, pitch: f64| {
+            let view = RigView { yaw_rad: yaw.to_radians(), pitch_rad: pitch.to_radians(), ..view() };
+            view.camera(&pose).axes_in_world()
+        };
+        let near = |a: DVec3, b: DVec3| (a - b).length() < 1e-12;
+        assert!(near(turned(90.0, 0.0)[2], right) && near(turned(90.0, 0.0)[1], up));
+        assert!(near(turned(180.0, 0.0)[2], -forward) && near(turned(-90.0, 0.0)[2], -right));
+        assert!(near(turned(0.0, 90.0)[2], up) && near(turned(0.0, 90.0)[0], right));
+        assert!(near(turned(0.0, -90.0)[2], -up) && near(turned(0.0, -90.0)[1], forward));
+    }
+
+    #[test]
+    fn straight_down_from_a_level_pose_is_exact() {
+        let down = RigView { pitch_rad: -FRAC_PI_2, ..view() }.camera(&pose([1.2, 0.0, 0.0]));
+        assert_eq!([down.heading_rad, down.pitch_rad, down.roll_rad], [1.2, -FRAC_PI_2, 0.0]);
+    }
+
+    #[test]
+    fn the_picture_holds_all_views() {
+        let views = [view(), RigView { at: [64, 10], ..view() }];
+        let rig = Rig { views: views.into() };
+        let made = rig.views(&pose([0.0; 3]));
+        assert_eq!((made.len(), made.picture(), rig.pixels()), (2, [128, 58], 2 * 64 * 48));
+        assert!(made[1].is_within([128, 58]) && !made[1].is_within([127, 58]));
+        let far = View { at: [u32::MAX, 0], ..made[0] };
+        assert!(!far.is_within([u32::MAX, 48]));
+        assert!(Views::new([]).is_none() && Views::new([made[0]; MAX_VIEWS + 1]).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn angles_give_back_the_axes(heading in -3.0f64..3.0, pitch in -1.57f64..1.57, roll in -3.0f64..3.0) {
+            let axes = pose([heading, pitch, roll]).axes_in_world();
+            let again = pose(angles_of(axes)).axes_in_world();
+            for (a, b) in axes.into_iter().zip(again) {
+                prop_assert!((a - b).length() < 1e-9, "{a} {b}");
+            }
+        }
+    }
+}
