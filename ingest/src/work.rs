@@ -152,6 +152,9 @@ impl Work {
     }
 }
 
+/// How many results were taken, and those that lie here.
+type Results<T> = (usize, BTreeMap<usize, Result<T, IngestError>>);
+
 /// Numbered pieces of work on their way: handed out in order, and taken back in order.
 struct Queue<T> {
     count: usize,
@@ -159,8 +162,7 @@ struct Queue<T> {
     lead: usize,
     next: AtomicUsize,
     is_over: AtomicBool,
-    /// How many were taken, and what lies here.
-    results: Mutex<(usize, BTreeMap<usize, Result<T, IngestError>>)>,
+    results: Mutex<Results<T>>,
     changed: Condvar,
 }
 

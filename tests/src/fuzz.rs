@@ -11,6 +11,8 @@
 //! kept as a file that the message names; put it into the target's folder below `tests/corpus` when
 //! it is mended.
 
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a test says what it did, and where its input is kept")]
+
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
