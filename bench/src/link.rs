@@ -15,7 +15,7 @@ use std::time::Duration;
 use terravision_common::database::{Database, TileScratch, ground_height};
 use terravision_common::report::{DrawnFrames, NetworkReport, RealtimeReport};
 use terravision_common::run::Prediction;
-use terravision_limited_server::{LimitedServer, Link};
+use terravision_testkit::fault_server::{FaultServer, Link};
 
 /// Speed of the flight: this share of the world's shorter side in a second, and at most so many
 /// metres.
@@ -124,7 +124,7 @@ fn fly(
     let (Some(root), Some(name)) = (world.parent(), world.file_name()) else {
         bail!("{} is no folder", world.display())
     };
-    let server = LimitedServer::serve(root);
+    let server = FaultServer::serve(root);
     server.set_link(Link {
         latency: Duration::from_millis(args.latency_ms),
         bits_per_s: Some((args.mbit_per_s * 1e6) as u64),

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{Event, EventContent, SpanName, TextKind};
 use terravision_common::files::temporary_folder;
 use terravision_common::level::Measure;
 use terravision_common::run::{
@@ -261,21 +261,19 @@ impl EventLog {
     /// When the ring is corrupt.
     pub fn drain(&mut self, events: &mut Consumer<Event>) -> anyhow::Result<()> {
         while let Some(event) = events.try_pop()? {
-            match EventKind::from_number(event.kind) {
-                Some(EventKind::FrameDone) => {
+            match event.content() {
+                Some(EventContent::FrameDone { triangles }) => {
                     self.done_nanos.push(event.start_nanos);
-                    self.triangles.push(event.value);
+                    self.triangles.push(triangles);
                 }
-                Some(EventKind::Span) => {
-                    if let Some(name) = SpanName::from_number(event.value) {
-                        self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
-                    }
+                Some(EventContent::Span { name, .. }) => {
+                    self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
                 }
-                Some(EventKind::FrameUploaded) => self.uploaded += event.value,
-                Some(EventKind::DeviceName) => {
+                Some(EventContent::FrameUploaded { tiles }) => self.uploaded += tiles,
+                Some(EventContent::Text { kind: TextKind::Device }) => {
                     event.collect_text(&mut self.device[0]);
                 }
-                Some(EventKind::DriverName) => {
+                Some(EventContent::Text { kind: TextKind::Driver }) => {
                     event.collect_text(&mut self.device[1]);
                 }
                 _ => {}

@@ -7,13 +7,12 @@
 //! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
 
 use crate::bug::report_panics;
-use crate::event::{Event, EventKind, SpanName, monotonic_nanos};
+use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
 use crate::log::start_stage;
 use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
 use crate::terminal::complain;
-use bytemuck::Zeroable;
 use std::io::Read;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -251,14 +250,8 @@ impl Events {
     /// Tells of a span of work of the main thread on a frame that ends now. Returns its end.
     pub fn span(&mut self, control: &Control, name: SpanName, frame: u64, start_nanos: u64) -> u64 {
         let end = monotonic_nanos();
-        let event = Event {
-            kind: EventKind::Span as u32,
-            frame,
-            start_nanos,
-            duration_nanos: end.saturating_sub(start_nanos),
-            value: name as u64,
-            ..Event::zeroed()
-        };
+        let span = Event::new(EventContent::Span { name, node: None });
+        let event = span.of_frame(frame).at(start_nanos).lasting(end.saturating_sub(start_nanos));
         self.tell(control, event);
         end
     }

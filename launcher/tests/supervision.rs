@@ -7,6 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use terravision_common::ids::Sequence;
 use terravision_common::shm::{Activity, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_launcher::flight::restart::Restarts;
 use terravision_launcher::flight::stage::{StageProcess, StartError};
@@ -299,7 +300,7 @@ fn what_would_happen_again_is_not_tried_again() {
     }
     // Once there was a picture, a stage that gives up may have a better day.
     let flight = Flight::new();
-    flight.control.set_completed_sequence(1);
+    flight.control.set_completed_sequence(Sequence::FIRST);
     let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, gives_up), (Prefetcher, WAIT)];
     let (ending, said, _) = fly_again(RULES, scripts, &flight);
     assert!(matches!(&ending, Ending::Died(Death { stage: Renderer, restarts: 5, .. })), "{ending:?}");

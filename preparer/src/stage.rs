@@ -9,12 +9,12 @@ use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
 use crate::resident_tiles::pin_resident;
 use crate::truncation::RootMissing;
-use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{
@@ -209,7 +209,7 @@ impl<L: TileLoader> Preparer<L> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
         // Trees and frames are counted alike, so that all stages mean the same by the sequence of a frame.
-        let sequence = trees.returned() + 1;
+        let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
         let frame = header.frame;
@@ -221,10 +221,10 @@ impl<L: TileLoader> Preparer<L> {
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let missing = pin_resident(wanted, &mut self.loader, frame, sequence, control);
+            let missing = pin_resident(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control);
             missing.map_err(AwaitError::from)?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
+            self.wait.settle_frame(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
@@ -249,22 +249,14 @@ impl<L: TileLoader> Preparer<L> {
         let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
         control.set_prepare_nanos(finished.saturating_sub(started + waited_nanos));
         if is_realtime {
-            let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let coverage = detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
-            let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
-            events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
+            let sharp_share =
+                detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let lacked = EventContent::FrameLacked { tiles: counts.unavailable, sharp_share };
+            events.tell(control, Event::new(lacked).of_frame(frame).at(settled));
         }
-        events.tell(
-            control,
-            Event {
-                kind: EventKind::FrameWanted as u32,
-                frame,
-                start_nanos: settled,
-                value: u64::from(counts.wanted) | u64::from(counts.nodes) << 32,
-                ..Event::zeroed()
-            },
-        );
+        let wanted = EventContent::FrameWanted { tiles: counts.wanted, nodes: counts.nodes };
+        events.tell(control, Event::new(wanted).of_frame(frame).at(settled));
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
@@ -326,7 +318,7 @@ struct Rings<'a> {
     elevation: &'a mut ElevationWriter,
     control: &'a Control,
     slots: &'a mut Vec<Slot>,
-    sequence: u64,
+    sequence: Sequence,
     maker: u64,
     /// Time without room in one of them.
     waited_nanos: u64,
@@ -350,7 +342,7 @@ impl FrameOutput for Rings<'_> {
         if self.slots.len() == SLOTS_AT_ONCE {
             self.finish()?;
         }
-        let (sequence, maker, elevation_start) = (self.sequence, self.maker, self.next_position());
+        let (sequence, maker, elevation_start) = (self.sequence.get(), self.maker, self.next_position());
         self.slots.push(match slot {
             SlotContent::Marker(marker) => {
                 Slot::new(&SlotContent::Marker(FrameMarker { sequence, elevation_start, maker, ..*marker }))
@@ -386,7 +378,7 @@ pub fn run(run: &StageRun) -> Result<(), PreparerError> {
         flown = preparer.frame(&mut ports).map(drop);
     }
     if flown.is_ok() {
-        ports.control.set_last_sequence(ports.trees.returned());
+        ports.control.set_last_sequence(Sequence::new(ports.trees.returned()));
     }
     preparer.loader.close();
     flown

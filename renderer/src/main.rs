@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use std::io::Write;
 use std::process::ExitCode;
 use terravision_common::database::Index;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, TextKind};
 use terravision_common::run::{PlaneTarget, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
@@ -136,9 +136,9 @@ fn render(run_text: &str) -> anyhow::Result<()> {
             let found = engine.describe();
             tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
-                (EventKind::DeviceName, found.device.as_str()),
-                (EventKind::DriverName, &found.driver),
-                (EventKind::TechniqueName, found.technique),
+                (TextKind::Device, found.device.as_str()),
+                (TextKind::Driver, &found.driver),
+                (TextKind::Technique, found.technique),
             ];
             for (kind, text) in texts {
                 for event in Event::text(kind, text) {

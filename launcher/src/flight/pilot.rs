@@ -16,6 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::Sequence;
 use terravision_common::run::Prediction;
 use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
 
@@ -169,7 +170,8 @@ impl Cockpit {
         let mut newest_nanos = 0;
         let mut last_work = Instant::now();
         while interrupt::count() == 0 && self.control.check_running().is_ok() {
-            if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > 0 {
+            if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > Sequence::NONE
+            {
                 self.control.start_clock(monotonic_nanos());
             }
             // Until its first frame is there, the clock waits for nothing but that.
@@ -226,7 +228,7 @@ fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mu
     control.publish_camera(&Camera { timestamp_nanos: monotonic_nanos(), ..*first });
     let mut foretell = || foretold.iter_mut().for_each(|foretold| foretold.tell(cameras));
     foretell();
-    while control.completed_sequence() == 0 {
+    while control.completed_sequence() == Sequence::NONE {
         if control.check_running().is_err() {
             return;
         }

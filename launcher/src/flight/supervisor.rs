@@ -10,6 +10,7 @@ use rustix::process::Signal;
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
+use terravision_common::ids::Sequence;
 use terravision_common::shm::{Control, RunState, Stage};
 
 /// Longest time between two looks at the stages and their events; the death of a stage wakes
@@ -193,7 +194,8 @@ fn revive(
         };
         // A stage that gives up before there is a picture would give up again; so would one that
         // was told to stop.
-        let is_given_up = status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == 0;
+        let is_given_up =
+            status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == Sequence::NONE;
         if weight == STOPPED || is_given_up {
             continue;
         }

@@ -7,11 +7,11 @@ use crate::pixels::{Pixels, Raster};
 use crate::source::{FrameSource, SourceShape};
 use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
-use terravision_common::event::{Event, EventKind, monotonic_nanos};
+use terravision_common::event::{Event, TextKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
@@ -186,7 +186,7 @@ impl RaysEngine {
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
             let took = self.try_both(frame, source)?;
             self.choice.decide(took);
-            for event in Event::text(EventKind::DriverName, &self.choice.words()) {
+            for event in Event::text(TextKind::Driver, &self.choice.words()) {
                 source.event(&event);
             }
         }
@@ -211,18 +211,16 @@ impl RaysEngine {
     fn cast(&mut self, method: Method, frame: &Frame, source: &mut dyn FrameSource) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
-        ground.clear(frame.marker.camera.eye_in_world[2]);
+        let eye = frame.marker.camera.eye();
+        let eye_m = ground.shape().surface.height_m(eye);
+        ground.clear(eye_m);
         self.blocks.forget();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let spec = self.blocks.read(tile, source, frame.marker.camera.eye_in_world[2], index as u32)?;
+            let spec = self.blocks.read(tile, source, eye_m, index as u32)?;
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
-        ground.finish_for(&Detail {
-            eye_in_world: frame.marker.camera.eye_in_world.into(),
-            reach: ACCURATE_REACH,
-            most_bytes: MOST_VOXEL_BYTES,
-        });
+        ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES });
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {

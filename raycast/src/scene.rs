@@ -1,0 +1,215 @@
+//! A frame's ground as seen from its eye: what the rays of every technique share.
+
+use crate::model::{Found, Ground};
+use crate::view::{Ray, View};
+use glam::{DVec2, Vec2, Vec3};
+
+/// A tile relative to the eye.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed {
+    /// South west corner of its first cell and height of its lowest layer, metres from the eye.
+    pub(crate) corner: Vec3,
+    /// Voxels per metre.
+    pub(crate) per_m: f32,
+    /// North west corner of its colors, metres from the eye.
+    pub(crate) color_corner: Vec2,
+    pub(crate) texels_per_m: f32,
+}
+
+/// A rectangle in the plane, metres from the eye.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Bounds {
+    pub(crate) min: Vec2,
+    pub(crate) max: Vec2,
+}
+
+/// Where everything lies, seen from the eye.
+#[derive(Debug)]
+pub(crate) struct Scene<'a> {
+    pub(crate) ground: &'a Ground,
+    /// Its tiles.
+    pub(crate) placed: &'a [Placed],
+    /// Of all tiles.
+    pub(crate) bounds: Bounds,
+    pub(crate) view: View,
+    /// The eye, metres above the ground's datum.
+    pub(crate) eye_height: f32,
+    /// Highest ground, metres above the eye; minus infinity without ground.
+    pub(crate) highest: f32,
+    /// No ground is further away, metres; 0 without ground.
+    pub(crate) far: f32,
+    /// Whether facets are seen from below: an eye beside the world may look under its edge.
+    pub(crate) has_undersides: bool,
+}
+
+/// What lies at a point of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Place {
+    Tile(u32),
+    /// Nothing here before this parameter of the ray.
+    HoleUntil(f32),
+    /// Nothing here or further on.
+    Left,
+}
+
+/// A point that is no further outside of the ground's bounds than this share of a lattice unit is on
+/// them: rounding of metres from the eye, which is an eighth of a millimetre per kilometre.
+const NEAR_BOUNDS: f32 = 0.01;
+/// A point on the outer border belongs to the cell before it: so many lattice units are taken off,
+/// which a double of any lattice coordinate still tells apart.
+const JUST_INSIDE: f64 = 1e-3;
+
+/// Places all tiles; returns their bounds.
+pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> Bounds {
+    let eye = view.eye_in_world();
+    let surface = &ground.shape().surface;
+    let extent = DVec2::from_array(surface.extent().map(f64::from));
+    let ground_end = surface.lattice_from_eye(extent, eye);
+    placed.clear();
+    let mut bounds = Bounds { min: Vec2::INFINITY, max: Vec2::NEG_INFINITY };
+    for tile in ground.tiles() {
+        let corner = surface.lattice_from_eye(tile.corner(), eye);
+        let spacing = surface.spacing_m(tile.log_spacing);
+        let height = f64::from(tile.voxels.lowest_layer) * spacing - surface.height_m(eye);
+        placed.push(Placed {
+            corner: surface.position(corner, height).as_vec3(),
+            per_m: (1.0 / spacing) as f32,
+            color_corner: (tile.color.north_west_in_world - surface.foot(eye)).as_vec2(),
+            texels_per_m: (1.0 / tile.color.texel_m) as f32,
+        });
+        let end = corner + DVec2::new(f64::from(tile.cells[0]), f64::from(tile.cells[1])) * spacing;
+        let end = end.min(ground_end);
+        bounds.min = bounds.min.min(corner.as_vec2());
+        bounds.max = bounds.max.max(end.as_vec2());
+    }
+    bounds
+}
+
+impl<'a> Scene<'a> {
+    /// Places a ground before an eye. `placed`: memory for its tiles.
+    pub(crate) fn new(ground: &'a Ground, view: View, placed: &'a mut Vec<Placed>, has_undersides: bool) -> Self {
+        let bounds = place(ground, &view, placed);
+        let eye_height = ground.shape().surface.height_above(view.eye_in_world(), ground.datum_m()) as f32;
+        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        let [lowest, highest] = ground.range_m().map(|height| (height - eye_height).abs());
+        let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
+        let has_ground = ground.tile_count() > 0 && far.is_finite();
+        let mut scene = Self {
+            ground,
+            placed,
+            bounds,
+            view,
+            eye_height,
+            highest: if has_ground { ground.top_m() - eye_height } else { f32::NEG_INFINITY },
+            far: if has_ground { far } else { 0.0 },
+            has_undersides,
+        };
+        scene.has_undersides |= scene.is_eye_beside_world();
+        scene
+    }
+
+    /// Whether the eye is beside the world, not over it.
+    fn is_eye_beside_world(&self) -> bool {
+        !self.ground.shape().surface.is_over(self.view.eye_in_world())
+    }
+
+    /// Whether the eye is beside the tiles that are drawn.
+    pub(crate) fn is_eye_beside_tiles(&self) -> bool {
+        let (min, max) = (self.bounds.min, self.bounds.max);
+        min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
+    }
+
+    /// What is at parameter `s` of a ray.
+    #[inline]
+    pub(crate) fn find(&self, ray: &Ray, s: f32) -> Place {
+        let at = (ray.direction * s).truncate();
+        let direction = ray.direction.truncate();
+        let (min, max) = (self.bounds.min, self.bounds.max);
+        let is_past = |at: f32, direction: f32, min: f32, max: f32| {
+            (at < min && direction <= 0.0) || (at > max && direction >= 0.0)
+        };
+        if is_past(at.x, direction.x, min.x, max.x) || is_past(at.y, direction.y, min.y, max.y) {
+            return Place::Left;
+        }
+        let surface = &self.ground.shape().surface;
+        let inside = at.clamp(min, max);
+        if (inside - at).abs().max_element() > NEAR_BOUNDS * surface.unit_m() as f32 {
+            return Place::HoleUntil(s);
+        }
+        let from_eye = |lattice: DVec2| surface.lattice_from_eye(lattice, self.view.eye_in_world()).as_vec2();
+        let point = self.lattice_point(inside);
+        match self.ground.tree().find(point) {
+            Found::Tile(tile) if self.ground.tiles()[tile as usize].holds(point) => Place::Tile(tile),
+            Found::Hole(corner, log) => {
+                let corner = DVec2::from_array(corner.map(f64::from));
+                let [low, high] = [corner, corner + (1u64 << log) as f64].map(from_eye);
+                Place::HoleUntil(exit(direction, low, high).max(s))
+            }
+            Found::Tile(_) | Found::Outside => Place::HoleUntil(s),
+        }
+    }
+
+    /// The tile at a point of the ground, metres from the eye; a point outside is taken to the border.
+    pub(crate) fn tile_at_point(&self, point: Vec2) -> Option<u32> {
+        match self.ground.tree().find(self.lattice_point(point)) {
+            Found::Tile(tile) => Some(tile),
+            Found::Hole(..) | Found::Outside => None,
+        }
+    }
+
+    /// A point, metres from the eye, in lattice units, within the ground's end.
+    #[inline]
+    fn lattice_point(&self, point: Vec2) -> [f64; 2] {
+        // Rounding takes a point on the outer border out of it.
+        let end = self.ground.end().map(|end| f64::from(end) - JUST_INSIDE);
+        let at = self.ground.shape().surface.lattice_of_way(point.as_dvec2(), self.view.eye_in_world());
+        [0, 1].map(|axis| at[axis].clamp(0.0, end[axis]))
+    }
+
+    /// The parameter at which a ray comes over the ground's bounds.
+    #[inline]
+    pub(crate) fn entry(&self, ray: &Ray) -> f32 {
+        let mut entry = 0.0f32;
+        for axis in 0..2 {
+            let (direction, min, max) = (ray.direction[axis], self.bounds.min[axis], self.bounds.max[axis]);
+            if min > 0.0 && direction > 0.0 {
+                entry = entry.max(min / direction);
+            } else if max < 0.0 && direction < 0.0 {
+                entry = entry.max(max / direction);
+            }
+        }
+        entry
+    }
+
+    /// The parameter at which a ray leaves the ground's bounds, 0 when it never comes over them.
+    #[inline]
+    pub(crate) fn departure(&self, ray: &Ray) -> f32 {
+        exit(ray.direction.truncate(), self.bounds.min, self.bounds.max).max(0.0)
+    }
+
+    /// A parameter at which no ray between two is over the ground's bounds any more.
+    #[inline]
+    pub(crate) fn last_departure(&self, rays: [&Ray; 2]) -> f32 {
+        let of = |axis: usize| {
+            let exits = rays.map(|ray| match ray.direction[axis] {
+                d if d > 0.0 => [self.bounds.max[axis] / d, 1.0],
+                d if d < 0.0 => [self.bounds.min[axis] / d, -1.0],
+                _ => [f32::INFINITY, 0.0],
+            });
+            // Between east and west there is a ray that goes neither way.
+            if exits[0][1] == exits[1][1] { exits[0][0].max(exits[1][0]) } else { f32::INFINITY }
+        };
+        of(0).min(of(1))
+    }
+}
+
+/// Parameter at which a ray from the origin leaves a rectangle that it is in.
+#[inline(always)]
+pub(crate) fn exit(direction: Vec2, low: Vec2, high: Vec2) -> f32 {
+    let of = |direction: f32, low: f32, high: f32| match direction {
+        d if d > 0.0 => high / d,
+        d if d < 0.0 => low / d,
+        _ => f32::INFINITY,
+    };
+    of(direction.x, low.x, high.x).min(of(direction.y, low.y, high.y))
+}
