@@ -486,5 +486,5 @@ impl FrameReader {
 /// Level of the colour leaf of a tile, for overlays; 0 when its node's number is none.
 #[must_use]
 pub fn leaf_level(tile: &TileSlot) -> u8 {
-    NodeId::unpack(tile.node).map_or(0, NodeId::q)
+    tile.node().map_or(0, NodeId::q)
 }
