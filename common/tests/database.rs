@@ -10,8 +10,8 @@ use std::fs::{self, File};
 use std::path::Path;
 use support::{FILES, content, good, heights, nodes, temporary, write_database};
 use terravision_common::database::{
-    Archive, ArchiveRecord, Database, DatabaseError, ELEVATION_FILE, FEATURES_VERSION, MANIFEST_FILE, Manifest,
-    ManifestError, TileError, TileScratch, TileSource, color_tile_bytes, index_crc32,
+    Archive, ArchiveRecord, Database, DatabaseError, ELEVATION_FILE, FEATURES_VERSION, Manifest, ManifestError,
+    TileError, TileScratch, TileSource, color_tile_bytes, index_crc32,
 };
 use terravision_common::node::NodeId;
 
