@@ -2,7 +2,6 @@
 //! `common/src/shm/tests/garbage.rs`.)
 
 use crate::within;
-use bytemuck::Zeroable;
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -14,19 +13,15 @@ use terravision_launcher::measure::collector::Collector;
 use terravision_tests::fuzz::{Numbers, Target};
 use terravision_tests::live::shared_name;
 
-/// An event of each kind.
+/// An event of each kind, as it lies in memory: kind and thread, then frame, start, duration, value
+/// and node.
 fn events() -> Vec<u8> {
-    let event = |kind: u32, k: u64| Event {
-        kind,
-        frame: k % 5,
-        start_nanos: 1_000_000 * k,
-        duration_nanos: 5_000 * k,
-        value: SpanName::Generate as u64 + k % 9,
-        ..Event::zeroed()
+    let event = |kind: u64| {
+        let value = SpanName::Generate as u64 + kind % 9;
+        [kind, kind % 5, 1_000_000 * kind, 5_000 * kind, value, 0].map(u64::to_le_bytes).concat()
     };
     // Some numbers are of no kind.
-    let all: Vec<Event> = (0..40).zip(0..).map(|(kind, k)| event(kind, k)).collect();
-    bytemuck::cast_slice(&all).to_vec()
+    (0..40).flat_map(event).collect()
 }
 
 #[test]
