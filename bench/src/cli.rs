@@ -10,14 +10,19 @@ pub const RAYS_ROUNDS: u32 = 15;
 
 /// Measures the stages, the queues between them, the whole pipeline, and ingest.
 ///
-/// Every figure that counts is a ratio of two things measured in the same run: times of a shared machine say little by
-/// themselves. Figures with a target get a verdict; a missed target makes the program fail with --strict alone.
+/// The results that count are ratios of two measurements of the same run, because times on a shared
+/// machine say little by themselves. Results with a target get a verdict; a missed target is an
+/// error only with --strict.
 #[derive(Debug, Parser)]
 #[command(name = "terravision bench", bin_name = "terravision bench", version, max_term_width = 100)]
 pub struct Cli {
-    /// What to measure; everything when nothing is said
+    /// What to measure [default: everything that takes no minutes]
     #[command(subcommand)]
     pub verb: Option<Verb>,
+    /// Log what the bench does to standard error: error, warn, info, debug, trace, or a filter
+    /// [default: TERRAVISION_LOG]
+    #[arg(long, global = true, value_name = "LEVEL|FILTER")]
+    pub log: Option<String>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub options: Options,
@@ -28,21 +33,24 @@ pub struct Cli {
 pub enum Verb {
     /// Each stage alone: trees, elevation samples, slots, frames, pixels, triangles per second
     Stages,
-    /// The whole pipeline against the renderer alone, fed with the frames that the pipeline had recorded
+    /// The whole pipeline against the renderer alone, fed with the frames that the pipeline had
+    /// recorded
     Replay,
     /// The queues between the processes: time of a hand-over, things per second
     Queues,
     /// Ingest: megabytes of source pixels per second
     Ingest,
-    /// The same views over databases of 1, 16 and 256 times the area: whether a frame costs the same
+    /// The same views over databases of 1, 16 and 256 times the area: whether a frame costs more
     Flat,
-    /// A flight against the clock, with and without feedback, while a process takes a core away in the middle
+    /// A real-time flight, with and without feedback, while another process occupies a core for a
+    /// while
     Realtime(RealtimeArgs),
     /// A fast flight over a database behind a slow link: what prediction gains
     Link(LinkArgs),
-    /// A long flight at random: whether memory and open files stay as they are
+    /// A long random flight: whether memory and open files grow
     LongRun(LongRunArgs),
-    /// Voxel ray casting in the set-up of its paper: coherence, roll, workers; and rays against the mesh, over the same frames
+    /// Voxel ray casting in the set-up of its paper (coherence, roll, workers), and rays against
+    /// the mesh over the same frames
     Rays(RaysArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]
@@ -58,10 +66,10 @@ pub struct RealtimeArgs {
     /// Length of the flight, seconds
     #[arg(long, value_name = "S", default_value_t = 120.0)]
     pub seconds: f64,
-    /// How long a core is taken away in the middle of it, seconds
+    /// How long a core is occupied in the middle of it, seconds
     #[arg(long, value_name = "S", default_value_t = 20.0)]
     pub load_seconds: f64,
-    /// Frame rate of the flight, as a share of what is reached without a clock
+    /// Frame rate of the flight, as a share of the rate that is reached without a clock
     #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
     pub share: f64,
 }
@@ -75,10 +83,10 @@ pub struct LinkArgs {
     /// Frames per second
     #[arg(long, value_name = "N", default_value_t = 10.0)]
     pub fps: f64,
-    /// What the link carries, Mbit/s
+    /// Bandwidth of the link, Mbit/s
     #[arg(long, value_name = "N", default_value_t = 20.0)]
     pub mbit_per_s: f64,
-    /// Wait before each answer of the server, milliseconds
+    /// Delay before each answer of the server, milliseconds
     #[arg(long, value_name = "MS", default_value_t = 80)]
     pub latency_ms: u64,
     /// Predictions to fly with
@@ -96,7 +104,7 @@ pub struct LongRunArgs {
     /// Frames per second
     #[arg(long, value_name = "N", default_value_t = 10.0)]
     pub fps: f64,
-    /// Another number flies another way
+    /// Seed of the random flight
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 }
@@ -166,7 +174,8 @@ pub struct Options {
     /// Also draw plots (SVG) into this folder
     #[arg(short, long, global = true, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Fly over this terrain database [default: a synthetic world, made once and kept under the cache folder]
+    /// Fly over this terrain database [default: a synthetic world, made once and kept under the
+    /// cache folder]
     #[arg(long, global = true, value_name = "WORLD")]
     pub world: Option<PathBuf>,
     /// Posts along a side of the synthetic world

@@ -1,4 +1,5 @@
-//! What a frame costs depends on the view alone: the same views over databases of 1, 16 and 256 times the area.
+//! What a frame costs depends on the view alone: the same views over databases of 1, 16 and 256
+//! times the area.
 
 use crate::cli::Options;
 use crate::findings::Findings;
@@ -20,7 +21,8 @@ const DOUBLINGS: [u8; 3] = [0, 2, 4];
 const TURNS: usize = 5;
 /// Frames of a round.
 const MOST_FRAMES: u64 = 60;
-/// The views look down this steeply, from this high above the datum: nothing beyond the detailed square is in them.
+/// The views look down this steeply, from this high above the datum: nothing beyond the detailed
+/// square is in them.
 const PITCH_DEG: f64 = -75.0;
 const EYE_M: f64 = 2200.0;
 
@@ -64,7 +66,8 @@ pub fn run(settings: &Settings, options: &Options, findings: &mut Findings) -> a
             turns[at].renderer.push(median(&flown.frame_ms));
         }
     }
-    // Coarse levels end at the small world's edge and go on in the larger ones: heights near it are not quite the same.
+    // Coarse levels end at the small world's edge and go on in the larger ones: heights near it are
+    // not quite the same.
     ensure!(
         triangles.iter().all(|count| count.abs_diff(triangles[0]) * 100 <= triangles[0]),
         "the views are not the same: {triangles:?} triangles in a round"

@@ -1,5 +1,5 @@
-//! The flight that the benches fly: once around the middle of the world, looking down into it, closed, so that a second
-//! round sees exactly what the first one saw.
+//! The flight that the benches fly: once around the middle of the world, looking down into it,
+//! closed, so that a second round sees exactly what the first one saw.
 
 use anyhow::{Context, ensure};
 use std::f64::consts::TAU;
@@ -8,7 +8,8 @@ use terravision_common::camera::Camera;
 use terravision_common::database::{Database, TileScratch, ground_height};
 use terravision_common::shm::CameraRecord;
 
-/// Height of the camera above the ground below it, as a share of the world's shorter side, and at least so many metres.
+/// Height of the camera above the ground below it, as a share of the world's shorter side, and at
+/// least so many metres.
 const HEIGHT_SHARE: f64 = 0.025;
 const HEIGHT_M: f64 = 150.0;
 /// Vertical field of view.
@@ -36,7 +37,8 @@ impl Flight {
         let mut scratch = TileScratch::default();
         let radius = 0.28 * width.min(height);
         let up = (HEIGHT_SHARE * width.min(height)).max(HEIGHT_M);
-        // The ground below is smoothed along the way by taking the highest of its surroundings: no jumps.
+        // The ground below is smoothed along the way by taking the highest of its surroundings: no
+        // jumps.
         let mut below = Vec::new();
         for k in 0..frames {
             let angle = TAU * k as f64 / frames as f64;

@@ -1,5 +1,5 @@
-//! TerraVision's benches: each stage alone, the queues between them, the whole, and ingest; as ratios of things that
-//! were measured in one run, because times of a shared machine say little.
+//! TerraVision's benches: each stage alone, the queues between them, the whole, and ingest; as
+//! ratios of things that were measured in one run, because times of a shared machine say little.
 
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,5 @@
-//! A fast flight over a database behind a slow link, against the clock: what prediction gains, and what it costs.
+//! A fast flight over a database behind a slow link, against the clock: what prediction gains, and
+//! what it costs.
 
 use crate::cli::{LinkArgs, Options};
 use crate::findings::Findings;
@@ -14,9 +15,10 @@ use std::time::Duration;
 use terravision_common::database::{Database, TileScratch, ground_height};
 use terravision_common::report::{DrawnFrames, NetworkReport, RealtimeReport};
 use terravision_common::run::Prediction;
-use terravision_limited_server::{LimitedServer, Link};
+use terravision_testkit::fault_server::{FaultServer, Link};
 
-/// Speed of the flight: this share of the world's shorter side in a second, and at most so many metres.
+/// Speed of the flight: this share of the world's shorter side in a second, and at most so many
+/// metres.
 const SPEED_SHARE: f64 = 0.0125;
 const FASTEST_M_PER_S: f64 = 300.0;
 /// Height above the highest ground around.
@@ -41,7 +43,8 @@ struct PredictedFlight {
     network: NetworkReport,
 }
 
-/// Flies once with each prediction, each time from a cold cache; draws `link.svg` when plots are wanted.
+/// Flies once with each prediction, each time from a cold cache; draws `link.svg` when plots are
+/// wanted.
 ///
 /// # Errors
 /// When a flight fails.
@@ -121,7 +124,7 @@ fn fly(
     let (Some(root), Some(name)) = (world.parent(), world.file_name()) else {
         bail!("{} is no folder", world.display())
     };
-    let server = LimitedServer::serve(root);
+    let server = FaultServer::serve(root);
     server.set_link(Link {
         latency: Duration::from_millis(args.latency_ms),
         bits_per_s: Some((args.mbit_per_s * 1e6) as u64),
@@ -138,7 +141,8 @@ fn fly(
 }
 
 impl PredictedFlight {
-    /// Mean of what was on screen from one share of the flight to another: a picture stays until the next one.
+    /// Mean of what was on screen from one share of the flight to another: a picture stays until
+    /// the next one.
     fn sharp(&self, from: f64, to: f64) -> f64 {
         let RealtimeReport { frames, drawn, .. } = &self.realtime;
         let ends = drawn.frame.iter().skip(1).copied().chain([*frames]);

@@ -1,4 +1,4 @@
-//! A long flight at random over a large world in little memory: whether memory and open files stay as they are.
+//! A long random flight over a large world in little memory: whether memory and open files grow.
 
 use crate::cli::{LongRunArgs, Options};
 use crate::findings::Findings;
@@ -19,7 +19,8 @@ use terravision_common::report::Report;
 const SAMPLES: f64 = 360.0;
 /// No shorter time lies between two of them.
 const SHORTEST_S: f64 = 0.5;
-/// The pools fill in the first part of the flight; from here on it is judged, and its last quarter against this one.
+/// The pools fill in the first part of the flight; from here on it is judged, and its last quarter
+/// against this one.
 const WARM: f64 = 0.25;
 
 /// What the processes of a run have at a moment.
@@ -71,7 +72,8 @@ impl Chance {
     }
 }
 
-/// A flight that turns, climbs, speeds up and jumps to other places as it likes, and stays over the world.
+/// A flight that turns, climbs, speeds up and jumps to other places as it likes, and stays over the
+/// world.
 fn poses(index: &Index, args: &LongRunArgs) -> Vec<Value> {
     let world = index.world();
     let ([width, height], [x0, y0]) = (world.extent_m(), world.fields().origin);

@@ -1,4 +1,4 @@
-//! Where a number was measured: a number without this is none.
+//! Where a number was measured: without that it says nothing.
 
 use serde::Serialize;
 use std::process::Command;

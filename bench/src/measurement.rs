@@ -3,8 +3,8 @@
 use serde::Serialize;
 use std::fmt;
 
-/// A wish that a value is compared with. Missing it is told; a bench fails for it only when that is asked for (`--strict`),
-/// since a busy machine is nobody's fault.
+/// A wish that a value is compared with. Missing it is told; a bench fails for it only when that is
+/// asked for (`--strict`), since a busy machine is nobody's fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Target {

@@ -17,8 +17,8 @@ pub struct Curve {
 const WIDTH: u32 = 960;
 const ROW: u32 = 30;
 
-/// Draws the measurements of one bench as bars, one row each, on a logarithmic scale from the smallest to the largest
-/// of a unit, with a mark where the target is. Returns the file.
+/// Draws the measurements of one bench as bars, one row each, on a logarithmic scale from the
+/// smallest to the largest of a unit, with a mark where the target is. Returns the file.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -111,8 +111,8 @@ pub struct TimeRow {
 
 const ROW_HEIGHT: u32 = 230;
 
-/// Draws rows of curves over seconds, one below the other, with spans of time shaded in all of them. The colour of a curve
-/// is that of its place in the row.
+/// Draws rows of curves over seconds, one below the other, with spans of time shaded in all of
+/// them. The colour of a curve is that of its place in the row.
 ///
 /// # Errors
 /// When it cannot be written.

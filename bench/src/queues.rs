@@ -1,9 +1,9 @@
 //! The queues between processes: how long a hand-over takes, how much passes.
 //!
-//! This process writes, a child process reads. Both read one clock. For hand-overs the reader acknowledges each thing
-//! and only then the next is written, so no latency is time spent in a queue. *Hot* is a reader that has just begun to
-//! wait; *asleep* is one that has waited for milliseconds and sleeps on the futex, as a renderer does that waits for a
-//! slow preparer.
+//! This process writes, a child process reads. Both read one clock. For hand-overs the reader
+//! acknowledges each thing and only then the next is written, so no latency is time spent in a
+//! queue. *Hot* is a reader that has just begun to wait; *asleep* is one that has waited for
+//! milliseconds and sleeps on the futex, as a renderer does that waits for a slow preparer.
 
 use crate::cli::{Queue, ReaderArgs};
 use crate::measurement::{Measurement, Target, median, quantile};
@@ -215,8 +215,8 @@ fn sum_to(n: u64) -> u64 {
     n.wrapping_mul(n.wrapping_sub(1)) / 2
 }
 
-/// The child process: reads things, then writes each one's latency (nanoseconds) and a checksum of all to `out`,
-/// 8 bytes each, little endian.
+/// The child process: reads things, then writes each one's latency (nanoseconds) and a checksum of
+/// all to `out`, 8 bytes each, little endian.
 ///
 /// # Errors
 /// When the run cannot be opened or ends early.

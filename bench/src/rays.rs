@@ -12,10 +12,11 @@ use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::world::{World, WorldFields};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
-use terravision_raycast::view::Sampling;
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_testkit::rays::AnyMethod;
 
 /// Posts of the volume along a side, and its layers.
 const SIDE: usize = 512;
@@ -136,6 +137,7 @@ fn camera(eye: f64, roll_deg: f64) -> Camera {
 /// One way of drawing.
 struct Way {
     name: &'static str,
+    method: AnyMethod,
     options: CastOptions,
     workers: usize,
     roll_deg: f64,
@@ -147,13 +149,14 @@ struct Way {
 }
 
 impl Way {
-    fn new(name: &'static str, method: Method, is_approximate: bool, workers: usize) -> Self {
+    fn new(name: &'static str, method: AnyMethod, is_approximate: bool, workers: usize) -> Self {
         // A volume of one level: the interval does not grow with distance.
         let sampling = Sampling { interval_voxels: 0.6, voxel_px: 0.0 };
         // Samples alone, as the paper's.
-        let options = CastOptions { method, is_approximate, sampling, looks_between: false, ..CastOptions::default() };
+        let options = CastOptions { is_approximate, sampling, looks_between: false, ..CastOptions::default() };
         Self {
             name,
+            method,
             options,
             workers,
             roll_deg: 0.0,
@@ -193,11 +196,11 @@ fn thread_cpu_millis() -> f64 {
 }
 
 /// What is compared from several heights.
-const WAYS_OF_HEIGHT: [(&str, Method, bool); 4] = [
-    ("accurate", Method::Coherent, false),
-    ("approximate", Method::Coherent, true),
-    ("plain from the eye", Method::FromEye, false),
-    ("plain from the volume's top", Method::Plain, false),
+const WAYS_OF_HEIGHT: [(&str, AnyMethod, bool); 4] = [
+    ("accurate", AnyMethod::Coherent, false),
+    ("approximate", AnyMethod::Coherent, true),
+    ("plain from the eye", AnyMethod::FromEye, false),
+    ("plain from the volume's top", AnyMethod::Plain, false),
 ];
 
 /// Measures the table: every way in turn, round after round, so that a slower minute of the machine is one for all.
@@ -207,19 +210,19 @@ const WAYS_OF_HEIGHT: [(&str, Method, bool); 4] = [
 pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
     let scene = Scene::new().context("the volume")?;
     let mut ways = vec![
-        Way::new("accurate, 1 worker", Method::Coherent, false, 1),
-        Way::new("accurate, 2 workers", Method::Coherent, false, 2),
-        Way::new("approximate, 1 worker", Method::Coherent, true, 1),
-        Way::new("approximate, 2 workers", Method::Coherent, true, 2),
-        Way::new("plain, 1 worker", Method::FromEye, false, 1),
-        Way::new("mipmap, 1 worker", Method::Mipmap, false, 1),
-        Way::new("mipmap, 2 workers", Method::Mipmap, false, 2),
-        Way::new("accurate, looking between samples, 1 worker", Method::Coherent, false, 1).looking_between(),
+        Way::new("accurate, 1 worker", AnyMethod::Coherent, false, 1),
+        Way::new("accurate, 2 workers", AnyMethod::Coherent, false, 2),
+        Way::new("approximate, 1 worker", AnyMethod::Coherent, true, 1),
+        Way::new("approximate, 2 workers", AnyMethod::Coherent, true, 2),
+        Way::new("plain, 1 worker", AnyMethod::FromEye, false, 1),
+        Way::new("mipmap, 1 worker", AnyMethod::Mipmap, false, 1),
+        Way::new("mipmap, 2 workers", AnyMethod::Mipmap, false, 2),
+        Way::new("accurate, looking between samples, 1 worker", AnyMethod::Coherent, false, 1).looking_between(),
     ];
     let first_roll = ways.len();
     ways.extend((0..ROLLS).map(|n| {
         let roll_deg = 45.0 * f64::from(n) / f64::from(ROLLS - 1);
-        Way::new("accurate, rolled", Method::Coherent, false, 1).rolled(roll_deg)
+        Way::new("accurate, rolled", AnyMethod::Coherent, false, 1).rolled(roll_deg)
     }));
     let first_height = ways.len();
     for eye in EYES {
@@ -234,7 +237,8 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
         for way in &mut ways {
             let caster = &mut casters[way.workers - 1];
             let (start, cpu_start) = (Instant::now(), thread_cpu_millis());
-            way.counts = caster.draw(
+            way.counts = way.method.draw(
+                caster,
                 &scene.ground,
                 &[&scene.colors[..]],
                 &camera(way.eye, way.roll_deg),
@@ -304,14 +308,14 @@ fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, findi
         put(format!("accurate, roll {:.0} degrees", way.roll_deg), way.milliseconds(), "ms", None);
     }
     for way in [&ways[0], &ways[2], &ways[4], &ways[5]] {
-        let Counts { rays, samples, densities, unproven, .. } = way.counts;
+        let Counts { rays, samples, densities, without_witness, .. } = way.counts;
         let per_ray = |n: u64| n as f64 / rays as f64;
         put(format!("{}: rays of a core", way.name), rays as f64 / way.cpu_milliseconds() * 1e3, "rays/s", None);
         put(format!("{}: samples of a ray", way.name), per_ray(samples), "", None);
         if densities > 0 {
             put(format!("{}: densities of a ray", way.name), per_ray(densities), "", None);
         }
-        put(format!("{}: rays from the beginning", way.name), per_ray(unproven), "", None);
+        put(format!("{}: rays from the beginning", way.name), per_ray(without_witness), "", None);
     }
     for of_height in ways[first_height..].chunks_exact(WAYS_OF_HEIGHT.len()) {
         let [accurate, approximate, from_eye, below_top] = std::array::from_fn(|n| of_height[n].cpu_milliseconds());
@@ -343,10 +347,12 @@ mod tests {
         assert!(plain > 10.0 * coherent && coherent < 8.0, "{plain} {coherent}");
         let scene = Scene::new().unwrap();
         let picture = Picture::new(SIZE);
-        let way = Way::new("", Method::Mipmap, false, 1);
+        let way = Way::new("", AnyMethod::Mipmap, false, 1);
         let mut caster = Caster::new(1).unwrap();
         for eye in EYES {
-            let counts = caster.draw(&scene.ground, &[&scene.colors[..]], &camera(eye, 0.0), &way.options, &picture);
+            let camera = camera(eye, 0.0);
+            let counts =
+                way.method.draw(&mut caster, &scene.ground, &[&scene.colors[..]], &camera, &way.options, &picture);
             assert_eq!(counts.hits, counts.rays, "{eye}");
         }
     }

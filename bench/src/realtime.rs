@@ -1,4 +1,5 @@
-//! A flight against the clock, with feedback and without, side by side: how many frames are on time when a core goes away.
+//! A flight against the clock, with feedback and without, side by side: how many frames are on time
+//! when a core goes away.
 
 use crate::cli::{Options, RealtimeArgs};
 use crate::findings::Findings;
@@ -22,7 +23,8 @@ const AFTER_STEP_S: f64 = 2.0;
 const STEADY_AFTER_S: f64 = 5.0;
 /// Moves that take longer are no oscillation: they follow the terrain.
 const OSCILLATION_S: f64 = 5.0;
-/// Most frames of the flight that finds out what can be reached; the first half of them loads tiles.
+/// Most frames of the flight that finds out what can be reached; the first half of them loads
+/// tiles.
 const FREE_FRAMES: u64 = 480;
 
 /// Takes a measurement: name, value, unit, target, samples.
@@ -76,11 +78,12 @@ pub fn run(args: &RealtimeArgs, options: &Options, findings: &mut Findings) -> a
     Ok(())
 }
 
-/// Keeps the last core that this process may use busy for so long, then prints how much of it it got. An ordinary program, of
-/// the same priority as the flight: they share that core, or the flight goes elsewhere.
+/// Keeps the last core that this process may use busy for so long, then prints how much of it it
+/// got. An ordinary program, of the same priority as the flight: they share that core, or the
+/// flight goes elsewhere.
 ///
 /// # Errors
-/// When nobody listens.
+/// Standard output cannot be written.
 pub fn load(seconds: f64, out: &mut impl Write) -> anyhow::Result<()> {
     let mut core = CpuSet::new();
     let all = sched_getaffinity(None).context("cannot tell which cores there are")?;
@@ -111,7 +114,8 @@ fn fly(world: &Path, options: &Options, scratch: &Path, frames: &str, flags: &[&
 
 /// Waits for a flight of `seconds`, with a core taken away in its middle.
 fn under_load(flight: Launched, args: &RealtimeArgs, seconds: f64) -> anyhow::Result<LoadedFlight> {
-    // Stages take a moment to start, and the clock starts after that; what happened when is known afterwards.
+    // Stages take a moment to start, and the clock starts after that; what happened when is known
+    // afterwards.
     std::thread::sleep(Duration::from_secs_f64(1.0 + 0.5 * (seconds - args.load_seconds).max(0.0)));
     let from = monotonic_nanos();
     let mut command = Command::new(sibling("terravision-bench")?);
@@ -178,8 +182,9 @@ impl LoadedFlight {
         line("load", self.load_cores, "cores", None, 1);
     }
 
-    /// The largest up-and-down (or down-and-up) of a value within a few seconds of steady state, as a share of it: the
-    /// smaller one of the two moves. A drift, which follows the terrain, is none.
+    /// The largest up-and-down (or down-and-up) of a value within a few seconds of steady state, as
+    /// a share of it: the smaller one of the two moves. A drift, which follows the terrain, does
+    /// not count.
     fn swing(&self, values: &[f64]) -> f64 {
         let mut worst: f64 = 0.0;
         let mut extremes: Vec<(f64, f64)> = Vec::new();

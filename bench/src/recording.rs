@@ -6,7 +6,7 @@ use anyhow::{Context, bail, ensure};
 use std::ops::Range;
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::event::{Event, SpanName, monotonic_nanos};
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{Sequence, SlotKey};
 use terravision_common::node::NodeId;
 use terravision_common::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, PoolWriter, Producer, Residency, RunId,
@@ -124,7 +124,7 @@ pub fn record_frames(settings: &Settings, flight: &Flight, trees: &RecordedTrees
                 }
                 let is_kept = sequence > round as u64;
                 recorded.frame(&mut session, &mut ring, &mut elevation, is_kept)?;
-                session.control().set_completed_sequence(sequence);
+                session.control().set_completed_sequence(Sequence::new(sequence));
                 log.drain(&mut events)?;
             }
             anyhow::Ok(())
@@ -263,7 +263,7 @@ impl RecordedFrames {
                     SlotContent::Tile(mut tile) => {
                         tile.elevation_position = tile.elevation_position - frame.first_position + first_position;
                         let node = color_node(flight, &tile)?;
-                        let key = resident(&mut pool, control, flight, node, sequence, &mut scratch)?;
+                        let key = resident(&mut pool, control, flight, node, Sequence::new(sequence), &mut scratch)?;
                         SlotContent::Tile(tile.with_color(key))
                     }
                     SlotContent::End(mut end) => {
@@ -291,7 +291,7 @@ fn resident(
     control: &Control,
     flight: &Flight,
     node: NodeId,
-    sequence: u64,
+    sequence: Sequence,
     scratch: &mut TileScratch,
 ) -> anyhow::Result<SlotKey> {
     loop {
@@ -303,6 +303,6 @@ fn resident(
             flight.database.read_color(node, guard.bytes_mut(), scratch)?;
             return Ok(guard.publish());
         }
-        control.wait_completed(completed + 1)?;
+        control.wait_completed(completed.next())?;
     }
 }

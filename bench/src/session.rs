@@ -1,4 +1,5 @@
-//! A run of the pipeline in which this program plays the launcher, and any of the stages that it does not start.
+//! A run of the pipeline in which this program plays the launcher, and any of the stages that it
+//! does not start.
 
 use crate::flight::Flight;
 use anyhow::{Context, bail};
@@ -6,7 +7,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{Event, EventContent, SpanName, TextKind};
 use terravision_common::files::temporary_folder;
 use terravision_common::level::Measure;
 use terravision_common::run::{
@@ -139,17 +140,20 @@ impl Session {
         let mut command = Command::new(&program);
         command
             .envs(STAGE_ENVIRONMENT)
+            // Nobody reads what a stage says before it has failed: its log would fill the pipe.
+            .env_remove(terravision_common::log::VARIABLE)
             .arg("--run")
             .arg(config)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        tracing::debug!(%stage, pid = child.id(), "stage started");
         self.stages.push((stage, child));
         Ok(())
     }
 
-    /// Looks whether all is well; to be called again and again by who waits.
+    /// Checks that no stage has failed and that the deadline has not passed. Call it while waiting.
     ///
     /// # Errors
     /// When a stage has failed, with its last words, or the deadline has passed.
@@ -195,17 +199,19 @@ impl Drop for Session {
     }
 }
 
-/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all of a stage's do; where it does not
-/// tell, hundredths of a second have to do, in which some machines count in steps of several.
+/// Processor time of a process. The scheduler counts nanoseconds of each thread that lives, as all
+/// of a stage's do; where it does not tell, hundredths of a second have to do, in which some
+/// machines count in steps of several.
 fn cpu_seconds(pid: u32) -> Option<f64> {
     threads_cpu_seconds(pid).or_else(|| ticks_cpu_seconds(pid))
 }
 
-/// The first field of `/proc/PID/task/TID/schedstat`, of all threads (Documentation/scheduler/sched-stats.rst).
+/// The first field of `/proc/PID/task/TID/schedstat`, of all threads
+/// (Documentation/scheduler/sched-stats.rst).
 fn threads_cpu_seconds(pid: u32) -> Option<f64> {
     let mut nanos = 0.0;
     for thread in std::fs::read_dir(format!("/proc/{pid}/task")).ok()? {
-        // One that ends meanwhile is none.
+        // One that ends meanwhile does not count.
         let Ok(text) = std::fs::read_to_string(thread.ok()?.path().join("schedstat")) else { continue };
         nanos += text.split_whitespace().next()?.parse::<f64>().ok()?;
     }
@@ -255,21 +261,19 @@ impl EventLog {
     /// When the ring is corrupt.
     pub fn drain(&mut self, events: &mut Consumer<Event>) -> anyhow::Result<()> {
         while let Some(event) = events.try_pop()? {
-            match EventKind::from_number(event.kind) {
-                Some(EventKind::FrameDone) => {
+            match event.content() {
+                Some(EventContent::FrameDone { triangles }) => {
                     self.done_nanos.push(event.start_nanos);
-                    self.triangles.push(event.value);
+                    self.triangles.push(triangles);
                 }
-                Some(EventKind::Span) => {
-                    if let Some(name) = SpanName::from_number(event.value) {
-                        self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
-                    }
+                Some(EventContent::Span { name, .. }) => {
+                    self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
                 }
-                Some(EventKind::FrameUploaded) => self.uploaded += event.value,
-                Some(EventKind::DeviceName) => {
+                Some(EventContent::FrameUploaded { tiles }) => self.uploaded += tiles,
+                Some(EventContent::Text { kind: TextKind::Device }) => {
                     event.collect_text(&mut self.device[0]);
                 }
-                Some(EventKind::DriverName) => {
+                Some(EventContent::Text { kind: TextKind::Driver }) => {
                     event.collect_text(&mut self.device[1]);
                 }
                 _ => {}

@@ -1,4 +1,5 @@
-//! Each stage alone, then the whole, in one run: what passes per second, and what a frame costs where.
+//! Each stage alone, then the whole, in one run: what passes per second, and what a frame costs
+//! where.
 
 use crate::findings::Findings;
 use crate::flight::Flight;
@@ -89,18 +90,21 @@ pub struct Flown {
     pub frames_per_second: f64,
     /// Frames per second of the first round, with loading.
     pub first_round: f64,
-    /// Processor milliseconds per frame of the second round: generator, preparer, renderer, prefetcher (0 for one not started).
+    /// Processor milliseconds per frame of the second round: generator, preparer, renderer,
+    /// prefetcher (0 for one not started).
     pub cpu_ms: [f64; 4],
     /// What the stages told.
     pub log: EventLog,
 }
 
-/// How often what stages tell is taken. They tell when things were; whoever watches should cost them nothing.
+/// How often events are drained. They carry their own times; draining should cost the stages
+/// nothing.
 const DRAINED_EVERY: Duration = Duration::from_millis(5);
-/// How often it is looked whether stages live, and what processor time they have used.
+/// How often stages are checked, and their processor time is read.
 const LOOKED_AFTER_EVERY: Duration = Duration::from_millis(50);
 
-/// Runs some of the stages over two rounds; `drive` does the work of the others, on a thread of its own.
+/// Runs some of the stages over two rounds; `drive` does the work of the others, on a thread of its
+/// own.
 fn fly(
     settings: &Settings,
     flight: &Flight,
@@ -118,7 +122,8 @@ fn fly(
         session.start(*stage)?;
     }
     let mut log = EventLog::default();
-    // Of each stage at the end of either round. A stage that has left keeps what it had when it was last seen.
+    // Of each stage at the end of either round. A stage that has left keeps what it had when it was
+    // last seen.
     let mut cpu = [[0.0f64; 4]; 2];
     let started = monotonic_nanos();
     std::thread::scope(|scope| {
@@ -131,7 +136,8 @@ fn fly(
                     log.drain(ring)?;
                 }
                 let done = log.done_nanos.len();
-                // At the end of a round at once: what comes later is the next one's, or after the last.
+                // At the end of a round at once: what comes later is the next one's, or after the
+                // last.
                 let is_end = done / round > rounds;
                 if is_end || Instant::now() >= next_look {
                     next_look = Instant::now() + LOOKED_AFTER_EVERY;
@@ -282,7 +288,8 @@ pub fn renderer(settings: &Settings, alone: &[Flown], findings: &mut Findings) {
     add("renderer: processor time of a frame", median_of(alone, &|flown| flown.cpu_ms[2]), "ms");
 }
 
-/// Figures of the whole against the renderer alone, of turns in which one followed the other: medians of the turns.
+/// Figures of the whole against the renderer alone, of turns in which one followed the other:
+/// medians of the turns.
 pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], findings: &mut Findings) {
     let count = whole.iter().map(|flown| flown.frame_ms.len() as u64).sum();
     let mut add = |name: &str, value: f64, unit: &'static str, target: Option<Target>| {

@@ -1,7 +1,9 @@
-//! Mesh and rays over the same frames, one after the other, several times: what a frame costs on the same cores.
+//! Mesh and rays over the same frames, one after the other, several times: what a frame costs on
+//! the same cores.
 //!
-//! Frames are recorded once and fed to the renderer alone; generator, preparer and prefetcher cost the same for both. How near
-//! both pictures are to the truth is in docs/techniques.md: about equally near, by default and at best.
+//! Frames are recorded once and fed to the renderer alone; generator, preparer and prefetcher cost
+//! the same for both. How near both pictures are to the truth is in docs/techniques.md: about
+//! equally near, by default and at best.
 
 use crate::cli::Options;
 use crate::findings::Findings;
@@ -13,7 +15,8 @@ use anyhow::Context;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 const BENCH: &str = "techniques";
-/// What Mesa's device on the processor is called. It casts rays a tenth as fast as the processor does by itself.
+/// What Mesa's device on the processor is called. It casts rays a tenth as fast as the processor
+/// does by itself.
 const SOFTWARE_DEVICE: &str = "llvmpipe";
 
 /// One way to draw.
@@ -28,7 +31,8 @@ const MESH: Way = Way { name: "mesh", technique: TechniqueChoice::Mesh, rays: Ra
 const RAYS: Way = Way { name: "rays", technique: TechniqueChoice::Rays, rays: RaysChoice::Mipmap };
 const COMPUTE: Way = Way { name: "rays by a GPU", technique: TechniqueChoice::Rays, rays: RaysChoice::Compute };
 
-/// How good the picture is meant to be. At both the pictures are about equally near to the truth (docs/techniques.md).
+/// How good the picture is meant to be. At both the pictures are about equally near to the truth
+/// (docs/techniques.md).
 #[derive(Debug)]
 struct Level {
     label: &'static str,

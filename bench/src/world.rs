@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-/// The folder with the database: the one that was named, else the synthetic one, which is made if need be.
+/// The folder with the database: the one that was named, else the synthetic one, which is made if
+/// need be.
 ///
 /// # Errors
 /// When it cannot be made.

@@ -4,6 +4,7 @@
 //! -z), metres. Angles are radians: heading clockwise from grid north, pitch up from the horizontal, roll clockwise as
 //! the camera's operator sees it (the horizon turns the other way).
 
+use crate::surface;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -82,11 +83,8 @@ impl Camera {
     /// Unit vectors right, up and forward of the camera, in world space.
     #[must_use]
     pub fn axes_in_world(&self) -> [DVec3; 3] {
-        let (sh, ch) = self.heading_rad.sin_cos();
-        let (sp, cp) = self.pitch_rad.sin_cos();
         let (sr, cr) = self.roll_rad.sin_cos();
-        let forward = DVec3::new(sh * cp, ch * cp, sp);
-        let level_right = DVec3::new(ch, -sh, 0.0);
+        let [level_right, forward] = surface::look(self.heading_rad, self.pitch_rad);
         let level_up = level_right.cross(forward);
         // Rolling clockwise tips the camera's right side down.
         let right = level_right * cr - level_up * sr;

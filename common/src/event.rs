@@ -1,67 +1,117 @@
 //! Events: what each stage tells the launcher about its work, through a ring that is dropped into when full and never
 //! waited for. The launcher makes the report and the trace from them.
 
+use crate::database::{Layer, Tile};
+use crate::node::NodeId;
+use crate::outcome::TileFailure;
 use bytemuck::{Pod, Zeroable};
 
-/// What an [`Event`] is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum EventKind {
-    /// A span of work on a frame: `start_nanos`, `duration_nanos`; `value` is [`SpanName`] as a number.
-    Span = 1,
-    /// A tile could not be had: `node`; `value` is 0 for elevation and 1 for colour, plus 256 times a cause code
-    /// (1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache).
-    TileUnavailable = 2,
-    /// A frame was drawn: `value` is the number of triangles, `start_nanos` the end of its read-back, and
-    /// `duration_nanos` the time since the frame before was finished.
-    FrameDone = 3,
-    /// A frame has left the sink (file written, bytes handed over): `value` is 1 when it was settled.
-    FrameWritten = 4,
-    /// Tiles that the frame wanted (`value`, low 32 bits) and nodes in its tree (high 32 bits).
-    FrameWanted = 5,
-    /// A piece of the name of the device that draws; see [`Event::text`]. Sent once, before the first frame.
-    DeviceName = 6,
-    /// A piece of the name and version of the device's driver, or of how rays are cast; see [`Event::text`]. Sent before the first
-    /// frame, and once more when the way of casting rays has been chosen.
-    DriverName = 7,
-    /// Tiles that were copied to the device for this frame: `value` is their number. Not sent when there were none.
-    FrameUploaded = 8,
-    /// A piece of the name of the technique that draws; see [`Event::text`]. Sent once, before the first frame.
-    TechniqueName = 9,
-    /// What a frame was made for (realtime): `start_nanos` is when its camera was made, `value` the bits of r_z (low 32)
-    /// and r_c (high 32) as f32, pixels.
-    FrameCamera = 16,
-    /// What a frame lacked (realtime): `value` is the number of tiles that it wanted and that were not there (low 32 bits),
-    /// and the share of the ground's screen area that it draws as finely as wanted (high 32), an f32.
-    FrameLacked = 17,
-    /// A piece of a sentence about a failure while the database was read; see [`Event::text`]. The sentence begins with
-    /// the name of the cause. One is sent for each cause and file.
-    Failure = 18,
-    /// A tile that could not be had came after all (realtime): `node`, and `value` as in [`EventKind::TileUnavailable`], without a
-    /// cause.
-    TileCame = 19,
+/// What an event says: its kind, with what that kind has to say. [`Event::new`] and [`Event::content`] are the one codec.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum EventContent {
+    /// A span of work on a frame.
+    Span {
+        /// Which work.
+        name: SpanName,
+        /// The node whose tile it was about, where it was about one.
+        node: Option<NodeId>,
+    },
+    /// A tile could not be had.
+    TileUnavailable {
+        /// The tile.
+        tile: Tile,
+        /// Why.
+        failure: TileFailure,
+    },
+    /// A tile that could not be had came after all (realtime).
+    TileCame {
+        /// The tile.
+        tile: Tile,
+    },
+    /// A frame was drawn: the event's start is the end of its read-back, and its duration the time since the frame before was
+    /// finished.
+    FrameDone {
+        /// Triangles, or rays.
+        triangles: u64,
+    },
+    /// A frame has left the sink (file written, bytes handed over).
+    FrameWritten {
+        /// Whether every tile that it wanted was drawn.
+        is_settled: bool,
+    },
+    /// What a frame wanted.
+    FrameWanted {
+        /// Tiles.
+        tiles: u32,
+        /// Nodes in its tree.
+        nodes: u32,
+    },
+    /// Tiles were copied to the device for this frame. Not sent when there were none.
+    FrameUploaded {
+        /// How many.
+        tiles: u64,
+    },
+    /// What a frame was made for (realtime): the event's start is when its camera was made.
+    FrameCamera {
+        /// Screen resolution of facets, pixels.
+        r_z_px: f32,
+        /// Screen resolution of texels, pixels.
+        r_c_px: f32,
+    },
+    /// What a frame lacked (realtime).
+    FrameLacked {
+        /// Tiles that it wanted and that were not there.
+        tiles: u32,
+        /// The share of the ground's screen area that it draws as finely as wanted.
+        sharp_share: f32,
+    },
+    /// A piece of a text; see [`Event::text`].
+    Text {
+        /// What the text is.
+        kind: TextKind,
+    },
 }
 
-impl EventKind {
-    /// The kind with this number; `None` for a number that is none (it came from shared memory).
-    #[must_use]
-    pub const fn from_number(number: u32) -> Option<Self> {
-        Some(match number {
-            1 => Self::Span,
-            2 => Self::TileUnavailable,
-            3 => Self::FrameDone,
-            4 => Self::FrameWritten,
-            5 => Self::FrameWanted,
-            6 => Self::DeviceName,
-            7 => Self::DriverName,
-            8 => Self::FrameUploaded,
-            9 => Self::TechniqueName,
-            16 => Self::FrameCamera,
-            17 => Self::FrameLacked,
-            18 => Self::Failure,
-            19 => Self::TileCame,
-            _ => return None,
-        })
+/// What a text is that events carry in pieces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TextKind {
+    /// The name of the device that draws. Sent once, before the first frame.
+    Device,
+    /// Name and version of the device's driver, or how rays are cast. Sent before the first frame, and once more when the way of
+    /// casting rays has been chosen.
+    Driver,
+    /// The name of the technique that draws. Sent once, before the first frame.
+    Technique,
+    /// A sentence about a failure while the database was read; it begins with the name of the cause. One is sent for each
+    /// cause and file.
+    Failure,
+}
+
+/// Kinds as numbers.
+mod kind {
+    pub(super) const SPAN: u32 = 1;
+    pub(super) const TILE_UNAVAILABLE: u32 = 2;
+    pub(super) const FRAME_DONE: u32 = 3;
+    pub(super) const FRAME_WRITTEN: u32 = 4;
+    pub(super) const FRAME_WANTED: u32 = 5;
+    pub(super) const DEVICE_NAME: u32 = 6;
+    pub(super) const DRIVER_NAME: u32 = 7;
+    pub(super) const FRAME_UPLOADED: u32 = 8;
+    pub(super) const TECHNIQUE_NAME: u32 = 9;
+    pub(super) const FRAME_CAMERA: u32 = 16;
+    pub(super) const FRAME_LACKED: u32 = 17;
+    pub(super) const FAILURE: u32 = 18;
+    pub(super) const TILE_CAME: u32 = 19;
+}
+
+impl TextKind {
+    const fn number(self) -> u32 {
+        match self {
+            Self::Device => kind::DEVICE_NAME,
+            Self::Driver => kind::DRIVER_NAME,
+            Self::Technique => kind::TECHNIQUE_NAME,
+            Self::Failure => kind::FAILURE,
+        }
     }
 }
 
@@ -103,6 +153,12 @@ impl SpanName {
         Self::FetchTile,
     ];
 
+    /// Whether such work is about one tile.
+    #[must_use]
+    pub const fn is_of_a_tile(self) -> bool {
+        matches!(self, Self::LoadTile | Self::FetchTile)
+    }
+
     /// The name with this number; `None` for a number that is none (it came from shared memory).
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
@@ -130,8 +186,8 @@ impl SpanName {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Event {
-    /// [`EventKind`] as a number.
-    pub kind: u32,
+    /// Which [`EventContent`] it is.
+    kind: u32,
     /// Thread within the process, 0 for its main thread.
     pub thread: u32,
     /// The frame.
@@ -141,9 +197,9 @@ pub struct Event {
     /// Duration in nanoseconds.
     pub duration_nanos: u64,
     /// By kind.
-    pub value: u64,
-    /// [`crate::node::NodeId::pack`] of a node, by kind.
-    pub node: u64,
+    value: u64,
+    /// [`NodeId::pack`] of a node, by kind.
+    node: u64,
 }
 
 const _: () = assert!(size_of::<Event>() == 48);
@@ -153,11 +209,124 @@ const TEXT_BYTES: usize = 32;
 /// Longest text that events carry, bytes; what is longer is cut.
 const TEXT_MAX: usize = 512;
 
+/// Two numbers of 32 bits in one word, the first in the lower half.
+const fn halves(low: u32, high: u32) -> u64 {
+    low as u64 | (high as u64) << 32
+}
+
+const fn low(value: u64) -> u32 {
+    value as u32
+}
+
+const fn high(value: u64) -> u32 {
+    (value >> 32) as u32
+}
+
+/// A layer's number: 0 elevation, 1 colour.
+const fn layer_number(layer: Layer) -> u64 {
+    match layer {
+        Layer::Elevation => 0,
+        Layer::Color => 1,
+    }
+}
+
+/// The tile of a layer's number and a packed node.
+fn tile_of(layer: u64, node: u64) -> Option<Tile> {
+    let layer = match layer {
+        0 => Layer::Elevation,
+        1 => Layer::Color,
+        _ => return None,
+    };
+    Some(Tile { layer, node: NodeId::unpack(node)? })
+}
+
 impl Event {
+    /// An event that says this, of thread 0 and frame 0, at no time: whoever tells it sets what matters.
+    #[must_use]
+    pub fn new(content: EventContent) -> Self {
+        let event = |kind, value, node| Self { kind, value, node, ..Self::zeroed() };
+        match content {
+            EventContent::Span { name, node } => event(kind::SPAN, name as u64, node.map_or(0, NodeId::pack)),
+            EventContent::TileUnavailable { tile, failure } => {
+                let value = layer_number(tile.layer) | u64::from(failure.number()) << 8;
+                event(kind::TILE_UNAVAILABLE, value, tile.node.pack())
+            }
+            EventContent::TileCame { tile } => event(kind::TILE_CAME, layer_number(tile.layer), tile.node.pack()),
+            EventContent::FrameDone { triangles } => event(kind::FRAME_DONE, triangles, 0),
+            EventContent::FrameWritten { is_settled } => event(kind::FRAME_WRITTEN, is_settled.into(), 0),
+            EventContent::FrameWanted { tiles, nodes } => event(kind::FRAME_WANTED, halves(tiles, nodes), 0),
+            EventContent::FrameUploaded { tiles } => event(kind::FRAME_UPLOADED, tiles, 0),
+            EventContent::FrameCamera { r_z_px, r_c_px } => {
+                event(kind::FRAME_CAMERA, halves(r_z_px.to_bits(), r_c_px.to_bits()), 0)
+            }
+            EventContent::FrameLacked { tiles, sharp_share } => {
+                event(kind::FRAME_LACKED, halves(tiles, sharp_share.to_bits()), 0)
+            }
+            EventContent::Text { kind } => event(kind.number(), 0, 0),
+        }
+    }
+
+    /// Of this frame.
+    #[must_use]
+    pub fn of_frame(self, frame: u64) -> Self {
+        Self { frame, ..self }
+    }
+
+    /// Of this thread of the process, 0 for its main thread.
+    #[must_use]
+    pub fn on_thread(self, thread: u32) -> Self {
+        Self { thread, ..self }
+    }
+
+    /// At this time, nanoseconds of the monotonic clock.
+    #[must_use]
+    pub fn at(self, start_nanos: u64) -> Self {
+        Self { start_nanos, ..self }
+    }
+
+    /// For so long, nanoseconds.
+    #[must_use]
+    pub fn lasting(self, duration_nanos: u64) -> Self {
+        Self { duration_nanos, ..self }
+    }
+
+    /// What it says; `None` when it says nothing that an event can say (it came from shared memory).
+    #[must_use]
+    pub fn content(&self) -> Option<EventContent> {
+        let Self { value, node, .. } = *self;
+        Some(match self.kind {
+            kind::SPAN => {
+                let name = SpanName::from_number(value)?;
+                let node = if name.is_of_a_tile() { NodeId::unpack(node) } else { None };
+                EventContent::Span { name, node }
+            }
+            kind::TILE_UNAVAILABLE => EventContent::TileUnavailable {
+                tile: tile_of(value & 0xFF, node)?,
+                failure: TileFailure::from_number(value >> 8)?,
+            },
+            kind::TILE_CAME => EventContent::TileCame { tile: tile_of(value, node)? },
+            kind::FRAME_DONE => EventContent::FrameDone { triangles: value },
+            kind::FRAME_WRITTEN => EventContent::FrameWritten { is_settled: value == 1 },
+            kind::FRAME_WANTED => EventContent::FrameWanted { tiles: low(value), nodes: high(value) },
+            kind::FRAME_UPLOADED => EventContent::FrameUploaded { tiles: value },
+            kind::FRAME_CAMERA => {
+                EventContent::FrameCamera { r_z_px: f32::from_bits(low(value)), r_c_px: f32::from_bits(high(value)) }
+            }
+            kind::FRAME_LACKED => {
+                EventContent::FrameLacked { tiles: low(value), sharp_share: f32::from_bits(high(value)) }
+            }
+            kind::DEVICE_NAME => EventContent::Text { kind: TextKind::Device },
+            kind::DRIVER_NAME => EventContent::Text { kind: TextKind::Driver },
+            kind::TECHNIQUE_NAME => EventContent::Text { kind: TextKind::Technique },
+            kind::FAILURE => EventContent::Text { kind: TextKind::Failure },
+            _ => return None,
+        })
+    }
+
     /// The events that carry a text (at most 512 bytes, longer ones are cut), 32 bytes each: `thread` is the
     /// piece's number, `frame` the length of the whole text, and the four fields after it are the bytes.
     #[must_use]
-    pub fn text(kind: EventKind, text: &str) -> Vec<Self> {
+    pub fn text(kind: TextKind, text: &str) -> Vec<Self> {
         let mut len = text.len().min(TEXT_MAX);
         while !text.is_char_boundary(len) {
             len -= 1;
@@ -169,7 +338,7 @@ impl Event {
             let [start_nanos, duration_nanos, value, node] = bytemuck::cast::<_, [u64; 4]>(padded);
             let frame = len as u64;
             events.push(Self {
-                kind: kind as u32,
+                kind: kind.number(),
                 thread: piece as u32,
                 frame,
                 start_nanos,
@@ -208,13 +377,12 @@ pub fn monotonic_nanos() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn a_text_comes_together_again(text in "\\PC{0,80}") {
-            let events = Event::text(EventKind::DeviceName, &text);
+            let events = Event::text(TextKind::Device, &text);
             let mut bytes = Vec::new();
             let last: Vec<bool> = events.iter().map(|event| event.collect_text(&mut bytes)).collect();
             let got = String::from_utf8(bytes).unwrap();
@@ -235,8 +403,47 @@ mod tests {
         for name in SpanName::ALL {
             assert_eq!(SpanName::from_number(u64::from(name as u32)), Some(name));
         }
-        for number in 0..100 {
-            assert!(EventKind::from_number(number).is_none_or(|kind| kind as u32 == number));
+    }
+
+    fn contents() -> impl Strategy<Value = EventContent> {
+        let tile = (0u32..100, any::<bool>()).prop_map(|(m, is_color)| Tile {
+            layer: if is_color { Layer::Color } else { Layer::Elevation },
+            node: NodeId::new(m, 3, 2).unwrap(),
+        });
+        let failure = (0..TileFailure::ALL.len()).prop_map(|index| TileFailure::ALL[index]);
+        let kinds = [TextKind::Device, TextKind::Driver, TextKind::Technique, TextKind::Failure];
+        let span = (0..SpanName::ALL.len(), tile.clone()).prop_map(|(index, tile)| {
+            let name = SpanName::ALL[index];
+            EventContent::Span { name, node: name.is_of_a_tile().then_some(tile.node) }
+        });
+        prop_oneof![
+            span,
+            (tile.clone(), failure).prop_map(|(tile, failure)| EventContent::TileUnavailable { tile, failure }),
+            tile.prop_map(|tile| EventContent::TileCame { tile }),
+            any::<u64>().prop_map(|triangles| EventContent::FrameDone { triangles }),
+            any::<bool>().prop_map(|is_settled| EventContent::FrameWritten { is_settled }),
+            any::<(u32, u32)>().prop_map(|(tiles, nodes)| EventContent::FrameWanted { tiles, nodes }),
+            any::<u64>().prop_map(|tiles| EventContent::FrameUploaded { tiles }),
+            any::<(f32, f32)>().prop_map(|(r_z_px, r_c_px)| EventContent::FrameCamera { r_z_px, r_c_px }),
+            any::<(u32, f32)>().prop_map(|(tiles, sharp_share)| EventContent::FrameLacked { tiles, sharp_share }),
+            (0..kinds.len()).prop_map(move |index| EventContent::Text { kind: kinds[index] }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn an_event_says_what_it_was_made_to_say(content in contents()) {
+            prop_assert_eq!(Event::new(content).content(), Some(content));
+        }
+
+        #[test]
+        fn any_bytes_say_what_can_be_said_again_or_nothing(kind in 0u32..24, value: u64, node: u64) {
+            let event = Event { kind, value, node, ..Event::zeroed() };
+            if let Some(content) = event.content() {
+                // Bit for bit, since numbers may be none.
+                let again = Event::new(content).content().unwrap();
+                prop_assert_eq!(format!("{again:?}"), format!("{content:?}"));
+            }
         }
     }
 }

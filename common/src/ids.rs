@@ -41,6 +41,42 @@ macro_rules! number {
 }
 
 number! {
+    /// Number of a frame: its place in the film, from 0. In real time frames are left out, so numbers have gaps.
+    FrameNumber(u64)
+}
+
+number! {
+    /// A frame's place among those of the run that are drawn, from 1, without gaps; 0 is before the first. Pools go by it: what
+    /// frame `s` names stays until `s` is completed.
+    Sequence(u64)
+}
+
+impl Sequence {
+    /// Before the first frame: of what no frame wants.
+    pub const NONE: Self = Self(0);
+    /// Of the first frame.
+    pub const FIRST: Self = Self(1);
+
+    /// That of the next frame.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.saturating_add(1))
+    }
+
+    /// So many frames later.
+    #[must_use]
+    pub const fn saturating_add(self, frames: u64) -> Self {
+        Self(self.0.saturating_add(frames))
+    }
+
+    /// So many frames earlier, at most back to [`Sequence::NONE`].
+    #[must_use]
+    pub const fn saturating_sub(self, frames: u64) -> Self {
+        Self(self.0.saturating_sub(frames))
+    }
+}
+
+number! {
     /// Index of a slot of a tile pool, from 0.
     SlotIndex(u32)
 }

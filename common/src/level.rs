@@ -105,7 +105,7 @@ impl LevelFunction {
             *level = ViewLevel::new(camera, world, cell_px);
         }
         LevelFunction {
-            frame: world.surface().seen_by(pose),
+            frame: world.surface().seen_by(pose.eye(), pose.axes_in_world()[2]),
             exaggeration,
             measure,
             views: levels,
@@ -171,9 +171,9 @@ impl LevelFunction {
 impl ViewLevel {
     fn new(camera: &Camera, world: &World, cell_px: f64) -> Self {
         let [tx, ty] = camera.half_tangents();
-        let elevation_scale = cell_px / (world.lattice_unit_m() * camera.focal_px());
+        let elevation_scale = cell_px / (world.surface().unit_m() * camera.focal_px());
         Self {
-            frame: world.surface().seen_by(camera),
+            frame: world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]),
             cos2_half_diagonal: 1.0 / (1.0 + tx * tx + ty * ty),
             elevation_offset: log2_approximate(elevation_scale),
         }

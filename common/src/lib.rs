@@ -13,6 +13,7 @@
 //! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour tiles, block-compressed or not.
 //! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
 //! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a terminal, panics as a last resort.
+//! * [`log`]: what each process does, for whoever looks for a fault.
 //! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about the run that it is part of.
 //!   [`report`]: what it says of the run afterwards.
 
@@ -24,6 +25,8 @@ pub mod files;
 pub mod film;
 pub mod ids;
 pub mod level;
+#[cfg(not(loom))]
+pub mod log;
 pub mod lonlat;
 pub mod node;
 pub mod node_table;

@@ -1,7 +1,7 @@
 //! What became of the tiles that the preparer wants, as it travels from the prefetcher to the preparer.
 
-use crate::database::{Layer, Tile};
-use crate::ids::SlotKey;
+use crate::database::Tile;
+use crate::ids::{Sequence, SlotKey};
 use bytemuck::{Pod, Zeroable};
 
 /// The tile is in its pool.
@@ -108,7 +108,7 @@ pub enum Outcome {
     /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.
     NoRoom {
         /// [`crate::shm::Control::completed_sequence`] as it was then: after a later one there may be room.
-        completed: u64,
+        completed: Sequence,
     },
 }
 
@@ -122,7 +122,7 @@ impl TileOutcome {
                 Self { code: RESIDENT, slot: key.slot.get(), generation: key.generation.get(), ..record }
             }
             Outcome::Unavailable { failure } => Self { code: u32::from(failure.number()), ..record },
-            Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed, ..record },
+            Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed: completed.get(), ..record },
         }
     }
 
@@ -133,25 +133,17 @@ impl TileOutcome {
         let tile = Tile::unpack(self.tile)?;
         let outcome = match self.code {
             RESIDENT => Outcome::Resident { key: SlotKey::new(self.slot, self.generation) },
-            NO_ROOM => Outcome::NoRoom { completed: self.completed },
+            NO_ROOM => Outcome::NoRoom { completed: Sequence::new(self.completed) },
             number => Outcome::Unavailable { failure: TileFailure::from_number(number.into())? },
         };
         Some((tile, outcome))
     }
 }
 
-/// The number of a layer in events: 0 elevation, 1 colour.
-#[must_use]
-pub const fn layer_number(layer: Layer) -> u64 {
-    match layer {
-        Layer::Elevation => 0,
-        Layer::Color => 1,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::database::Layer;
     use crate::node::NodeId;
     use proptest::prelude::*;
 
@@ -162,7 +154,7 @@ mod tests {
             for outcome in [
                 Outcome::Resident { key: SlotKey::new(slot, generation) },
                 Outcome::Unavailable { failure: TileFailure::from_number(number).unwrap() },
-                Outcome::NoRoom { completed },
+                Outcome::NoRoom { completed: Sequence::new(completed) },
             ] {
                 prop_assert_eq!(TileOutcome::new(tile, outcome).read(), Some((tile, outcome)));
             }

@@ -1,6 +1,7 @@
 //! The report of a run (`terravision fly --report`), as the launcher writes it and benches read it.
 //!
-//! Field names are those of the JSON; docs/report.md says what each one is. Fields are only ever added.
+//! Field names are those of the JSON; docs/report.md says what each one is. Fields are only ever
+//! added.
 
 use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
@@ -83,8 +84,8 @@ pub struct Report {
 }
 
 impl Report {
-    /// Whether the run was what its mode promises: in exact mode all frames with all their tiles, in realtime mode no tile that
-    /// can never be had.
+    /// Whether the run was what its mode promises: in exact mode all frames with all their tiles,
+    /// in realtime mode no tile that can never be had.
     #[must_use]
     pub fn is_as_promised(&self) -> bool {
         if self.realtime.is_some() { self.tiles.unavailable_count == 0 } else { self.settled }
@@ -224,7 +225,8 @@ pub struct DrawnFrames {
     pub interval_ms: Vec<f64>,
     /// The renderer's own time, milliseconds.
     pub renderer_ms: Vec<f64>,
-    /// From its camera to its end, milliseconds; 0 for a frame that shows the camera of the one before.
+    /// From its camera to its end, milliseconds; 0 for a frame that shows the camera of the one
+    /// before.
     pub latency_ms: Vec<f64>,
     /// Size of facets, pixels.
     pub r_z_px: Vec<f64>,

@@ -7,12 +7,12 @@
 //! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
 
 use crate::bug::report_panics;
-use crate::event::{Event, EventKind, SpanName, monotonic_nanos};
+use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
+use crate::log::start_stage;
 use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
 use crate::terminal::complain;
-use bytemuck::Zeroable;
 use std::io::Read;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -172,6 +172,7 @@ pub trait StageError: std::error::Error {
 /// outcome, with one sentence on standard error when it is a failure.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
     report_panics("");
+    start_stage();
     let started = StageRun::parse(std::env::args().skip(1)).and_then(|stage_run| {
         set_up_process()?;
         Ok(stage_run)
@@ -180,7 +181,11 @@ pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> Exit
         Ok(stage_run) => stage_run,
         Err(error) => return fail(&error, BAD_USAGE),
     };
-    match run(&stage_run) {
+    let (run_id, [first, end]) = (stage_run.id(), stage_run.config().frames);
+    tracing::debug!(%run_id, first, end, "stage begins");
+    let ended = run(&stage_run);
+    tracing::debug!(error = ended.as_ref().err().map(tracing::field::display), "stage ends");
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_stopping() => ExitCode::from(INTERRUPTED),
         Err(error) => fail(&error, if error.is_bad_input() { BAD_USAGE } else { 1 }),
@@ -245,14 +250,8 @@ impl Events {
     /// Tells of a span of work of the main thread on a frame that ends now. Returns its end.
     pub fn span(&mut self, control: &Control, name: SpanName, frame: u64, start_nanos: u64) -> u64 {
         let end = monotonic_nanos();
-        let event = Event {
-            kind: EventKind::Span as u32,
-            frame,
-            start_nanos,
-            duration_nanos: end.saturating_sub(start_nanos),
-            value: name as u64,
-            ..Event::zeroed()
-        };
+        let span = Event::new(EventContent::Span { name, node: None });
+        let event = span.of_frame(frame).at(start_nanos).lasting(end.saturating_sub(start_nanos));
         self.tell(control, event);
         end
     }

@@ -2,7 +2,7 @@
 //!
 //! Inside the system positions are **world coordinates**: metres east and north of the world's origin (its south west
 //! elevation post), and height in metres; [`crate::surface`] makes them. The origin's easting and northing are added only at
-//! the edges ([`World::crs_of_foot`]).
+//! the edges ([`World::crs_frame`]).
 //!
 //! ```text
 //!        elevation posts sit on the corners          colour texels are cells
@@ -20,8 +20,7 @@
 //! is ever drawn is a lattice point, so positions along an edge that two leaves share are equal as integers.
 
 use crate::node::{MAX_LEVEL, NodeId};
-use crate::surface::Surface;
-use glam::DVec2;
+use crate::surface::{CrsFrame, Surface};
 use serde::{Deserialize, Serialize};
 
 /// Geometry of a terrain database: where its nodes, posts and texels are. Valid by construction.
@@ -180,18 +179,11 @@ impl World {
         Surface::new(self.fields.lattice_unit_m, self.fields.extent, self.fields.elevation_tile)
     }
 
-    /// The foot of a place in the database's CRS.
+    /// Where it lies in the database's CRS.
     #[inline]
     #[must_use]
-    pub fn foot_of_crs(&self, place: DVec2) -> DVec2 {
-        place - DVec2::from_array(self.fields.origin)
-    }
-
-    /// The place of a foot in the database's CRS.
-    #[inline]
-    #[must_use]
-    pub fn crs_of_foot(&self, foot: DVec2) -> DVec2 {
-        DVec2::from_array(self.fields.origin) + foot
+    pub const fn crs_frame(&self) -> CrsFrame {
+        CrsFrame::new(self.fields.origin)
     }
 
     /// Distance of two lattice points, metres.

@@ -188,6 +188,7 @@ impl<R: HeightRanges> Generator<R> {
             events.tell(control, realtime::frame_camera(&header));
         }
         control.heartbeat(Stage::Generator);
+        tracing::trace!(frame, nodes = stats.node_count, r_z_px, r_c_px, "tree");
         Ok(stats)
     }
 }
@@ -207,6 +208,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;
+    tracing::debug!(next_frame = generator.next_frame, nodes = limits.nodes, "generates trees");
     while generator.has_next() {
         generator.frame(&mut ports)?;
     }

@@ -6,9 +6,9 @@
 //! slowed down. The last frame is never skipped.
 
 use crate::GeneratorError;
-use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, monotonic_nanos};
+use terravision_common::ids::Sequence;
 use terravision_common::rate::{RateController, Resolutions};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Control;
@@ -65,7 +65,7 @@ impl Pace {
             (next, control.wait_camera(0, 0)?)
         } else {
             if self.sequence >= IN_FLIGHT {
-                control.wait_completed(self.sequence + 1 - IN_FLIGHT)?;
+                control.wait_completed(Sequence::new(self.sequence + 1 - IN_FLIGHT))?;
             }
             let clock = Clock { start_nanos: control.wait_clock_start()?, period_nanos: config.period_nanos() };
             let due = clock.moment(next - config.frames[0]);
@@ -114,14 +114,9 @@ impl Clock {
 
 /// What the launcher is told of a frame's camera and resolutions.
 pub(crate) fn frame_camera(header: &TreeHeader) -> Event {
-    let bits = |px: f64| u64::from((px as f32).to_bits());
-    Event {
-        kind: EventKind::FrameCamera as u32,
-        frame: header.frame,
-        start_nanos: header.camera.timestamp_nanos,
-        value: bits(header.r_z_px) | bits(header.r_c_px) << 32,
-        ..Event::zeroed()
-    }
+    let (r_z_px, r_c_px) = (header.r_z_px as f32, header.r_c_px as f32);
+    let event = Event::new(EventContent::FrameCamera { r_z_px, r_c_px });
+    event.of_frame(header.frame).at(header.camera.timestamp_nanos)
 }
 
 #[cfg(test)]

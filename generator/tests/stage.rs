@@ -3,7 +3,8 @@
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
+use terravision_common::ids::Sequence;
 use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
 use terravision_common::run::{
@@ -136,7 +137,8 @@ fn cameras_become_trees_in_order() {
     }
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
     assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
-    assert!(told.iter().all(|e| e.kind == EventKind::Span as u32 && e.value == SpanName::Generate as u64));
+    let span = EventContent::Span { name: SpanName::Generate, node: None };
+    assert!(told.iter().all(|event| event.content() == Some(span)));
 }
 
 #[test]
@@ -217,18 +219,19 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     sides.control.publish_camera(&camera(0));
     assert_eq!(sides.next(), (30, camera(0), 10.0));
     // The moments of frames 31 and 32 have passed, 33 is not due yet.
-    sides.control.set_completed_sequence(1);
+    sides.control.set_completed_sequence(Sequence::new(1));
     sides.control.publish_camera(&camera(7));
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 5 / 2);
     assert_eq!(sides.next(), (32, camera(7), 10.0));
     assert!(sides.generator.has_next());
     // Long after the end there is still the last frame.
-    sides.control.set_completed_sequence(2);
+    sides.control.set_completed_sequence(Sequence::new(2));
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 40);
     assert_eq!(sides.next(), (34, camera(7), 10.0));
     assert!(!sides.generator.has_next());
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
-    let cameras: Vec<u64> = told.iter().filter(|e| e.kind == EventKind::FrameCamera as u32).map(|e| e.frame).collect();
+    let is_camera = |event: &&Event| matches!(event.content(), Some(EventContent::FrameCamera { .. }));
+    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame).collect();
     assert_eq!(cameras, [30, 32, 34]);
 }
 
@@ -248,7 +251,7 @@ fn slow_frames_make_facets_coarser_within_what_is_allowed() {
         let work_nanos = 4 * PERIOD_NANOS;
         let timing = FrameTiming { frame, sequence, r_z_px, work_nanos, ..bytemuck::Zeroable::zeroed() };
         sides.control.publish_timing(&timing);
-        sides.control.set_completed_sequence(sequence);
+        sides.control.set_completed_sequence(Sequence::new(sequence));
     }
     assert_eq!((seen[0], seen[18]), (10.0, 40.0));
     assert!(seen.windows(2).all(|pair| pair[0] <= pair[1]), "{seen:?}");
@@ -259,7 +262,7 @@ fn a_run_that_stops_ends_the_wait_for_the_clock() {
     let mut sides = realtime([0, 9]);
     sides.control.publish_camera(&camera(0));
     sides.frame().expect("the first needs no clock");
-    sides.control.set_completed_sequence(1);
+    sides.control.set_completed_sequence(Sequence::new(1));
     sides.control.set_state(RunState::Stopping);
     assert!(sides.frame().expect_err("stopped").is_stopping());
 }

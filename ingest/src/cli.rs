@@ -18,6 +18,9 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub verb: Verb,
+    /// Log what is done to standard error: error, warn, info, debug, trace, or a filter [default: TERRAVISION_LOG]
+    #[arg(long, global = true, value_name = "LEVEL|FILTER")]
+    pub log: Option<String>,
 }
 
 /// What to do.

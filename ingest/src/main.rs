@@ -36,6 +36,10 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
+    if let Err(error) = terravision_common::log::start(cli.log.as_deref()) {
+        complain(&format!("terravision: --log: {error}"));
+        return ExitCode::from(2);
+    }
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Without a handler an interrupt simply kills us, and the next run cleans up.
@@ -80,6 +84,7 @@ fn main() -> ExitCode {
 
 /// Makes a database; what is to be printed about it, fit for a terminal.
 fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
+    tracing::info!(output = %job.output.display(), elevation = job.elevation.len(), color = job.color.len(), "ingest begins");
     job.access.restrict_process(job.elevation.iter().chain(&job.color));
     let mut notes = Vec::new();
     let mut note = |note: Note| {
@@ -103,6 +108,7 @@ fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, 
 }
 
 fn print_note(note: &Note) {
+    tracing::debug!(?note, "note");
     complain(&match note {
         Note::Info(text) => format!("note: {text}"),
         Note::Warning(text) => format!("warning: {text}"),

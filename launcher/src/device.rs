@@ -1,12 +1,13 @@
-//! The Vulkan device that a flight would draw with, as the renderer tells of it (`--doctor-json`), and whether colour tiles
-//! are worth compressing for it.
+//! The Vulkan device that a flight would draw with, as the renderer tells of it (`--doctor-json`),
+//! and whether colour tiles are worth compressing for it.
 
-use crate::machine::outcome_words;
+use crate::machine::outcome;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// The question, while the renderer looks around: it takes a while, in which the launcher reads its own input.
+/// The question, while the renderer looks around: it takes a while, in which the launcher reads its
+/// own input.
 #[derive(Debug)]
 pub struct DeviceQuestion {
     renderer: Option<Child>,
@@ -26,14 +27,14 @@ impl DeviceQuestion {
         }
     }
 
-    /// All that it found; or what went wrong, in words.
+    /// All that it found; or what went wrong, a message.
     ///
     /// # Errors
     /// The renderer cannot be asked.
     pub fn answer(mut self) -> Result<Value, String> {
         let Some(renderer) = self.renderer.take() else { return Err(std::mem::take(&mut self.failure)) };
         let output = renderer.wait_with_output().map_err(|error| error.to_string())?;
-        let text = outcome_words(&output)?;
+        let text = outcome(&output)?;
         serde_json::from_str(&text).map_err(|error| format!("the renderer's answer is not JSON: {error}"))
     }
 }
@@ -68,7 +69,8 @@ pub fn lacks(device: &Value) -> Vec<&str> {
     device["missing"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
 }
 
-/// Whether colour tiles can be compressed for a device, and whether that pays; with the reason, a clause.
+/// Whether colour tiles can be compressed for a device, and whether that pays; with the reason, a
+/// clause.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Compression {
     /// The device is made for it.
@@ -85,10 +87,10 @@ impl Compression {
     pub fn of(answer: Result<&Value, &str>) -> Self {
         let device = match answer {
             Ok(answer) => chosen(answer),
-            Err(words) => return Self::Impossible(words.to_owned()),
+            Err(message) => return Self::Impossible(message.to_owned()),
         };
         let Some(device) = device.filter(|device| lacks(device).is_empty()) else {
-            return Self::Impossible("no Vulkan device can be used here".to_owned());
+            return Self::Impossible("there is no Vulkan device that can be used".to_owned());
         };
         let name = device["name"].as_str().unwrap_or("the device");
         if device["has_block_compression"] != true {
@@ -96,9 +98,9 @@ impl Compression {
         }
         match device["type"].as_str() {
             Some("discrete" | "integrated" | "virtual") => {
-                Self::Fast(format!("{name} is a GPU, which unpacks it in hardware"))
+                Self::Fast(format!("{name} is a GPU, which decodes them in hardware"))
             }
-            Some("cpu") => Self::Slow(format!("{name} is the processor itself, which unpacks every texel by program")),
+            Some("cpu") => Self::Slow(format!("{name} is the processor itself, which decodes every texel in software")),
             _ => Self::Slow(format!("{name} does not say what kind of device it is")),
         }
     }
@@ -133,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_renderer_that_is_not_there_is_an_answer_too() {
-        let words = DeviceQuestion::ask(Path::new("/nonexistent")).answer().unwrap_err();
-        assert!(words.starts_with("/nonexistent/terravision-renderer: "), "{words}");
+        let message = DeviceQuestion::ask(Path::new("/nonexistent")).answer().unwrap_err();
+        assert!(message.starts_with("/nonexistent/terravision-renderer: "), "{message}");
     }
 }

@@ -1,4 +1,5 @@
-//! How a command ends when it does not end well: one sentence for a person, and an exit code for a script.
+//! How a command ends when it does not end well: one sentence for a person, and an exit code for a
+//! script.
 
 use std::fmt;
 
@@ -8,7 +9,8 @@ use std::fmt;
 pub enum ExitStatus {
     /// The run failed.
     Failed = 1,
-    /// The command line is wrong, or something that it names cannot be used, for whatever reason; nothing was made.
+    /// The command line is wrong, or something that it names cannot be used, for whatever reason;
+    /// nothing was made.
     BadInput = 2,
     /// The flight finished, but tiles were missing and were drawn from coarser ones.
     TilesUnavailable = 3,
@@ -38,7 +40,8 @@ impl Failure {
 }
 
 impl fmt::Display for Failure {
-    /// One sentence on one line: the error, then each cause that the text before does not contain already.
+    /// One sentence on one line: the error, then each cause that the text before does not contain
+    /// already.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut text = String::new();
         for cause in self.error.chain() {

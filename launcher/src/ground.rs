@@ -73,13 +73,14 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let [low, high] = [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_of_foot(foot));
+        let [low, high] =
+            [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_frame().place_of_foot(foot));
         Extent { low, high }
     }
 
     /// The foot of a position; `None` outside the world.
     fn foot(&self, x: f64, y: f64) -> Option<DVec2> {
-        let foot = self.world.foot_of_crs(DVec2::new(x, y));
+        let foot = self.world.crs_frame().foot(DVec2::new(x, y));
         self.world.surface().holds(foot).then_some(foot)
     }
 
@@ -94,7 +95,7 @@ impl<'a> WorldGround<'a> {
             let mut values = vec![0f32; self.world.elevation_values()];
             self.source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
         });
-        Some(node_ground(self.world, node, tile.as_ref()?, foot))
+        Some(node_ground(&self.world.surface(), node, tile.as_ref()?, foot))
     }
 
     /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile can be had.

@@ -9,7 +9,8 @@
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
-//! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and what runs on it.
+//! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and
+//!   what runs on it.
 
 pub mod cli;
 pub mod command;
@@ -37,16 +38,18 @@ use command::{doctor, exec, export, info};
 use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::log;
 use terravision_common::terminal::complain;
 
 /// The whole program: reads the command line, does what it says, and returns the exit code.
 #[must_use]
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let started_nanos = monotonic_nanos();
-    // Where the system refuses, a file that grows beyond its limit ends this program without a sentence.
+    // Where the system refuses, a file that grows beyond its limit ends this program without a
+    // sentence.
     terravision_common::stage::note_file_limit().ok();
     let result = match parse(arguments.into_iter().collect()) {
-        Ok(cli) => dispatch(cli.command, started_nanos),
+        Ok(cli) => start_log(cli.log.as_deref()).and_then(|()| dispatch(cli.command, started_nanos)),
         Err(error) => usage(&error),
     };
     match result {
@@ -65,6 +68,11 @@ fn parse(arguments: Vec<OsString>) -> Result<Cli, clap::Error> {
         let moved = is_incomplete.then(|| with_planes_last(&arguments)).flatten();
         moved.and_then(|arguments| Cli::try_parse_from(arguments).ok()).ok_or(error)
     })
+}
+
+fn start_log(filter: Option<&str>) -> Result<(), Failure> {
+    let name = if filter.is_some() { "--log" } else { log::VARIABLE };
+    log::start(filter).map_err(|error| Failure::bad_input(anyhow::anyhow!("{name}: {error}")))
 }
 
 fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
@@ -88,7 +96,8 @@ fn usage(error: &clap::Error) -> Result<(), Failure> {
             error.print().map_err(|error| Failure::failed(anyhow::Error::from(error)))
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-            // No command at all: the help is the answer, and the exit code says that nothing was done.
+            // No command at all: the help is the answer, and the exit code says that nothing was
+            // done.
             drop(error.print());
             Err(Failure { status: ExitStatus::BadInput, error: anyhow::anyhow!("expected a command") })
         }
@@ -99,9 +108,9 @@ fn usage(error: &clap::Error) -> Result<(), Failure> {
 /// The first paragraph of clap's message as one sentence; its usage lines are what `--help` is for.
 fn usage_sentence(message: &str) -> String {
     let first = message.split("\n\n").next().unwrap_or(message);
-    let words = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let words = words.strip_prefix("error: ").unwrap_or(&words);
-    format!("{words} (terravision --help, or --help after a command, explains)")
+    let message = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let message = message.strip_prefix("error: ").unwrap_or(&message);
+    format!("{message} (see terravision --help, or --help after a command)")
 }
 
 #[cfg(test)]

@@ -12,16 +12,16 @@ pub fn find_program(name: &str) -> Option<PathBuf> {
     std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(is_program)
 }
 
-/// What a program said on standard output, or its last words when it failed.
+/// What a program wrote to standard output, or its last message when it failed.
 ///
 /// # Errors
 /// It failed.
-pub fn outcome_words(output: &Output) -> Result<String, String> {
+pub fn outcome(output: &Output) -> Result<String, String> {
     if output.status.success() {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
-    let words = String::from_utf8_lossy(&output.stderr);
-    let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed and left no message");
+    let messages = String::from_utf8_lossy(&output.stderr);
+    let last = messages.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed and left no message");
     Err(last.trim().to_owned())
 }
 

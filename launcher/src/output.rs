@@ -1,5 +1,5 @@
-//! Where results go: written under a temporary name beside the final one, and renamed when all is well, so that an
-//! interrupted run leaves no half film.
+//! Where results go: written under a temporary name beside the final one, and renamed when all is
+//! well, so that an interrupted run leaves no half film.
 
 use crate::process::interrupt;
 use rustix::fs::{FlockOperation, OFlags, flock};
@@ -77,25 +77,33 @@ pub struct TemporaryFile {
 }
 
 impl TemporaryFile {
-    /// Makes an empty file beside `path`, of the same extension; `run` makes its name unique. It shows at once whether
-    /// the place can be written to.
+    /// Makes an empty file beside `path`, of the same extension; `run` makes its name unique. It
+    /// shows at once whether the place can be written to.
     ///
     /// # Errors
     /// [`OutputError`].
     pub fn create(path: &Path, run: &str) -> Result<Self, OutputError> {
+        // So that of two runs that begin at once one sees the other.
+        Self::create_under(&FolderLock::wait(folder_of(path)), path, run)
+    }
+
+    /// The same, for whoever holds the lock of the file's folder already.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn create_under(_lock: &FolderLock, path: &Path, run: &str) -> Result<Self, OutputError> {
         let fail = |source| OutputError::Write { path: path.to_owned(), source };
         if path.is_dir() {
             return Err(OutputError::IsFolder { path: path.to_owned() });
         }
-        // A device or a pipe (/dev/full, /dev/stdout) is written to as it is: it has no half content to hide.
+        // A device or a pipe (/dev/full, /dev/stdout) is written to as it is: it has no half
+        // content to hide.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Ok(Self { temporary: path.to_owned(), path: path.to_owned(), is_finished: true });
         }
         let Some(stem) = path.file_stem() else {
-            return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is no file name")));
+            return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is not a file name")));
         };
-        // So that of two runs that begin at once one sees the other.
-        let _lock = FolderLock::wait(folder_of(path));
         if let Some(pid) = other_writer(path, &stem.to_string_lossy(), run) {
             return Err(OutputError::Taken { path: path.to_owned(), pid });
         }
@@ -124,7 +132,8 @@ impl TemporaryFile {
         &self.temporary
     }
 
-    /// What is to be removed when the run fails; `None` of a device or a pipe, which was there before.
+    /// What is to be removed when the run fails; `None` of a device or a pipe, which was there
+    /// before.
     #[must_use]
     pub fn to_remove(&self) -> Option<&Path> {
         (!self.is_finished).then_some(self.temporary.as_path())
@@ -166,8 +175,9 @@ impl TemporaryFile {
     }
 }
 
-/// Whether standard output was closed when this program was started (`>&-`), or leads nowhere. A Rust program finds the null device
-/// in place of one that is closed, open for reading and writing, as nobody opens it to write.
+/// Whether standard output was closed when this program was started (`>&-`), or leads nowhere. A
+/// Rust program finds the null device in place of one that is closed, open for reading and writing,
+/// as nobody opens it to write.
 #[must_use]
 pub fn is_stdout_closed() -> bool {
     let stdout = io::stdout();
@@ -175,7 +185,7 @@ pub fn is_stdout_closed() -> bool {
     is_null && rustix::fs::fcntl_getfl(&stdout).is_ok_and(|flags| flags.contains(OFlags::RDWR))
 }
 
-/// Opens a file to be written. A FIFO that nobody reads is waited for, but not for ever.
+/// Opens a file to be written. Waits a while for the reader of a FIFO.
 fn open(path: &Path, is_truncated: bool) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).truncate(is_truncated);
@@ -192,7 +202,7 @@ fn open(path: &Path, is_truncated: bool) -> io::Result<File> {
             }
             Err(error) if error.raw_os_error() != Some(Errno::NXIO.raw_os_error()) => return Err(error),
             Err(_nobody) if Instant::now() >= end || interrupt::is_interrupted() => {
-                return Err(io::Error::new(io::ErrorKind::TimedOut, "it is a FIFO, and nobody reads it"));
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "it is a FIFO that no program reads"));
             }
             Err(_nobody) => std::thread::sleep(Duration::from_millis(20)),
         }
@@ -208,7 +218,8 @@ impl Drop for TemporaryFile {
     }
 }
 
-/// Removes what a killed stage left of the files that it was writing in a folder: it names them `.partial-<its pid>-…`.
+/// Removes what a killed stage left of the files that it was writing in a folder: it names them
+/// `.partial-<its pid>-…`.
 pub fn remove_partials(folder: &Path, pid: u32) {
     let prefix = format!(".partial-{pid}-");
     let Ok(entries) = fs::read_dir(folder) else { return };
@@ -222,8 +233,8 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Process id of the launcher of another run that writes `path`, if there is one. Removes temporary files of runs whose
-/// launcher was killed.
+/// Process id of the launcher of another run that writes `path`, if there is one. Removes temporary
+/// files of runs whose launcher was killed.
 fn other_writer(path: &Path, stem: &str, own: &str) -> Option<u32> {
     let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
     let mut writer = None;
@@ -240,8 +251,8 @@ fn other_writer(path: &Path, stem: &str, own: &str) -> Option<u32> {
     writer
 }
 
-/// Keeps other runs from a folder for a moment. Where it cannot be had (some network file systems have none) the moment
-/// passes without it.
+/// Keeps other runs from a folder for a moment. Where it cannot be had (some network file systems
+/// have none) the moment passes without it.
 #[derive(Debug)]
 pub struct FolderLock {
     /// Closed, it is given back.
@@ -264,7 +275,8 @@ impl FolderLock {
     }
 }
 
-/// A folder for frames. Dropped while it is empty and of our making, it is removed, and so are those above it.
+/// A folder for frames. Dropped while it is empty and of our making, it is removed, and so are
+/// those above it.
 #[derive(Debug)]
 pub struct FrameFolder {
     path: PathBuf,
@@ -300,8 +312,8 @@ impl FrameFolder {
         &self.path
     }
 
-    /// Numbers of the frames of a range whose files in the folder, of this extension, were written since it was created.
-    /// Files have their names only when they are whole.
+    /// Numbers of the frames of a range whose files in the folder, of this extension, were written
+    /// since it was created. Files have their names only when they are whole.
     #[must_use]
     pub fn whole_frames(&self, extension: &str, [first, end]: [u64; 2]) -> BTreeSet<u64> {
         let number = |name: &str| -> Option<u64> {

@@ -14,10 +14,12 @@ const BAR_BYTES: u64 = 4 << 20;
 /// Opens a world and says in one sentence why it cannot be flown.
 ///
 /// # Errors
-/// Bad input: not there, half written, newer, damaged, out of reach. Failed: no room or no threads for it on this machine.
+/// Bad input: not there, half written, newer, damaged, out of reach. Failed: no room or no threads
+/// for it on this machine.
 pub fn open_world(world: &Path, args: &DatabaseArgs) -> Result<Store, Failure> {
     let location = Location::parse_os(world.as_os_str()).map_err(Failure::bad_input)?;
     let options = StoreOptions::of(&config(&location, args));
+    tracing::debug!(%location, "opens the database");
     let mut bar: Option<ProgressBar> = None;
     let opened = Store::open_with_progress(&location, &options, &mut |done, all| {
         if all >= BAR_BYTES && io::stderr().is_terminal() {

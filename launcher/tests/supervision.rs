@@ -7,6 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use terravision_common::ids::Sequence;
 use terravision_common::shm::{Activity, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_launcher::flight::restart::Restarts;
 use terravision_launcher::flight::stage::{StageProcess, StartError};
@@ -299,7 +300,7 @@ fn what_would_happen_again_is_not_tried_again() {
     }
     // Once there was a picture, a stage that gives up may have a better day.
     let flight = Flight::new();
-    flight.control.set_completed_sequence(1);
+    flight.control.set_completed_sequence(Sequence::FIRST);
     let scripts = [(Generator, WAIT), (Preparer, WAIT), (Renderer, gives_up), (Prefetcher, WAIT)];
     let (ending, said, _) = fly_again(RULES, scripts, &flight);
     assert!(matches!(&ending, Ending::Died(Death { stage: Renderer, restarts: 5, .. })), "{ending:?}");
@@ -361,7 +362,7 @@ fn who_does_not_move_is_blamed_and_not_those_that_wait_for_it() {
         ),
         (
             [(Renderer, awaits(Preparer)), (Preparer, awaits(Generator)), (Generator, Activity::Works), idle],
-            Some((Generator, "and had all that it needed")),
+            Some((Generator, "although it had all that it needed")),
         ),
         (
             [(Renderer, Activity::AwaitsDevice), (Preparer, awaits(Renderer)), (Generator, awaits(Preparer)), idle],
@@ -380,7 +381,7 @@ fn who_does_not_move_is_blamed_and_not_those_that_wait_for_it() {
         let found = blamed(rules, waits);
         assert_eq!(found.as_ref().map(|(stage, _)| *stage), expected.map(|(stage, _)| stage), "{found:?}");
         if let (Some((_, how)), Some((_, told))) = (found, expected) {
-            assert!(how.starts_with("got nothing done for") && how.contains(told), "{how}");
+            assert!(how.starts_with("made no progress for") && how.contains(told), "{how}");
         }
     }
     // Of a path the launcher has every camera.

@@ -84,6 +84,7 @@ pub fn serve<S: PayloadSource>(
     let executor = Workers::new(source, world, config.texels, config.decoder_threads, wants.bell())?;
     let scheduler = Scheduler::new(world, elevation, color);
     scheduler.show(&control);
+    tracing::debug!(prediction = config.prefetch.prediction.name(), threads = config.decoder_threads, "serves tiles");
     let ahead = Ahead::new(world, ranges, config, path);
     let cycle_end = monotonic_nanos() + CYCLE_NANOS;
     let usage = Usage::default();
@@ -117,6 +118,7 @@ impl<S: PayloadSource, R: HeightRanges> Service<S, R> {
                 if head.is_last {
                     return Ok(());
                 }
+                tracing::trace!(tiles = tiles.len(), "frame wants");
                 self.scheduler.want(head, &tiles, now, &self.control, &mut self.executor);
             }
             self.ahead.see(&self.control, now);
@@ -135,6 +137,7 @@ impl<S: PayloadSource, R: HeightRanges> Service<S, R> {
     fn end_cycle(&mut self, now: u64) -> Result<(), PrefetcherError> {
         self.scheduler.end_cycle(&self.control);
         if let Some(tiles) = self.ahead.look(&self.scheduler, &self.control, now)? {
+            tracing::trace!(tiles = tiles.len(), "predicted view wants");
             self.scheduler.expect(tiles.iter().copied(), &self.control, &mut self.executor);
         }
         self.usage.publish(self.executor.source(), &self.control, &mut self.events);

@@ -5,7 +5,7 @@
 
 use crate::source::PayloadSource;
 use std::collections::BTreeMap;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, TextKind};
 use terravision_common::shm::{Control, Counter};
 use terravision_common::stage::Events;
 use terravision_store::{Cause, Figures};
@@ -45,7 +45,7 @@ impl Usage {
         self.failures = counts;
         for folded in errors.take_untold() {
             let sentence = format!("{} {}", folded.fault.cause.name(), folded.fault);
-            for event in Event::text(EventKind::Failure, &sentence) {
+            for event in Event::text(TextKind::Failure, &sentence) {
                 events.tell(control, event);
             }
         }

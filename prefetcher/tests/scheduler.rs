@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};
 use support::{Fixture, color, elevation, world};
 use terravision_common::database::{Layer, Tile};
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{FrameNumber, Sequence, SlotKey};
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Counter, Gauge, WantHead};
 use terravision_common::top_levels::top_levels;
@@ -17,7 +17,7 @@ use terravision_store::FailedTiles;
 fn what_is_needed_now_comes_first_then_the_top_levels_then_what_is_predicted() {
     let mut fixture = Fixture::new(64, FailedTiles::Final);
     fixture.scheduler.expect([color(20), color(21)], &fixture.control, &mut fixture.executor);
-    let head = WantHead { sequence: 1, frame: 1, is_last: false };
+    let head = WantHead { sequence: Sequence::FIRST, frame: FrameNumber::new(1), is_last: false };
     fixture.scheduler.want(head, &[color(3), elevation(3), color(4)], 1, &fixture.control, &mut fixture.executor);
     let mut asked = vec![];
     while asked.len() < 3 + 42 + 2 {
@@ -92,7 +92,7 @@ fn outcomes_are_told_when_a_tile_ends_and_again_for_every_list_that_names_it() {
     let expected = [(color(1), resident), (color(2), Outcome::Unavailable { failure: TileFailure::Unreadable })];
     assert_eq!(told, HashMap::from(expected));
     // For the launcher once, for the preparer with each list.
-    let of_two = |events: &TileEvent| matches!(events, TileEvent::Unavailable { tile, failure: TileFailure::Unreadable, frame: 101, .. } if *tile == color(2));
+    let of_two = |events: &TileEvent| matches!(events, TileEvent::Unavailable { tile, failure: TileFailure::Unreadable, frame, .. } if *tile == color(2) && *frame == FrameNumber::new(101));
     assert_eq!(fixture.scheduler.events.iter().filter(|events| of_two(events)).count(), 1);
     for sequence in 2..4 {
         fixture.want(sequence, &[color(1), color(2), elevation(1)]);
@@ -124,7 +124,7 @@ fn what_was_only_expected_is_lost_when_a_frame_lacks_it_and_not_before() {
     assert_eq!(lost(&fixture), (vec![], 0));
     for sequence in 1..3 {
         fixture.want(sequence, &[color(2)]);
-        assert_eq!(lost(&fixture), (vec![(color(2), 101)], 1), "once");
+        assert_eq!(lost(&fixture), (vec![(color(2), FrameNumber::new(101))], 1), "once");
     }
 }
 
@@ -184,13 +184,13 @@ fn no_room_is_told_once_nothing_changes_it_and_a_completed_frame_does() {
     let told = fixture.told();
     let no_room: Vec<_> = told.iter().filter(|(_, o)| matches!(o, Outcome::NoRoom { .. })).collect();
     assert_eq!(no_room.len(), 1, "{told:?}");
-    assert_eq!((no_room[0].0.layer, no_room[0].1), (Layer::Color, Outcome::NoRoom { completed: 0 }));
+    assert_eq!((no_room[0].0.layer, no_room[0].1), (Layer::Color, Outcome::NoRoom { completed: Sequence::NONE }));
     assert_eq!(told.iter().filter(|(_, o)| matches!(o, Outcome::Resident { .. })).count(), 3);
     fixture.step();
     assert!(fixture.told().is_empty(), "once");
     // Frame 1 is drawn: its tiles make room for the payload that waits, which is not asked for again.
     let requests = fixture.control.counter(Counter::TilesRequested);
-    fixture.control.set_completed_sequence(1);
+    fixture.control.set_completed_sequence(Sequence::FIRST);
     fixture.want(2, &[color(3)]);
     assert!(fixture.is_there(color(3)));
     assert_eq!(fixture.control.counter(Counter::TilesRequested), requests);
@@ -288,7 +288,7 @@ proptest! {
                     let (there, lacking): (Vec<Tile>, Vec<Tile>) = tiles.iter().partition(|tile| fixture.is_there(**tile));
                     for tile in there {
                         let key = fixture.reader(tile.layer).find(tile.node).expect("it is there");
-                        prop_assert!(fixture.reader(tile.layer).touch(key, sequence));
+                        prop_assert!(fixture.reader(tile.layer).touch(key, Sequence::new(sequence)));
                         named.insert(tile, (key, sequence));
                     }
                     wanted = lacking.iter().copied().collect();
@@ -315,7 +315,7 @@ proptest! {
                 }
                 Step::Complete { behind } => {
                     completed = completed.max(sequence.saturating_sub(behind));
-                    fixture.control.set_completed_sequence(completed);
+                    fixture.control.set_completed_sequence(Sequence::new(completed));
                 }
                 Step::Cycle => fixture.pass(1),
             }

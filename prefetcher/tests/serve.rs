@@ -10,7 +10,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use support::{MS, color, elevation, world};
 use terravision_common::database::{Layer, Tile, color_tile_bytes, encode_elevation_tile};
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
@@ -136,7 +137,14 @@ fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'stati
 
 impl Peer {
     fn want(&mut self, sequence: u64, tiles: &[Tile]) {
-        self.wants.publish(WantHead { sequence, frame: 100 + sequence, is_last: false }, tiles);
+        self.wants.publish(
+            WantHead {
+                sequence: Sequence::new(sequence),
+                frame: FrameNumber::new(sequence.saturating_add(100)),
+                is_last: false,
+            },
+            tiles,
+        );
     }
 
     fn end(&mut self) {
@@ -181,16 +189,21 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
     });
     let events = events.expect("it ends in order");
     let spans = |name: SpanName| {
-        let spans = events.iter().filter(move |e| e.kind == EventKind::Span as u32 && e.value == name as u64);
-        spans.map(|e| e.node).collect::<Vec<_>>()
+        let of_name =
+            move |event: &&Event| matches!(event.content(), Some(EventContent::Span { name: n, .. }) if n == name);
+        events.iter().filter(of_name).collect::<Vec<_>>()
     };
     let asked = source.asked.lock().expect("no panic").clone();
     assert_eq!(asked.iter().collect::<HashSet<_>>().len(), asked.len(), "no tile is asked for twice");
     assert_eq!(spans(SpanName::FetchTile).len(), asked.len());
     assert_eq!(spans(SpanName::LoadTile).len(), asked.iter().filter(|tile| tile.layer == Layer::Elevation).count());
-    let told: Vec<&Event> = events.iter().filter(|e| e.kind == EventKind::TileUnavailable as u32).collect();
+    let told = events.iter().filter_map(|event| match event.content()? {
+        EventContent::TileUnavailable { tile, failure } => Some((tile, failure, event.frame)),
+        _ => None,
+    });
+    let told: Vec<_> = told.collect();
     assert_eq!(told.len(), 2 + 21, "each once");
-    assert!(told.iter().any(|e| e.value == 2 << 8 && e.node == elevation(13).node.pack() && e.frame == 101));
+    assert!(told.contains(&(elevation(13), TileFailure::Damaged, 101)));
 }
 
 #[test]

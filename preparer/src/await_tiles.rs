@@ -4,6 +4,7 @@ use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
 use std::time::{Duration, Instant};
 use terravision_common::database::Layer;
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::shm::{Control, Layout, WaitError};
 use terravision_common::texels::TexelFormat;
 use terravision_common::top_levels::top_levels;
@@ -20,7 +21,7 @@ pub enum AwaitError {
     )]
     TooLittleMemory {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// What `--memory` would have to be.
         needed_mib: u64,
         /// What the pools are.
@@ -33,7 +34,7 @@ pub enum AwaitError {
     )]
     TooManyTiles {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// The pyramid.
         layer: Layer,
         /// Tiles that it needs.
@@ -80,7 +81,7 @@ impl TileWait {
     pub fn settle_top_levels(&mut self, loader: &mut impl TileLoader, control: &Control) -> Result<(), AwaitError> {
         self.pending.clear();
         self.pending.extend_from_slice(&self.locked);
-        self.settle(loader, 0, 0, control)?;
+        self.settle(loader, FrameNumber::default(), Sequence::NONE, control)?;
         Ok(())
     }
 
@@ -105,7 +106,7 @@ impl TileWait {
             let (mut is_root_there, mut is_over) = (true, true);
             // All of them are wanted, whatever the first is.
             for tile in &self.locked {
-                let (is_there, is_awaited) = match loader.want(*tile, 0, 0, control) {
+                let (is_there, is_awaited) = match loader.want(*tile, FrameNumber::default(), Sequence::NONE, control) {
                     TileState::Resident => (true, false),
                     TileState::Unavailable { may_come } => (false, may_come || tile.node == root),
                     TileState::Loading | TileState::NoRoom => (false, true),
@@ -113,7 +114,7 @@ impl TileWait {
                 is_root_there &= is_there || tile.node != root;
                 is_over &= !is_awaited;
             }
-            loader.ask(0, 0);
+            loader.ask(FrameNumber::default(), Sequence::NONE);
             if is_over || Instant::now() >= end {
                 return Ok(is_root_there);
             }
@@ -126,7 +127,9 @@ impl TileWait {
     pub fn missing_of_root(&mut self, loader: &mut impl TileLoader, control: &Control) -> Option<Tile> {
         let root = self.world.root();
         let mut of_root = self.locked.iter().filter(|tile| tile.node == root);
-        of_root.find(|tile| loader.want(**tile, 0, 0, control) != TileState::Resident).copied()
+        of_root
+            .find(|tile| loader.want(**tile, FrameNumber::default(), Sequence::NONE, control) != TileState::Resident)
+            .copied()
     }
 
     /// Waits until each wanted tile is resident, and returns how many are unavailable instead.
@@ -137,8 +140,8 @@ impl TileWait {
         &mut self,
         wanted: &[Tile],
         loader: &mut impl TileLoader,
-        frame: u64,
-        sequence: u64,
+        frame: FrameNumber,
+        sequence: Sequence,
         control: &Control,
     ) -> Result<u32, AwaitError> {
         self.check_room(wanted, loader, frame)?;
@@ -150,8 +153,8 @@ impl TileWait {
     fn settle(
         &mut self,
         loader: &mut impl TileLoader,
-        frame: u64,
-        sequence: u64,
+        frame: FrameNumber,
+        sequence: Sequence,
         control: &Control,
     ) -> Result<u32, AwaitError> {
         let mut unavailable = 0;
@@ -180,20 +183,20 @@ impl TileWait {
             }
             match without_room {
                 Some(layer) if loader.in_flight() == 0 => {
-                    if completed + 1 >= sequence {
+                    if completed.next() >= sequence {
                         // No earlier frame holds a slot, so nothing would end the wait.
                         let capacity = u64::from(loader.capacity(layer));
                         return Err(self.too_small(layer, capacity + 1, capacity, frame));
                     }
                     // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
-                    control.wait_completed(completed + 1)?;
+                    control.wait_completed(completed.next())?;
                 }
                 _ => loader.wait(control)?,
             }
         }
     }
 
-    fn check_room(&self, wanted: &[Tile], loader: &impl TileLoader, frame: u64) -> Result<(), AwaitError> {
+    fn check_room(&self, wanted: &[Tile], loader: &impl TileLoader, frame: FrameNumber) -> Result<(), AwaitError> {
         let needed = |layer: Layer| {
             let locked = self.locked.iter().filter(|t| t.layer == layer).count();
             let others = wanted.iter().filter(|t| t.layer == layer && i32::from(t.node.q()) <= self.first_unlocked);
@@ -209,7 +212,7 @@ impl TileWait {
     }
 
     /// What memory would do, if any.
-    fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: u64) -> AwaitError {
+    fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: FrameNumber) -> AwaitError {
         let slots = |memory: u64| {
             let layout = Layout::for_run(&self.world, memory, self.texels).ok()?;
             Some(u64::from(if layer == Layer::Color { layout.color_slots } else { layout.elevation_slots }))
@@ -255,11 +258,11 @@ mod tests {
     }
 
     impl<F: Fn(Tile, usize) -> TileState> TileLoader for Scripted<F> {
-        fn want(&mut self, tile: Tile, _frame: u64, _sequence: u64, _control: &Control) -> TileState {
+        fn want(&mut self, tile: Tile, _frame: FrameNumber, _sequence: Sequence, _control: &Control) -> TileState {
             (self.states)(tile, self.round)
         }
 
-        fn ask(&mut self, _frame: u64, _sequence: u64) {}
+        fn ask(&mut self, _frame: FrameNumber, _sequence: Sequence) {}
 
         fn wait(&mut self, _control: &Control) -> Result<(), LoadError> {
             self.round += 1;

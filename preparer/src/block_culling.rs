@@ -150,7 +150,7 @@ impl Eye {
     fn look(&mut self, pose: &Camera, Sight { camera, ground_m }: Sight<'_>) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
-        let frame = self.surface.seen_by(camera);
+        let frame = self.surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
         self.datum_m = frame.height_from_eye(self.surface.height_m(pose.eye()));
         self.frame = Some(frame);
         self.horizon.look(camera, ground_m);

@@ -12,9 +12,9 @@ use terravision_common::world::World;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TreeError {
-    /// The number is no node of this world.
-    #[error("node {index} of the tree has id {found:#x}, which is no node of this world")]
-    NoNode {
+    /// The number does not name a node of this world.
+    #[error("node {index} of the tree has id {found:#x}, which is not a node of this world")]
+    NotANode {
         /// Index in the tree.
         index: u32,
         /// The packed id.
@@ -22,7 +22,7 @@ pub enum TreeError {
     },
     /// The first node is not the root.
     #[error("the tree begins with node {found}, expected the root {expected}")]
-    NoRoot {
+    NotTheRoot {
         /// What it begins with.
         found: NodeId,
         /// The root.
@@ -40,7 +40,7 @@ pub enum TreeError {
     },
     /// A child's id is not one of its parent's children, or is there twice.
     #[error("node {child} of the tree is listed as child of {parent}")]
-    NoChild {
+    NotAChild {
         /// The parent.
         parent: NodeId,
         /// The child.
@@ -139,7 +139,7 @@ impl FrameTree {
         let found = self.id(0, root)?;
         let expected = self.world.root();
         if found != expected {
-            return Err(TreeError::NoRoot { found, expected });
+            return Err(TreeError::NotTheRoot { found, expected });
         }
         // Nodes are first copied in their order, then walked, so that parents are known before their children.
         for (index, node) in (0u32..).zip(tree) {
@@ -159,7 +159,7 @@ impl FrameTree {
 
     fn id(&self, index: u32, node: &TreeNode) -> Result<NodeId, TreeError> {
         let id = node.id().filter(|id| self.world.contains(*id));
-        id.ok_or(TreeError::NoNode { index, found: node.node })
+        id.ok_or(TreeError::NotANode { index, found: node.node })
     }
 
     fn walk(&mut self, tree: &[TreeNode]) -> Result<(), TreeError> {
@@ -202,7 +202,7 @@ impl FrameTree {
                 child.parent = index;
                 let bit = 1u8 << ((child.id.m() & 1) | (child.id.n() & 1) << 1);
                 if child.id.q() >= id.q() || child.id.parent() != id || seen & bit != 0 {
-                    return Err(TreeError::NoChild { parent: id, child: child.id });
+                    return Err(TreeError::NotAChild { parent: id, child: child.id });
                 }
                 seen |= bit;
                 let inherited = node.flags & COLOR_FROM_ANCESTOR;

@@ -6,6 +6,7 @@
 
 use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::shm::Control;
 
 /// Pins the wanted tiles that are resident for a frame, and asks for the others. Returns how many are missing. Does not
@@ -16,8 +17,8 @@ use terravision_common::shm::Control;
 pub fn pin_resident(
     wanted: &[Tile],
     loader: &mut impl TileLoader,
-    frame: u64,
-    sequence: u64,
+    frame: FrameNumber,
+    sequence: Sequence,
     control: &Control,
 ) -> Result<u32, LoadError> {
     loader.drain()?;

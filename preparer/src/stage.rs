@@ -9,12 +9,12 @@ use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
 use crate::resident_tiles::pin_resident;
 use crate::truncation::RootMissing;
-use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{
@@ -66,8 +66,8 @@ pub enum PreparerError {
         /// What a person can do, behind a semicolon; may be empty.
         advice: &'static str,
     },
-    /// The generator wrote what cannot be.
-    #[error("the tree of frame {frame} has a header that cannot be: {what}")]
+    /// The generator wrote a header that does not fit the run.
+    #[error("the header of the generator's tree for frame {frame} cannot be used: {what}")]
     BadHeader {
         /// The frame that was expected.
         frame: u64,
@@ -171,6 +171,7 @@ impl<L: TileLoader> Preparer<L> {
             next_frame: config.frames[0].saturating_add(ports.trees.returned()),
         };
         preparer.resume(ports)?;
+        tracing::debug!(next_frame = preparer.next_frame, "waits for the top levels");
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
@@ -188,7 +189,7 @@ impl<L: TileLoader> Preparer<L> {
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
         let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
-            // Behind what is no frame of the run nobody can go on.
+            // What is not a frame of the run says nothing about where to go on.
             Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
                 // Killed between the frame and giving back its tree?
                 ports.trees.return_tree_of(last.frame)?;
@@ -208,7 +209,7 @@ impl<L: TileLoader> Preparer<L> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
         // Trees and frames are counted alike, so that all stages mean the same by the sequence of a frame.
-        let sequence = trees.returned() + 1;
+        let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
         let frame = header.frame;
@@ -220,10 +221,10 @@ impl<L: TileLoader> Preparer<L> {
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let missing = pin_resident(wanted, &mut self.loader, frame, sequence, control);
+            let missing = pin_resident(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control);
             missing.map_err(AwaitError::from)?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
+            self.wait.settle_frame(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
@@ -248,25 +249,18 @@ impl<L: TileLoader> Preparer<L> {
         let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
         control.set_prepare_nanos(finished.saturating_sub(started + waited_nanos));
         if is_realtime {
-            let kind = EventKind::FrameLacked as u32;
             let drawn = self.maker.truncation();
-            let coverage = detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
-            let value = u64::from(counts.unavailable) | u64::from(coverage.to_bits()) << 32;
-            events.tell(control, Event { kind, frame, start_nanos: settled, value, ..Event::zeroed() });
+            let sharp_share =
+                detail_coverage(&self.world, &views, exaggeration, &self.tree, drawn, &self.loader) as f32;
+            let lacked = EventContent::FrameLacked { tiles: counts.unavailable, sharp_share };
+            events.tell(control, Event::new(lacked).of_frame(frame).at(settled));
         }
-        events.tell(
-            control,
-            Event {
-                kind: EventKind::FrameWanted as u32,
-                frame,
-                start_nanos: settled,
-                value: u64::from(counts.wanted) | u64::from(counts.nodes) << 32,
-                ..Event::zeroed()
-            },
-        );
+        let wanted = EventContent::FrameWanted { tiles: counts.wanted, nodes: counts.nodes };
+        events.tell(control, Event::new(wanted).of_frame(frame).at(settled));
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
+        tracing::trace!(frame, ?counts, "frame is in the ring");
         Ok(counts)
     }
 
@@ -307,13 +301,13 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
     let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
     if header.frame != frame && !is_later {
-        return bad("it is of another frame");
+        return bad("it belongs to another frame");
     }
     if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
-        return bad("its camera is none");
+        return bad("one of its cameras is not valid");
     }
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
-        return bad("its screen resolutions are no positive numbers");
+        return bad("its screen resolutions are not positive numbers");
     }
     Ok(())
 }
@@ -324,7 +318,7 @@ struct Rings<'a> {
     elevation: &'a mut ElevationWriter,
     control: &'a Control,
     slots: &'a mut Vec<Slot>,
-    sequence: u64,
+    sequence: Sequence,
     maker: u64,
     /// Time without room in one of them.
     waited_nanos: u64,
@@ -348,7 +342,7 @@ impl FrameOutput for Rings<'_> {
         if self.slots.len() == SLOTS_AT_ONCE {
             self.finish()?;
         }
-        let (sequence, maker, elevation_start) = (self.sequence, self.maker, self.next_position());
+        let (sequence, maker, elevation_start) = (self.sequence.get(), self.maker, self.next_position());
         self.slots.push(match slot {
             SlotContent::Marker(marker) => {
                 Slot::new(&SlotContent::Marker(FrameMarker { sequence, elevation_start, maker, ..*marker }))
@@ -384,7 +378,7 @@ pub fn run(run: &StageRun) -> Result<(), PreparerError> {
         flown = preparer.frame(&mut ports).map(drop);
     }
     if flown.is_ok() {
-        ports.control.set_last_sequence(ports.trees.returned());
+        ports.control.set_last_sequence(Sequence::new(ports.trees.returned()));
     }
     preparer.loader.close();
     flown

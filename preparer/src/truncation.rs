@@ -34,7 +34,7 @@ pub trait Tiles {
 
 /// The root's tiles are not there: nothing can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the {} tile of the root node {} cannot be had, and no picture can be drawn without it", tile.layer, tile.node)]
+#[error("no picture can be drawn without the {} tile of the root node {}, which cannot be read", tile.layer, tile.node)]
 pub struct RootMissing {
     /// The tile.
     pub tile: Tile,

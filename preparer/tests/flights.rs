@@ -4,7 +4,8 @@
 mod support;
 
 use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
-use terravision_common::event::{EventKind, SpanName};
+use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::ids::Sequence;
 use terravision_common::node::NodeId;
 use terravision_common::shm::RunState;
 use terravision_common::stage::StageError;
@@ -53,11 +54,11 @@ fn missing_tiles_are_counted_in_each_frame_and_drawn_from_their_parents() {
 fn every_frame_is_told_with_its_spans_and_what_it_wanted() {
     let (frames, events) = Flight { frames: 6, ..Flight::new() }.fly().expect("a flight");
     for (k, frame) in (100u64..).zip(&frames) {
-        let of = |kind: EventKind| events.iter().filter(move |e| e.frame == k && e.kind == kind as u32);
-        let spans = |name: SpanName| of(EventKind::Span).filter(|e| e.value == name as u64).count();
+        let said: Vec<EventContent> = events.iter().filter(|e| e.frame == k).filter_map(Event::content).collect();
+        let spans = |name: SpanName| said.iter().filter(|c| **c == EventContent::Span { name, node: None }).count();
         assert_eq!((spans(SpanName::AwaitTiles), spans(SpanName::Prepare)), (1, 1));
-        let told = of(EventKind::FrameWanted).map(|e| e.value).collect::<Vec<_>>();
-        assert_eq!(told, [u64::from(frame.end.wanted_count) | u64::from(frame.end.node_count) << 32]);
+        let wanted = EventContent::FrameWanted { tiles: frame.end.wanted_count, nodes: frame.end.node_count };
+        assert_eq!(said.iter().filter(|content| **content == wanted).count(), 1);
     }
 }
 
@@ -139,7 +140,7 @@ fn a_frame_in_the_steady_state_allocates_nothing() {
         allocations.push(made.count_total);
         while parts.ring.try_pop().expect("not corrupt").is_some() {}
         parts.elevation.released(parts.ports.elevation.next_position()).expect("not corrupt");
-        parts.control.set_completed_sequence(k + 1);
+        parts.control.set_completed_sequence(Sequence::new(k + 1));
     }
     // The first frame may size buffers of the system's (locks, queues).
     assert_eq!(allocations[2..].iter().sum::<u64>(), 0, "{allocations:?}");

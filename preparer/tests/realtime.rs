@@ -3,7 +3,7 @@
 mod support;
 
 use support::flight::{Flight, Source};
-use terravision_common::event::EventKind;
+use terravision_common::event::EventContent;
 
 fn realtime() -> Flight {
     Flight { realtime: Some(3), frames: 60, ..Flight::new() }
@@ -19,10 +19,12 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
     assert_eq!(numbers, (0..60).map(|k| 100 + 3 * k).collect::<Vec<_>>());
     assert!(frames.iter().all(|frame| !frame.tiles.is_empty() && frame.end.unavailable_count < frame.end.wanted_count));
     // All frames tell what they lacked, and that is what their ends say.
-    let told = || events.iter().filter(|event| event.kind == EventKind::FrameLacked as u32);
-    let lacked: Vec<(u64, u64)> = told().map(|event| (event.frame, event.value & 0xFFFF_FFFF)).collect();
+    let told = events.iter().filter_map(|event| match event.content()? {
+        EventContent::FrameLacked { tiles, sharp_share } => Some(((event.frame, tiles), sharp_share)),
+        _ => None,
+    });
+    let (lacked, sharp): (Vec<(u64, u32)>, Vec<f32>) = told.unzip();
     // Ground is as fine as wanted where nothing lacks, and only there all of it.
-    let sharp: Vec<f32> = told().map(|event| f32::from_bits((event.value >> 32) as u32)).collect();
     assert!(
         sharp
             .iter()
@@ -33,7 +35,7 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
     let (before, after) = sharp.split_at(held as usize);
     assert!(before.iter().all(|share| *share < 0.1), "{before:?}");
     assert!(after[1..].iter().all(|share| *share > 0.8), "{after:?}");
-    assert_eq!(lacked, frames.iter().map(|f| (f.marker.frame, f.end.unavailable_count.into())).collect::<Vec<_>>());
+    assert_eq!(lacked, frames.iter().map(|f| (f.marker.frame, f.end.unavailable_count)).collect::<Vec<_>>());
 }
 
 #[test]

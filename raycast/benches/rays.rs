@@ -6,13 +6,10 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "its output is the table")]
 
-#[path = "../tests/support/mod.rs"]
-mod support;
-
 use std::hint::black_box;
-use support::{Field, camera};
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Picture};
+use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [640, 360];
 const CELLS: usize = 512;
@@ -63,19 +60,19 @@ fn main() {
     );
     println!("|---|---|--:|--:|--:|--:|--:|--:|");
     for (name, filter, method) in [
-        ("sampler: voxels from the beginning", Some(Filter::OrientedBox), Method::Plain),
-        ("column walk: voxels", Some(Filter::OrientedBox), Method::Coherent),
-        ("sampler: exact from the beginning", None, Method::PlainMipmap),
-        ("column walk: exact", None, Method::Mipmap),
+        ("sampler: voxels from the beginning", Some(Filter::OrientedBox), AnyMethod::Plain),
+        ("column walk: voxels", Some(Filter::OrientedBox), AnyMethod::Coherent),
+        ("sampler: exact from the beginning", None, AnyMethod::PlainMipmap),
+        ("column walk: exact", None, AnyMethod::Mipmap),
     ] {
         let ground = field.ground(TILE, filter);
         for (view, roll) in [("level", 0.0), ("rolled by 20 degrees", 20.0)] {
-            let eye = [0.5 * CELLS as f64 * support::UNIT_M, 300.0, 1400.0];
+            let eye = [0.5 * CELLS as f64 * UNIT_M, 300.0, 1400.0];
             let camera = camera(eye, [0.0, -30.0, roll], 50.0, SIZE);
-            let options = CastOptions { method, ..CastOptions::default() };
+            let options = CastOptions::default();
             let picture = Picture::new(SIZE);
             let mut caster = Caster::new(1).unwrap();
-            let mut draw = || caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+            let mut draw = || method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
             let counts = draw();
             let seconds = least(rounds, || {
                 draw();

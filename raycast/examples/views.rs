@@ -10,9 +10,9 @@ use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::database::Database;
 use terravision_common::level::{LevelFunction, Measure};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -41,7 +41,7 @@ fn main() {
     let database = Database::open(Path::new(&folder)).expect("the database opens");
     let world = *database.world();
     println!(
-        "| view | rays | ms | least ms | models ms | tiles | unproven | doubted | samples of a ray | densities | hash |"
+        "| view | rays | ms | least ms | models ms | tiles | without witness | partly proven | samples of a ray | densities | hash |"
     );
     println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|---|");
     for (name, share, above_m, heading, pitch) in VIEWS {
@@ -101,8 +101,8 @@ fn main() {
                 millis[0],
                 1e3 * models.as_secs_f64(),
                 ground.tile_count(),
-                per_ray(counts.unproven),
-                per_ray(counts.doubted),
+                per_ray(counts.without_witness),
+                per_ray(counts.partly_proven),
                 per_ray(counts.samples),
                 per_ray(counts.densities),
             );

@@ -2,13 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
-mod support;
-
 use proptest::prelude::*;
-use support::{Field, UNIT_M, camera};
 use terravision_common::camera::Camera;
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [96, 72];
 const CELLS: usize = 120;
@@ -18,18 +16,19 @@ fn depths(
     side: usize,
     filter: impl Into<Option<Filter>>,
     camera: &Camera,
-    method: Method,
+    method: AnyMethod,
 ) -> (Vec<f32>, Counts) {
     let mut caster = Caster::new(1).unwrap();
     let picture = Picture::new(SIZE);
-    let options = CastOptions { method, ..CastOptions::default() };
-    let counts = caster.draw(&field.ground(side, filter), &[&field.colors()[..]], camera, &options, &picture);
+    let options = CastOptions::default();
+    let counts =
+        method.draw(&mut caster, &field.ground(side, filter), &[&field.colors()[..]], camera, &options, &picture);
     (picture.depth().collect(), counts)
 }
 
-fn depths_of(ground: &Ground, field: &Field, camera: &Camera, options: CastOptions) -> Vec<f32> {
+fn depths_of(ground: &Ground, field: &Field, camera: &Camera, method: AnyMethod, options: &CastOptions) -> Vec<f32> {
     let picture = Picture::new(SIZE);
-    Caster::new(1).unwrap().draw(ground, &[&field.colors()[..]], camera, &options, &picture);
+    method.draw(&mut Caster::new(1).unwrap(), ground, &[&field.colors()[..]], camera, options, &picture);
     picture.depth().collect()
 }
 
@@ -103,10 +102,10 @@ fn beside_towers_forward_only_rays_miss_what_coherent_rays_find() {
     ] {
         let camera = camera(eye_over(&field, 0.5, 0.45, 320.0), angles, vfov, SIZE);
         let of = |method| depths(&field, 128, Filter::OrientedBox, &camera, method).0;
-        let plain = of(Method::Plain);
+        let plain = of(AnyMethod::Plain);
         let limit = interval_m(&camera);
-        assert_eq!(count_different(&of(Method::Coherent), &plain, limit), 0, "{angles:?}");
-        missed += count_different(&of(Method::ForwardOnly), &plain, limit);
+        assert_eq!(count_different(&of(AnyMethod::Coherent), &plain, limit), 0, "{angles:?}");
+        missed += count_different(&of(AnyMethod::ForwardOnly), &plain, limit);
     }
     assert!(missed > 100, "the poses are such that it matters: {missed}");
 }
@@ -115,9 +114,9 @@ fn beside_towers_forward_only_rays_miss_what_coherent_rays_find() {
 fn on_natural_ground_nearly_every_ray_starts_where_another_one_hit() {
     let field = Field::hills(CELLS, 300.0, 3);
     let camera = camera(eye_over(&field, 0.5, 0.1, 400.0), [0.0, -30.0, 0.0], 45.0, SIZE);
-    let (_, counts) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
-    let (_, plain) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
-    assert!(counts.unproven * 20 < counts.rays, "{counts:?}");
+    let (_, counts) = depths(&field, 128, Filter::OrientedBox, &camera, AnyMethod::Coherent);
+    let (_, plain) = depths(&field, 128, Filter::OrientedBox, &camera, AnyMethod::Plain);
+    assert!(counts.without_witness * 20 < counts.rays, "{counts:?}");
     assert!(counts.samples * 4 < plain.samples, "{counts:?} {plain:?}");
     assert_eq!(counts.rays, u64::from(SIZE[0] * SIZE[1]));
 }
@@ -126,16 +125,16 @@ fn on_natural_ground_nearly_every_ray_starts_where_another_one_hit() {
 fn a_cliff_costs_the_rays_over_it_alone() {
     let mut field = Field::hills(CELLS, 120.0, 3);
     let camera = camera(eye_over(&field, 0.5, 0.1, 400.0), [0.0, -30.0, 0.0], 45.0, SIZE);
-    let doubts = |field: &Field| {
-        [(Filter::OrientedBox.into(), Method::Coherent), (None, Method::Mipmap)].map(|(filter, method)| {
+    let looks_back = |field: &Field| {
+        [(Filter::OrientedBox.into(), AnyMethod::Coherent), (None, AnyMethod::Mipmap)].map(|(filter, method)| {
             let (_, counts) = depths(field, 128, filter, &camera, method);
-            assert!(counts.unproven * 20 < counts.rays, "{counts:?}");
-            counts.doubted
+            assert!(counts.without_witness * 20 < counts.rays, "{counts:?}");
+            counts.partly_proven
         })
     };
-    let before = doubts(&field);
+    let before = looks_back(&field);
     field.heights[70 * (CELLS + 1) + 66] += 100.0;
-    let after = doubts(&field);
+    let after = looks_back(&field);
     for (before, after) in before.into_iter().zip(after) {
         let more = after - before;
         assert!(more > 0 && more * 20 < u64::from(SIZE[0] * SIZE[1]), "{before} {after}");
@@ -148,14 +147,15 @@ fn following_the_ground_gives_the_picture_of_rays_that_each_begin_at_the_eye() {
     for roll in [0.0, 4.0, 90.0] {
         let camera = camera(eye_over(&field, 0.5, 0.1, 60.0), [0.0, -25.0, roll], 45.0, SIZE);
         let ground = field.ground(16, None);
-        let draw = |method| {
+        let draw = |method: AnyMethod| {
             let picture = Picture::new(SIZE);
-            let options = CastOptions { method, ..CastOptions::default() };
-            let counts = Caster::new(1).unwrap().draw(&ground, &[&field.colors()[..]], &camera, &options, &picture);
+            let options = CastOptions::default();
+            let counts =
+                method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
             (picture.rgba().map(u32::to_le_bytes).collect::<Vec<_>>(), counts)
         };
-        let (plain, many) = draw(Method::PlainMipmap);
-        let (followed, few) = draw(Method::Mipmap);
+        let (plain, many) = draw(AnyMethod::PlainMipmap);
+        let (followed, few) = draw(AnyMethod::Mipmap);
         assert_eq!(few.hits, many.hits, "roll {roll}");
         let other = plain.iter().zip(&followed).filter(|(a, b)| (0..4).any(|c| a[c].abs_diff(b[c]) > 6)).count();
         assert!(other * 200 < plain.len(), "roll {roll}: {other} pixels have another colour");
@@ -176,8 +176,8 @@ proptest! {
         let filter = if is_gaussian { Filter::Gaussian } else { Filter::OrientedBox };
         let side = if is_tiled { 16 } else { 128 };
         let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
-        let (plain, counts) = depths(&field, side, filter, &camera, Method::Plain);
-        let (coherent, _) = depths(&field, side, filter, &camera, Method::Coherent);
+        let (plain, counts) = depths(&field, side, filter, &camera, AnyMethod::Plain);
+        let (coherent, _) = depths(&field, side, filter, &camera, AnyMethod::Coherent);
         let different = count_different(&coherent, &plain, interval_m(&camera));
         prop_assert_eq!(different, 0, "of {:?}", counts);
     }
@@ -191,9 +191,9 @@ proptest! {
         let field = if is_towers { Field::towers(CELLS, 120.0, seed) } else { Field::hills(CELLS, 400.0, seed) };
         let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
         let ground = field.mixed(seed, Filter::OrientedBox, |origin| modes.is_accurate(origin));
-        let [plain, coherent] = [Method::Plain, Method::Coherent]
-            .map(|method| CastOptions { method, is_approximate, looks_between, ..CastOptions::default() })
-            .map(|options| depths_of(&ground, &field, &camera, options));
+        let options = CastOptions { is_approximate, looks_between, ..CastOptions::default() };
+        let [plain, coherent] = [AnyMethod::Plain, AnyMethod::Coherent]
+            .map(|method| depths_of(&ground, &field, &camera, method, &options));
         // An interval of the coarsest voxels.
         prop_assert_eq!(count_different(&coherent, &plain, 4.0 * interval_m(&camera)), 0);
     }
@@ -206,11 +206,11 @@ proptest! {
         let field = Field::hills(CELLS, 400.0, seed);
         let eye = [-distance, 0.5 * CELLS as f64 * UNIT_M, height];
         let camera = camera(eye, [90.0 + turn, pitch, roll], 60.0, SIZE);
-        let (plain, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Plain);
-        let (coherent, _) = depths(&field, 128, Filter::OrientedBox, &camera, Method::Coherent);
+        let (plain, _) = depths(&field, 128, Filter::OrientedBox, &camera, AnyMethod::Plain);
+        let (coherent, _) = depths(&field, 128, Filter::OrientedBox, &camera, AnyMethod::Coherent);
         prop_assert_eq!(count_different(&coherent, &plain, interval_m(&camera)), 0);
         let [plain, exact] =
-            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, 128, None, &camera, method).0);
+            [AnyMethod::PlainMipmap, AnyMethod::Mipmap].map(|method| depths(&field, 128, None, &camera, method).0);
         prop_assert_eq!(count_beyond_silhouettes(&exact, &plain, 0.1 * interval_m(&camera)), 0, "exact rays");
     }
 }
@@ -227,7 +227,7 @@ proptest! {
         let side = if is_tiled { 16 } else { 128 };
         let camera = camera(eye_over(&field, x, y, height), [heading, pitch, roll], vfov, SIZE);
         let [plain, exact] =
-            [Method::PlainMipmap, Method::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
+            [AnyMethod::PlainMipmap, AnyMethod::Mipmap].map(|method| depths(&field, side, None, &camera, method).0);
         prop_assert_eq!(count_beyond_silhouettes(&exact, &plain, 0.1 * interval_m(&camera)), 0);
     }
 }

@@ -2,13 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
-mod support;
-
 use glam::DVec3;
-use support::{Field, UNIT_M, camera};
 use terravision_common::camera::Camera;
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Picture};
+use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [80, 60];
 
@@ -37,11 +35,11 @@ fn marched(field: &Field, camera: &Camera, x: u32, y: u32) -> Option<f64> {
 }
 
 /// Median and greatest error of depth, metres, and pixels that are ground in one picture only.
-fn errors(field: &Field, side: usize, camera: &Camera, method: Method) -> (f64, f64, usize) {
+fn errors(field: &Field, side: usize, camera: &Camera, method: AnyMethod) -> (f64, f64, usize) {
     let picture = Picture::new(SIZE);
-    let options = CastOptions { method, ..CastOptions::default() };
+    let options = CastOptions::default();
     let ground = field.ground(side, Filter::OrientedBox);
-    Caster::new(1).unwrap().draw(&ground, &[&field.colors()[..]], camera, &options, &picture);
+    method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], camera, &options, &picture);
     let (mut errors, mut torn) = (Vec::new(), 0);
     for (k, depth) in picture.depth().enumerate() {
         match marched(field, camera, k as u32 % SIZE[0], k as u32 / SIZE[0]) {
@@ -59,9 +57,9 @@ fn depth_is_that_of_the_surface() {
     let eye = [300.0, 200.0, field.at(300.0, 200.0).unwrap() + 150.0];
     for (side, angles) in [(128, [30.0, -25.0, 0.0]), (16, [30.0, -25.0, 0.0]), (32, [60.0, -50.0, 100.0])] {
         let camera = camera(eye, angles, 60.0, SIZE);
-        let (median, _, torn) = errors(&field, side, &camera, Method::Coherent);
+        let (median, _, torn) = errors(&field, side, &camera, AnyMethod::Coherent);
         assert!(median < 0.1 * UNIT_M && torn < 25, "coherent, {angles:?}: {median} m, {torn} pixels");
-        let (median, greatest, torn) = errors(&field, side, &camera, Method::Mipmap);
+        let (median, greatest, torn) = errors(&field, side, &camera, AnyMethod::Mipmap);
         // Small steps pass over ridges that are grazed.
         assert!(median < 1e-3 * UNIT_M && torn < 4, "mipmap, {angles:?}: {median} m, {greatest} m, {torn} pixels");
     }

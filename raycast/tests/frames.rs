@@ -2,14 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
-mod support;
-
-use support::{Field, camera};
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_testkit::rays::{AnyMethod, Field, camera};
 
 const SIZE: [u32; 2] = [120, 90];
-const METHODS: [Method; 3] = [Method::Coherent, Method::Plain, Method::Mipmap];
+const METHODS: [AnyMethod; 3] = [AnyMethod::Coherent, AnyMethod::Plain, AnyMethod::Mipmap];
 
 #[test]
 fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
@@ -20,11 +18,11 @@ fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
         let camera = camera([500.0, 100.0, 400.0], [0.0, -30.0, roll], 60.0, SIZE);
         for method in METHODS {
             for is_approximate in [false, true] {
-                let options = CastOptions { method, is_approximate, ..CastOptions::default() };
+                let options = CastOptions { is_approximate, ..CastOptions::default() };
                 let draw = |workers: usize| -> (Vec<u32>, Vec<u32>, Counts) {
                     let picture = Picture::new(SIZE);
                     let mut caster = Caster::new(workers).unwrap();
-                    let counts = caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+                    let counts = method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
                     (picture.rgba().collect(), picture.depth().map(f32::to_bits).collect(), counts)
                 };
                 let alone = draw(1);
@@ -45,13 +43,13 @@ fn a_frame_takes_no_memory_once_there_was_one() {
         let mut ground = field.ground(32, Filter::OrientedBox);
         let mut caster = Caster::new(workers).unwrap();
         let picture = Picture::new(SIZE);
-        let options = CastOptions { method, ..CastOptions::default() };
+        let options = CastOptions::default();
         let mut draw = |turn: u32| {
             let roll = f64::from(turn) * 29.0;
             let camera = camera([500.0, 100.0, 400.0], [0.0, -30.0, roll], 60.0, SIZE);
             // The ground is made anew as well, as from the arrays of a ring.
             field.fill(&mut ground, 32);
-            caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+            method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
         };
         draw(0);
         // A queue between threads may take a block now and then.

@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use std::io::Write;
 use std::process::ExitCode;
 use terravision_common::database::Index;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, TextKind};
 use terravision_common::run::{PlaneTarget, RaysChoice, RunConfig, SinkConfig};
 use terravision_common::stage::{BAD_USAGE, StageRun, UsageError, set_up_process};
 use terravision_common::terminal::complain;
@@ -90,6 +90,7 @@ fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
 }
 
 fn render(run_text: &str) -> anyhow::Result<()> {
+    terravision_common::log::start_stage();
     let stage_run = StageRun::parse(["--run".to_owned(), run_text.to_owned()])?;
     set_up_process().map_err(UsageError::from)?;
     let (config, run_id) = (stage_run.config(), *stage_run.id());
@@ -133,10 +134,11 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         lanes,
         &mut |engine, source| {
             let found = engine.describe();
+            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
-                (EventKind::DeviceName, found.device.as_str()),
-                (EventKind::DriverName, &found.driver),
-                (EventKind::TechniqueName, found.technique),
+                (TextKind::Device, found.device.as_str()),
+                (TextKind::Driver, &found.driver),
+                (TextKind::Technique, found.technique),
             ];
             for (kind, text) in texts {
                 for event in Event::text(kind, text) {

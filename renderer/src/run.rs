@@ -10,7 +10,7 @@ use crate::skirt::{Border, Skirt};
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
 use std::collections::VecDeque;
 use std::time::Duration;
-use terravision_common::event::{Event, EventKind, SpanName, monotonic_nanos};
+use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::rate::FrameTiming;
 use terravision_common::run::OPEN_END;
 use terravision_common::shm::{Activity, Counter, WaitError};
@@ -122,6 +122,7 @@ pub fn run(
 ) -> Result<RunSummary, RunError> {
     let mut looped = FrameLoop::new(options, source, lanes)?;
     on_device(&looped.engine, looped.source);
+    tracing::debug!(buffers = looped.buffers, "draws");
     let mut losses = Losses::default();
     while let Err(error) = looped.fly(observe) {
         if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
@@ -283,6 +284,7 @@ impl<'a> FrameLoop<'a> {
         }
         self.tell_of_recording(started, submitted?);
         self.source.progress();
+        tracing::trace!(frames = self.summary.frames, "frame is with the device");
         Ok(())
     }
 
@@ -385,24 +387,11 @@ impl<'a> FrameLoop<'a> {
             camera_nanos: finished.pose.timestamp_nanos,
         });
         self.last_finished = finished.finished_nanos;
-        self.source.event(&Event {
-            kind: EventKind::Span as u32,
-            thread: 1,
-            frame: finished.frame,
-            start_nanos: started,
-            duration_nanos: finished.finished_nanos.saturating_sub(started),
-            value: SpanName::Draw as u64,
-            node: 0,
-        });
-        self.source.event(&Event {
-            kind: EventKind::FrameDone as u32,
-            thread: 0,
-            frame: finished.frame,
-            start_nanos: finished.finished_nanos,
-            duration_nanos: since_last,
-            value: finished.triangles,
-            node: 0,
-        });
+        let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
+        let draw = draw.on_thread(1).of_frame(finished.frame);
+        self.source.event(&draw.at(started).lasting(finished.finished_nanos.saturating_sub(started)));
+        let done = Event::new(EventContent::FrameDone { triangles: finished.triangles });
+        self.source.event(&done.of_frame(finished.frame).at(finished.finished_nanos).lasting(since_last));
         observe(&finished);
         self.with_lanes += 1;
         Ok(self.lanes.put(finished)?)
@@ -420,24 +409,12 @@ impl<'a> FrameLoop<'a> {
         }
         self.summary.frames += 1;
         let written_up_to = (written.frame + 1).saturating_sub(self.shape.frames[0]);
-        self.source.event(&Event {
-            kind: EventKind::Span as u32,
-            thread: 2 + written.lane,
-            frame: written.frame,
-            start_nanos: written.started_nanos,
-            duration_nanos: written.duration_nanos,
-            value: SpanName::Encode as u64,
-            node: 0,
-        });
-        self.source.event(&Event {
-            kind: EventKind::FrameWritten as u32,
-            thread: 2 + written.lane,
-            frame: written.frame,
-            start_nanos: written.started_nanos + written.duration_nanos,
-            duration_nanos: 0,
-            value: u64::from(written.is_settled),
-            node: 0,
-        });
+        let (thread, end_nanos) = (2 + written.lane, written.started_nanos + written.duration_nanos);
+        let encode = Event::new(EventContent::Span { name: SpanName::Encode, node: None });
+        let encode = encode.on_thread(thread).of_frame(written.frame);
+        self.source.event(&encode.at(written.started_nanos).lasting(written.duration_nanos));
+        let left = Event::new(EventContent::FrameWritten { is_settled: written.is_settled });
+        self.source.event(&left.on_thread(thread).of_frame(written.frame).at(end_nanos));
         if !written.is_settled {
             self.summary.unsettled += 1;
             self.source.count(Counter::FramesUnsettled, 1);
@@ -452,21 +429,16 @@ impl<'a> FrameLoop<'a> {
     fn tell_of_recording(&mut self, started: u64, submitted: Submitted) {
         let frame = self.reader.frame().marker.frame;
         let now = monotonic_nanos();
-        let span = |name: SpanName, start_nanos: u64, duration_nanos: u64| Event {
-            kind: EventKind::Span as u32,
-            thread: 0,
-            frame,
-            start_nanos,
-            duration_nanos,
-            value: name as u64,
-            node: 0,
+        let span = |name: SpanName, start_nanos: u64, duration_nanos: u64| {
+            let span = Event::new(EventContent::Span { name, node: None });
+            span.of_frame(frame).at(start_nanos).lasting(duration_nanos)
         };
         self.source.event(&span(SpanName::Record, started, now.saturating_sub(started)));
         if submitted.uploads > 0 {
             self.source.event(&span(SpanName::Upload, submitted.upload_started_nanos, submitted.upload_nanos));
             self.source.count(Counter::TilesUploaded, submitted.uploads.into());
-            let uploaded = Event { kind: EventKind::FrameUploaded as u32, ..span(SpanName::Upload, now, 0) };
-            self.source.event(&Event { value: submitted.uploads.into(), ..uploaded });
+            let uploaded = Event::new(EventContent::FrameUploaded { tiles: submitted.uploads.into() });
+            self.source.event(&uploaded.of_frame(frame).at(now));
             self.summary.uploads += u64::from(submitted.uploads);
         }
     }

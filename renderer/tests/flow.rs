@@ -8,8 +8,9 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use support::{Scene, camera, node, options, world};
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, EventContent};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
+use terravision_common::ids::Sequence;
 use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{RunState, memory};
@@ -346,7 +347,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
                     let key = *placed.entry(tile.color_slot).or_insert_with(|| {
                         assert!(inner.read_color(tile.color(), &mut tile_bytes));
                         let mut fill = pool
-                            .allocate(node, sequence, control.completed_sequence())
+                            .allocate(node, Sequence::new(sequence), control.completed_sequence())
                             .expect("memory of this process holds the recording");
                         fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
                         fill.publish()
@@ -368,7 +369,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
         std::iter::from_fn(|| drained.try_pop().expect("memory of this process holds the recording")).collect();
     let kept = kept.0.lock().expect("memory of this process holds the recording").clone();
     if result.is_ok() {
-        assert_eq!(control.completed_sequence(), frames[1]);
+        assert_eq!(control.completed_sequence().get(), frames[1]);
         assert_eq!(control.written_frames(), frames[1]);
     }
     (result, kept, events)
@@ -385,11 +386,11 @@ fn live_frames_are_the_recorded_ones_by_both_paths() {
         let (result, live, events) = live(&recording, options, None);
         assert_eq!(result.unwrap(), RunSummary { frames: 12, unsettled: 0, uploads: 4 });
         assert!(live == *kept, "imported: {is_imported}");
-        let of = |kind: EventKind| events.iter().filter(|event| event.kind == kind as u32).count();
-        assert_eq!((of(EventKind::FrameDone), of(EventKind::FrameWritten), of(EventKind::FrameUploaded)), (12, 12, 1));
-        let triangles: Vec<u64> =
-            events.iter().filter(|e| e.kind == EventKind::FrameDone as u32).map(|e| e.value).collect();
-        assert!(triangles.iter().all(|&count| count == 4 * 128));
+        let said: Vec<EventContent> = events.iter().filter_map(Event::content).collect();
+        let of = |content: EventContent| said.iter().filter(|found| **found == content).count();
+        assert_eq!(of(EventContent::FrameDone { triangles: 4 * 128 }), 12);
+        assert_eq!(of(EventContent::FrameWritten { is_settled: true }), 12);
+        assert_eq!(of(EventContent::FrameUploaded { tiles: 4 }), 1);
     }
 }
 

@@ -37,6 +37,7 @@ impl ErrorLog {
 
     /// Notes a failure.
     pub fn note(&self, fault: &Fault) {
+        tracing::debug!(cause = fault.cause.name(), "{fault}");
         let mut entries = self.lock();
         let is_full = entries.len() >= MOST_ENTRIES;
         let key = (fault.cause, told(&fault.place));

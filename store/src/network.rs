@@ -156,6 +156,8 @@ impl Network {
         let get = self.transport.get(request.file, request.range.clone(), request.most_bytes);
         let answer = timeout_at(limit, get).await;
         drop(permit);
+        let (range, is_answered) = (request.range.as_ref(), matches!(answer, Ok(Ok(_))));
+        tracing::trace!(file = request.file, ?range, is_answered, elapsed = ?begun.elapsed(), "request");
         match answer {
             Ok(answer) => Ok(Ended::Answered { answer: answer?, begun }),
             Err(_late) if limit < timeout => Ok(Ended::Slow),

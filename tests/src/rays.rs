@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::database::Database;
 use terravision_common::level::{LevelFunction, Measure};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
 /// How a picture is cast.

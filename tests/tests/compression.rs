@@ -87,7 +87,7 @@ fn compression_that_cannot_be_is_refused_and_nothing_is_made() {
     let without_device = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"]
         .iter()
         .fold(fly(&folder, "a", &on), |command, name| command.env(name, "/nonexistent.json"));
-    refused(without_device, "no Vulkan device can be used here");
+    refused(without_device, "there is no Vulkan device that can be used");
     // As plain tiles, the least memory of compressed ones is too little.
     refused(fly(&folder, "a", &["--texture-compression", "off", "--memory", "16MiB"]), "--memory 16 MiB");
     let doctor = Terravision::verb("doctor").args(["--memory", "64MiB"]).run();

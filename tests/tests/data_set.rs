@@ -302,7 +302,7 @@ fn wrong_wishes_are_told_before_anything_is_made() {
         (&["-o", &out, "--depth"], "for files name a folder"),
         (&["-o", &out, "--depth", &d, "--mode", "realtime"], "a flight against the clock leaves frames out"),
         (&["-o", "a.jpg"], "expected a folder for them, e.g. -o a/"),
-        (&["-o", &out, "--codec", "h265"], "--codec is for films"),
+        (&["-o", &out, "--codec", "h265"], "--codec applies to films"),
         (&["-o", "a.webm", "--codec", "h264"], "expected vp9 or av1"),
     ] {
         let finished =

@@ -197,7 +197,7 @@ fn stages_that_wait_for_each_other_are_told() {
     let finished = flight.wait();
     assert_over(&finished, &all);
     let said = &finished.stderr;
-    assert!(said.contains("got nothing done for") && said.contains("waited for each other"), "{said}");
+    assert!(said.contains("made no progress for") && said.contains("waited for each other"), "{said}");
     assert!(left_of(&name).is_empty());
 }
 

@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use terravision_common::database::{Manifest, NodeRanges};
 use terravision_common::world::World;
-use terravision_limited_server::LimitedServer;
 use terravision_store::{FetchError, Location, Store};
+use terravision_testkit::fault_server::FaultServer;
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::{Finished, Terravision, peak_kib};
 use terravision_tests::worlds::synth_world;
@@ -118,7 +118,7 @@ fn a_claim_of_petabytes_of_height_ranges_is_refused_before_any_is_asked_for() {
         manifest.nodes.bytes = *NodeRanges::file_bytes(&World::new(manifest.world).unwrap(), false).end();
         assert!(manifest.nodes.bytes > 1 << 50);
     });
-    let server = LimitedServer::serve(folder.path());
+    let server = FaultServer::serve(folder.path());
     let (finished, peak) = measured(info(&server.url("world.tv")).arg("--cache").arg(folder.join("cache")));
     one_sentence(&finished, "bytes of height ranges, and at most 1073741824 are read");
     assert!(peak < INFO_KIB, "{peak} KiB");

@@ -5,7 +5,7 @@
 use serde_json::Value;
 use std::fs;
 use std::time::Duration;
-use terravision_limited_server::{LimitedServer, Link};
+use terravision_testkit::fault_server::{FaultServer, Link};
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::{Terravision, binary};
@@ -18,7 +18,7 @@ const MOVING: u64 = 15;
 #[test]
 fn when_the_camera_rests_the_picture_becomes_that_of_exact_mode_byte_for_byte() {
     let world = synth_world(1024).database();
-    let server = LimitedServer::serve(world.parent().unwrap());
+    let server = FaultServer::serve(world.parent().unwrap());
     server.set_link(Link { latency: Duration::from_millis(80), bits_per_s: Some(20_000_000) });
     // How long what is missing takes depends on the machine, too: longer rests follow when it was too short.
     for frames in [60, 200, 600] {

@@ -13,7 +13,7 @@ use terravision_common::node::NodeId;
 use terravision_common::shm::SharedFrame;
 use terravision_common::synthetic::name_color;
 use terravision_common::world::World;
-use terravision_limited_server::{Fault, LimitedServer, Link, Rule};
+use terravision_testkit::fault_server::{Fault, FaultServer, Link, Rule};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::live::{reader, shared_name};
 use terravision_tests::process::{Running, Terravision};
@@ -133,7 +133,7 @@ fn write_path(folder: &TestFolder, world: &World, frames: u64, seconds: f64) {
     std::fs::write(folder.join("path.json"), text.to_string()).unwrap();
 }
 
-fn fly(server: &LimitedServer, folder: &TestFolder, ring: &str, seconds: f64) -> Running {
+fn fly(server: &FaultServer, folder: &TestFolder, ring: &str, seconds: f64) -> Running {
     Terravision::verb("fly")
         .arg(server.url("world.tv"))
         .args(["--mode", "realtime", "--feedback", "off", "--ground", "--timeout", "4", "--path"])
@@ -168,7 +168,7 @@ fn frames_go_on_and_show_only_what_belongs_there_whatever_the_link_loses() {
     let frames = (length * FPS) as u64;
     let database = named_world();
     let world = terravision_common::database::read_world(&database).unwrap();
-    let server = LimitedServer::serve(database.parent().unwrap());
+    let server = FaultServer::serve(database.parent().unwrap());
     let (folder, name) = (TestFolder::new("loss"), shared_name("loss"));
     write_path(&folder, &world, frames, length);
     server.set_link(Link { latency: Duration::from_millis(20), bits_per_s: Some(20_000_000) });

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use terravision_common::shm::SharedFrame;
-use terravision_limited_server::{Fault, LimitedServer, Rule};
+use terravision_testkit::fault_server::{Fault, FaultServer, Rule};
 use terravision_tests::flight::Pose;
 use terravision_tests::folder::TestFolder;
 use terravision_tests::live::{end, reader, record, sender, shared_name, step};
@@ -45,7 +45,7 @@ fn scrape(port: u16) -> BTreeMap<String, f64> {
 
 #[test]
 fn a_scrape_during_a_flight_says_what_the_report_says_after_it() {
-    let server = LimitedServer::serve(synth_world(1024).database().parent().unwrap());
+    let server = FaultServer::serve(synth_world(1024).database().parent().unwrap());
     // After what every flight begins with.
     server.misbehave([Rule::new(Fault::Status(503, None)).of("color.pmtiles").after(12).times(3)]);
     let (folder, name) = (TestFolder::new("metrics"), shared_name("metrics"));

@@ -152,12 +152,12 @@ fn the_bench_flies_with_and_without_feedback() {
 fn flags_of_real_time_are_refused_in_exact_mode_and_when_they_contradict() {
     let folder = TestFolder::new("realtime-flags");
     for (flags, expected) in [
-        (&["--feedback", "off"][..], "--feedback is for --mode realtime"),
-        (&["--rest-facet-px", "2"], "--rest-facet-px is for --mode realtime"),
+        (&["--feedback", "off"][..], "--feedback applies to --mode realtime"),
+        (&["--rest-facet-px", "2"], "--rest-facet-px applies to --mode realtime"),
         (&["--mode", "realtime", "--coarsest-facet-px", "5"], "no less than what is wanted"),
         (&["--mode", "realtime", "--rest-texel-px", "2"], "what is wanted"),
-        (&["--prediction", "linear"], "--prediction is for --mode realtime"),
-        (&["--prediction", "oracle", "--camera", "udp:127.0.0.1:0"], "an oracle knows the path"),
+        (&["--prediction", "linear"], "--prediction applies to --mode realtime"),
+        (&["--prediction", "oracle", "--camera", "udp:127.0.0.1:0"], "needs a path that is known in advance"),
     ] {
         let ended = Terravision::verb("fly")
             .arg(synth_world(1024).database())

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::shm::SharedFrame;
-use terravision_limited_server::{Fault, LimitedServer, Rule};
+use terravision_testkit::fault_server::{Fault, FaultServer, Rule};
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::live::{end, reader, record, sender, shared_name, step};
@@ -23,8 +23,8 @@ use terravision_tests::worlds::synth_world;
 
 const FRAMES: u64 = 6;
 
-fn serve() -> LimitedServer {
-    LimitedServer::serve(synth_world(1024).database().parent().unwrap())
+fn serve() -> FaultServer {
+    FaultServer::serve(synth_world(1024).database().parent().unwrap())
 }
 
 /// A flight that turns and goes forward, low enough for the finest tiles.
@@ -300,7 +300,7 @@ fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
     for file in fs::read_dir(synth_world(1024).database()).unwrap().map(Result::unwrap) {
         fs::copy(file.path(), copy.join(file.file_name())).unwrap();
     }
-    let server = LimitedServer::serve(folder.path());
+    let server = FaultServer::serve(folder.path());
     let mut flight = Terravision::verb("fly")
         .arg(server.url("world.tv"))
         .args(["--camera", &format!("shm:{name}"), "--size", "320x180", "-o", &format!("shared:{name}"), "--cache"])

@@ -11,8 +11,8 @@ use std::path::Path;
 use std::time::Duration;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::node::NodeId;
-use terravision_limited_server::{Fault, LimitedServer, Link, Rule};
 use terravision_store::{Cause, FetchError, Location, RetryOptions, Store, StoreError, StoreOptions};
+use terravision_testkit::fault_server::{Fault, FaultServer, Link, Rule};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::Terravision;
 use terravision_tests::worlds::synth_world;
@@ -63,7 +63,7 @@ fn an_archive_gives_the_tiles_of_the_folder_from_this_machine_and_from_a_server(
             .arg("world.tv")
             .succeed();
     }
-    let server = LimitedServer::serve(folder.path());
+    let server = FaultServer::serve(folder.path());
     for location in [folder.join("gnu world.tar").display().to_string(), server.url("pax.tar?key=1")] {
         let location = Location::parse(&location).unwrap();
         let store = Store::open(&location, &options(&folder)).unwrap();
@@ -233,7 +233,7 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     for file in FILES {
         fs::copy(synth_world(1024).database().join(file), copy.join(file)).unwrap();
     }
-    let server = LimitedServer::serve(folder.path());
+    let server = FaultServer::serve(folder.path());
     let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
     let store = Store::open(&location(&server), &no_cache).unwrap();
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
@@ -267,7 +267,7 @@ fn a_database_that_is_replaced_by_a_smaller_one_is_told_as_changed_on_a_server_a
     };
     let (large, small) = (synth_world(1024).database(), synth_world(256).database());
     FILES.iter().for_each(|file| put(&large, file));
-    let server = LimitedServer::serve(folder.path());
+    let server = FaultServer::serve(folder.path());
     let no_cache = StoreOptions { cache_bytes: 0, ..options(&folder) };
     let places = [location(&server), Location::folder(&copy)];
     let stores = places.map(|place| Store::open(&place, &no_cache).unwrap());

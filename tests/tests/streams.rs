@@ -102,6 +102,10 @@ fn a_reader_that_goes_ends_the_flight_with_a_sentence() {
     let finished = Terravision::program("bash").args(["-c", &script]).run();
     finished.assert_code(1);
     assert_eq!(finished.stdout_text().trim(), "400000");
-    assert!(finished.stderr.contains("the reader of standard output has gone after 2 frames"), "{}", finished.stderr);
+    assert!(
+        finished.stderr.contains("the program that reads standard output ended after 2 frames"),
+        "{}",
+        finished.stderr
+    );
     assert!(!finished.stderr.contains("started again"), "{}", finished.stderr);
 }

@@ -124,7 +124,7 @@ pub enum DatabaseError {
 }
 
 /// Which of the two pyramids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Layer {
     /// Elevation.
     Elevation,

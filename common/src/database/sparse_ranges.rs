@@ -4,6 +4,7 @@
 
 use super::{Layer, RangesError};
 use crate::node::NodeId;
+use crate::surface::SIDES;
 use crate::traversal::deepest_color_below;
 use crate::world::World;
 use std::io::Read;
@@ -186,8 +187,7 @@ fn check(world: &World, levels: &[SparseLevel]) -> Result<(), RangesError> {
 }
 
 fn is_surrounded(world: &World, node: NodeId, layers: &impl Fn(NodeId) -> Layers) -> bool {
-    let around = [(-1, 0), (1, 0), (0, -1), (0, 1)];
-    around.iter().filter_map(|(east, north)| world.neighbor(node, *east, *north)).all(|n| layers(n).elevation)
+    SIDES.iter().filter_map(|(east, north)| world.neighbor(node, *east, *north)).all(|n| layers(n).elevation)
 }
 
 /// The finest level of which, and of all coarser ones, every node has all tiles that the world has a place for.

@@ -4,7 +4,7 @@ use super::Layer;
 use crate::node::NodeId;
 
 /// A tile of one of the two pyramids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Tile {
     /// The pyramid.
     pub layer: Layer,

@@ -12,6 +12,7 @@ use super::run_id::RunId;
 use super::segments::open_segment;
 use crate::camera::Camera;
 use crate::event::monotonic_nanos;
+use crate::ids::Sequence;
 use crate::rate::FrameTiming;
 use crate::sync::{AtomicU32, Ordering};
 use crossbeam::utils::Backoff;
@@ -109,9 +110,9 @@ impl Control {
     }
 
     /// All frames of the run are prepared; the last is the so many-th.
-    pub fn set_last_sequence(&self, sequence: u64) {
+    pub fn set_last_sequence(&self, sequence: Sequence) {
         // Release: SYNC control.last, the frame is in the ring.
-        self.words().last_sequence.0.store(sequence, Ordering::Release);
+        self.words().last_sequence.0.store(sequence.get(), Ordering::Release);
     }
 
     /// Whether all frames of the run are prepared, and completed.
@@ -119,7 +120,7 @@ impl Control {
     pub fn is_all_completed(&self) -> bool {
         // Acquire: SYNC control.last.
         let last = self.words().last_sequence.0.load(Ordering::Acquire);
-        last != 0 && self.completed_sequence() >= last
+        last != 0 && self.completed_sequence().get() >= last
     }
 
     /// This process says that it is the stage. Peers that wait for it notice its death from now on. Also the first
@@ -187,27 +188,27 @@ impl Control {
         Some(self.words().stages[stage as usize].heartbeat_nanos.load(Ordering::Relaxed)).filter(|&nanos| nanos != 0)
     }
 
-    /// The renderer (and its device) is done with all frames up to `sequence`, counted from 1: what they named in the
+    /// The renderer (and its device) is done with all frames up to `sequence`: what they named in the
     /// pools may be replaced.
-    pub fn set_completed_sequence(&self, sequence: u64) {
+    pub fn set_completed_sequence(&self, sequence: Sequence) {
         let words = self.words();
         // Release: SYNC control.completed, our reads of the pools come before.
-        words.completed_sequence.0.fetch_max(sequence, Ordering::Release);
+        words.completed_sequence.0.fetch_max(sequence.get(), Ordering::Release);
         words.completed_bell.0.ring();
     }
 
-    /// All frames up to this sequence are done with; 0 before the first.
+    /// All frames up to this one are done with.
     #[must_use]
-    pub fn completed_sequence(&self) -> u64 {
+    pub fn completed_sequence(&self) -> Sequence {
         // Acquire: SYNC control.completed.
-        self.words().completed_sequence.0.load(Ordering::Acquire)
+        Sequence::new(self.words().completed_sequence.0.load(Ordering::Acquire))
     }
 
     /// Waits until the completed sequence is at least `sequence`, and returns it. One waiter at a time.
     ///
     /// # Errors
     /// The run ended.
-    pub fn wait_completed(&self, sequence: u64) -> Result<u64, WaitError> {
+    pub fn wait_completed(&self, sequence: Sequence) -> Result<Sequence, WaitError> {
         self.wait_for(&self.words().completed_bell.0, Some(Stage::Renderer), || {
             let completed = self.completed_sequence();
             Ok((completed >= sequence).then_some(completed))

@@ -10,7 +10,7 @@
 //! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that "nobody wants it,
 //! I take it" and "I want it, keep it" decide in one step which of them was first, whichever processes say so.
 
-use crate::ids::{Generation, SlotIndex, SlotKey};
+use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::sync::{AtomicU32, AtomicU64, Ordering, fence};
 
@@ -50,7 +50,7 @@ fn tag_of(generation: Generation) -> u64 {
 pub(crate) struct Use {
     pub(crate) state: SlotState,
     pub(crate) tag: u64,
-    pub(crate) sequence: u64,
+    pub(crate) sequence: Sequence,
 }
 
 impl Use {
@@ -61,15 +61,15 @@ impl Use {
             2 => SlotState::Ready,
             _ => SlotState::Locked,
         };
-        Self { state, tag: (word >> STATE_BITS) & TAG_MASK, sequence: word >> (STATE_BITS + TAG_BITS) }
+        Self { state, tag: (word >> STATE_BITS) & TAG_MASK, sequence: Sequence::new(word >> (STATE_BITS + TAG_BITS)) }
     }
 
     fn pack(self) -> u64 {
-        self.sequence.min(MAX_SEQUENCE) << (STATE_BITS + TAG_BITS) | self.tag << STATE_BITS | self.state as u64
+        self.sequence.get().min(MAX_SEQUENCE) << (STATE_BITS + TAG_BITS) | self.tag << STATE_BITS | self.state as u64
     }
 
     /// Whether it may be filled anew when all frames up to `completed` are done with.
-    pub(crate) fn is_reusable(self, completed: u64) -> bool {
+    pub(crate) fn is_reusable(self, completed: Sequence) -> bool {
         match self.state {
             SlotState::Free => true,
             SlotState::Ready => self.sequence <= completed,
@@ -110,7 +110,7 @@ pub struct SlotInfo {
     /// What the slot is doing.
     pub state: SlotState,
     /// Sequence of the last frame that wanted it.
-    pub last_used: u64,
+    pub last_used: Sequence,
 }
 
 impl SlotInfo {
@@ -144,7 +144,7 @@ impl SlotWords {
 
     /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be done with by an
     /// Acquire (SYNC control.completed), so nobody reads the old tile. Returns the new generation.
-    pub(crate) fn claim(&self, node: NodeId, sequence: u64, completed: u64) -> Option<Generation> {
+    pub(crate) fn claim(&self, node: NodeId, sequence: Sequence, completed: Sequence) -> Option<Generation> {
         // Relaxed: the exchange below checks it.
         let word = self.usage.load(Ordering::Relaxed);
         let before = Use::unpack(word);
@@ -177,7 +177,7 @@ impl SlotWords {
 
     /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the slot no longer has this
     /// generation (any, for `None`).
-    pub(crate) fn touch(&self, generation: Option<Generation>, sequence: u64) -> bool {
+    pub(crate) fn touch(&self, generation: Option<Generation>, sequence: Sequence) -> bool {
         let mut word = self.usage.load(Ordering::Relaxed);
         loop {
             let before = Use::unpack(word);

@@ -10,6 +10,7 @@ use super::run_id::RunId;
 use super::segments::open_segment;
 use super::want_core::{HEAD_WORDS, Look, WantEntry, WantWords};
 use crate::database::Tile;
+use crate::ids::{FrameNumber, Sequence};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -42,10 +43,10 @@ fn entries(segment: &Segment) -> &[WantEntry] {
 /// What a list is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct WantHead {
-    /// The frame is the so many-th of the run; 0 for what is wanted before the first.
-    pub sequence: u64,
+    /// The frame's place in the run; none for what is wanted before the first.
+    pub sequence: Sequence,
     /// The frame.
-    pub frame: u64,
+    pub frame: FrameNumber,
     /// No other list will come: the run's frames are all prepared.
     pub is_last: bool,
 }
@@ -87,7 +88,7 @@ impl WantListWriter {
         let WantHead { sequence, frame, is_last } = head;
         let tiles = &tiles[..tiles.len().min(self.capacity() as usize)];
         let words: &WantWords = self.segment.words();
-        let head = [sequence, frame, u64::from(is_last) * LAST, tiles.len() as u64];
+        let head = [sequence.get(), frame.get(), u64::from(is_last) * LAST, tiles.len() as u64];
         words.write(entries(&self.segment), head, tiles.iter().map(|tile| tile.pack()));
         if !tiles.is_empty() || !self.is_empty || is_last {
             words.bell().ring();
@@ -141,6 +142,7 @@ impl WantListReader {
         }
         tiles.clear();
         tiles.extend(self.packed.iter().filter_map(|packed| Tile::unpack(*packed)));
+        let (sequence, frame) = (Sequence::new(sequence), FrameNumber::new(frame));
         Ok(Some(WantHead { sequence, frame, is_last: flags & LAST != 0 }))
     }
 

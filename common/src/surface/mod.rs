@@ -15,6 +15,8 @@
 //! | what space a node may fill | [`Plane::node_bounds`] |
 //! | which child is nearest to the eye | [`Plane::near_to_far`] |
 //! | distances, depth and slant from an eye; vertices relative to it | [`EyeFrame`], [`Vertices`] |
+//! | directions in the local frame of a place | [`direction`], [`heading`], [`pitch`] |
+//! | places in the database's CRS | [`CrsFrame`] |
 //! | the height between the posts of a tile | [`facet`], [`tile`] |
 //!
 //! [`Surface`] is a plane: metres east and north of the world's origin, and height up. An ellipsoid
@@ -27,6 +29,7 @@
 //! alone, so edges that two leaves share are equal to the bit.
 
 mod bounds;
+mod direction;
 pub mod facet;
 mod lattice;
 mod plane;
@@ -35,8 +38,9 @@ pub mod tile;
 mod vertices;
 
 pub use bounds::WorldBox;
+pub use direction::{direction, heading, level_right, look, pitch};
 pub use lattice::{LatticePoint, SIDES};
-pub use plane::{Column, EyeCell, EyeFrame, EyeRow, Plane, Row};
+pub use plane::{Column, CrsFrame, EyeCell, EyeFrame, EyeRow, Plane, Row};
 pub use sight::Sight;
 pub use vertices::Vertices;
 

@@ -11,26 +11,28 @@ use std::path::PathBuf;
 pub struct CourseArgs {
     /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
     ///
-    /// 'orbit' circles the point of the world with the strongest relief, or --around, once in 240 frames. The formats of files
-    /// are in docs/camera-paths.md. With --eye or --look-at there is no path: the camera stands there (one frame, or --frames).
+    /// 'orbit' circles the place with the strongest relief, or --around, in 240 frames a round.
+    /// docs/camera-paths.md describes the files. With --eye or --look-at the camera stands still
+    /// instead, for one frame or for --frames.
     #[arg(long, value_name = "FILE|orbit", default_value = "orbit")]
     pub path: PathBuf,
-    /// Only frames A up to, not including, B
+    /// Draw only frames A to B-1
     ///
-    /// They are the same bytes that these frames have in the whole flight, so that a film can be made in pieces.
+    /// They have the same bytes as in the whole flight, so that a film can be made in pieces.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<FrameRange>,
-    /// Frames per second of the film; of a path that is given in time also how many are made [default: the path's own,
-    /// else 30]
+    /// Frames per second of the film; a path with times has more frames at a higher rate [default:
+    /// the path's own, else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Fly a path that is given in time N times as fast
+    /// Fly a path that has times (keyframes, KML, GPX) N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
-    /// Whether rests and silence within a segment of a recorded track are flown in full
+    /// What becomes of rests in a recorded track
     ///
-    /// 'shorten' makes seconds of two minutes and more within 30 m, and leaves out silence of more than ten minutes. Gaps between
-    /// segments and tracks are left out either way.
+    /// 'shorten' flies a rest of two minutes or more within 30 m in a few seconds, and leaves out
+    /// gaps of more than ten minutes within a segment. Gaps between segments and tracks are left
+    /// out either way.
     #[arg(long, value_enum, default_value_t = Rests::Shorten)]
     pub rests: Rests,
     #[command(flatten)]

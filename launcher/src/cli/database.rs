@@ -11,25 +11,28 @@ use std::time::Duration;
 pub struct DatabaseArgs {
     /// Folder of the disk cache for tiles from servers [default: ~/.cache/terravision]
     ///
-    /// Several runs may share one. What is damaged in it is read anew; a cache that cannot be written is done without.
+    /// Several runs may share one. Damaged entries are read from the server again. Where the cache
+    /// cannot be written to, the run goes on without it.
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// Most bytes that the disk cache may take, or 0 for none
     ///
-    /// What was not used for longest makes room. More saves reading again what a flight has seen before.
+    /// Entries that were not used for longest are removed first. A larger cache has to read less
+    /// again.
     #[arg(long, value_name = "SIZE", default_value = "10GiB", value_parser = values::parse_cache_size)]
     pub cache_size: MemorySize,
-    /// Fly from the disk cache alone: ask no server
+    /// Use only the disk cache, and no server
     #[arg(long)]
     pub offline: bool,
     /// Longest time that one request to a server may take, seconds
     ///
-    /// A request that fails is repeated, for at most three times this long; then its tile is drawn from coarser ones.
+    /// A request that fails is repeated for at most three times this long; after that a coarser
+    /// tile is drawn in its place.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = values::parse_timeout)]
     pub timeout: Duration,
     /// Most requests to a server at a time
     ///
-    /// More use a link of long delay better, and load the server.
+    /// More of them make better use of a link with a long delay, and put more load on the server.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
     pub requests: u32,
 }

@@ -7,16 +7,19 @@ use clap::Args;
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Film")]
 pub struct FilmArgs {
-    /// How a film is compressed [default: h264 for .mp4, .mov and .mkv, vp9 for .webm, gif for .gif]
+    /// How a film is compressed [default: h264 for .mp4, .mov and .mkv, vp9 for .webm, gif for
+    /// .gif]
     ///
-    /// .mp4 holds h264, h265 and av1, .mov h264 and h265, .webm vp9 and av1, .mkv all but gif. The same flight gives the same
-    /// bytes on every run, as long as ffmpeg is the same.
+    /// .mp4 takes h264, h265 and av1; .mov h264 and h265; .webm vp9 and av1; .mkv all but gif. The
+    /// same flight gives the same bytes on every run with the same ffmpeg.
     #[arg(long, value_enum, value_name = "CODEC")]
     pub codec: Option<Codec>,
-    /// Quality of a film, the encoder's constant rate factor [default: 18 for h264, 20 for h265, 24 for vp9 and av1]
+    /// Quality of a film, the encoder's constant rate factor [default: 18 for h264, 20 for h265, 24
+    /// for vp9 and av1]
     ///
-    /// Less is better and larger, 0 is best. Up to 51 for h264 and h265, 63 for vp9 and av1. ffv1 is lossless and has none, nor
-    /// has gif.
+    /// A smaller number gives a better and larger film; 0 is best. The largest is 51 for h264 and
+    /// h265, and 63 for vp9 and av1. ffv1 is lossless and gif has 256 colours: they have no such
+    /// factor.
     #[arg(long, value_name = "N")]
     pub crf: Option<u32>,
 }

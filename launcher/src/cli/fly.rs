@@ -27,18 +27,20 @@ EXAMPLES
   terravision fly w.tv -o - | ffplay -
   terravision fly w.tv --camera shm:uav -o shared:uav --depth --size 640x480
 
-The ground under the camera is never entered: a pose below ground + 2 m is lifted, and the
-number of lifted frames is told.")]
+The camera stays at least 2 m above the ground: lower poses are lifted, and a warning says how
+many frames that were.")]
 pub struct FlyArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
-    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for frame-000000.png and so on, - for Y4M on standard output, or
-    /// shared:NAME for other programs; /dev/null to measure only
+    /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for
+    /// frame-000000.png and so on, - for Y4M on standard output, or shared:NAME for other programs;
+    /// /dev/null draws and discards them
     ///
-    /// A folder is made if need be; frames in it are replaced one by one, other files stay. A film replaces the file of
-    /// that name when it is complete, never before. shared:NAME is --share NAME and nothing else.
+    /// A folder is created if it does not exist. Frames in it are replaced one by one, and other
+    /// files stay. A film replaces an older one of its name only when it is complete. shared:NAME
+    /// is --share NAME without any files.
     #[arg(short, long, value_name = "FILM|DIR/|-|shared:NAME")]
     pub output: PathBuf,
     #[command(flatten)]

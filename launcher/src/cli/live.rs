@@ -7,16 +7,18 @@ use clap::Args;
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Other programs (docs/frame-ring.md)")]
 pub struct LiveArgs {
-    /// Also put every frame into shared memory, /dev/shm/terravision-NAME, where any number of programs read it
+    /// Also put every frame into shared memory, /dev/shm/terravision-NAME, where other programs can
+    /// read it
     #[arg(long, value_name = "NAME")]
     pub share: Option<String>,
-    /// Fly the poses that another program sends, one frame for each, in place of a path
+    /// Draw a frame for each pose that another program sends, in place of a path
     ///
-    /// shm:NAME is a record in shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT takes JSON lines.
-    /// The flight ends when the sender says so, at Ctrl-C, or after --idle-timeout.
+    /// shm:NAME reads them from shared memory, /dev/shm/terravision-NAME-camera; udp:127.0.0.1:PORT
+    /// reads lines of JSON. The flight ends when the sender says so, at Ctrl-C, or after
+    /// --idle-timeout.
     #[arg(long, value_name = "shm:NAME|udp:ADDRESS", conflicts_with_all = ["path", "frames", "agl", "speed", "rests", "eye", "look_at", "from", "heading", "pitch", "roll", "lonlat", "around", "radius", "height", "turns"])]
     pub camera: Option<CameraSource>,
-    /// End the flight when no pose has come for so many seconds [default: wait for ever]
+    /// End the flight when no pose has come for this many seconds [default: never]
     #[arg(long, value_name = "SECONDS", requires = "camera")]
     pub idle_timeout: Option<f64>,
 }

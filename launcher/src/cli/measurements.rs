@@ -14,10 +14,10 @@ pub struct MeasurementArgs {
     /// Write what every process did when, as a trace that Perfetto (ui.perfetto.dev) opens
     #[arg(long, value_name = "FILE.json")]
     pub trace: Option<PathBuf>,
-    /// Serve figures of the run while it goes on, for Prometheus: http://ADDRESS/metrics
+    /// Serve metrics of the run while it goes on, for Prometheus: http://ADDRESS/metrics
     ///
-    /// A port alone is one of loopback, 127.0.0.1, where only this machine can read it; 0 is any free port, and the run says
-    /// which. docs/report.md lists the figures.
+    /// A port alone is on 127.0.0.1, where only this machine can read it; 0 is any free port, and
+    /// the run says which. docs/report.md lists the metrics.
     #[arg(long, value_name = "ADDRESS")]
     pub metrics: Option<MetricsAddress>,
 }

@@ -1,5 +1,5 @@
-//! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]); [`crate::plan`] turns it
-//! into a validated plan.
+//! The command line, as typed. Nothing here is interpreted beyond single values ([`values`]);
+//! [`crate::plan`] turns it into a validated plan.
 
 pub mod course;
 pub mod database;
@@ -36,27 +36,28 @@ A world from nothing, flown:
 EXIT STATUS
   0    done
   1    the run failed (a stage died, no space left, no Vulkan device for --technique mesh)
-  2    bad usage or bad input: something that the command names cannot be used
-       (wrong, not there, damaged, out of reach); nothing was made
-  3    the flight finished, but some tiles were missing or damaged and were drawn
-       from coarser ones; the report lists them
-  101  an internal error: a fault of TerraVision itself, please report it
+  2    bad usage or bad input: an argument is wrong, or what it names is missing, damaged
+       or out of reach; nothing was written
+  3    the flight finished, but some tiles were missing or damaged, and coarser ones
+       were drawn in their place; the report lists them
+  101  an internal error of TerraVision: please report it
   130  interrupted by Ctrl-C or TERM
 
 ENVIRONMENT
-  TERRAVISION_LOG     'stages' passes on what the stages say while they run
+  TERRAVISION_LOG     default of --log; 'stages' shows only what stages write to standard error
   RAYON_NUM_THREADS   default of --threads
   AWS_…, HTTPS_PROXY… for databases on servers: docs/databases.md
   VK_ICD_FILENAMES    which Vulkan drivers the loader sees
 
 Messages go to standard error, results to standard output.";
 
-/// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films, stills, depth and
-/// ground positions, on a GPU or on none.
+/// Flies over terrain that is far larger than memory: turns a DEM and an orthophoto into films,
+/// stills, depth and ground positions, with or without a GPU.
 ///
-/// Four processes work hand in hand through shared memory: the generator searches the quad tree for what the camera
-/// sees, the prefetcher brings tiles into memory, the preparer makes elevation without cracks, the renderer draws it
-/// with Vulkan, or on the processor alone. This program starts them, flies the camera, watches over them and cleans up after them.
+/// Four processes work together through shared memory: the generator searches the quad tree for
+/// what the camera sees, the prefetcher loads tiles, the preparer makes a surface of them without
+/// cracks, and the renderer draws it, with Vulkan or on the processor. This program starts them,
+/// moves the camera, restarts what fails and cleans up at the end.
 #[derive(Debug, Parser)]
 #[command(name = "terravision", version, after_long_help = AFTER_HELP, max_term_width = 100)]
 #[command(propagate_version = true, subcommand_required = true, arg_required_else_help = true)]
@@ -64,36 +65,42 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+    /// Log what every process does to standard error [default: TERRAVISION_LOG, else off]
+    ///
+    /// A level (error, warn, info, debug, trace) for all of TerraVision, or a filter of levels by
+    /// target, e.g. info,terravision_store=trace. docs/report.md says what is logged.
+    #[arg(long, global = true, value_name = "LEVEL|FILTER", help_heading = "Log")]
+    pub log: Option<String>,
 }
 
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Make a believable mountain world: dem.tif and ortho.tif
+    /// Make a synthetic mountain world to try things with: dem.tif and ortho.tif
     #[command(disable_help_flag = true)]
     Synth(ExecArgs),
-    /// Turn rasters into a terrain database
+    /// Make a terrain database from rasters
     #[command(disable_help_flag = true)]
     Ingest(ExecArgs),
-    /// Say what a terrain database holds
+    /// Show what a terrain database contains
     Info(InfoArgs),
-    /// Say whether this machine has what a flight needs, and what to install if not
+    /// Check whether this machine has what a flight needs, and say what to install
     Doctor(DoctorArgs),
     /// Fly a camera path over a terrain database, into a film, a folder of pictures or a pipe
     Fly(Box<FlyArgs>),
-    /// Draw one picture from one pose; on request also depth and ground position of every pixel
+    /// Draw one picture, and on request the depth and the ground position of every pixel
     Still(Box<StillArgs>),
-    /// Write the poses of a camera path, one per frame, as a JSON path that can be edited and flown
+    /// Write the poses of a camera path, one per frame, as JSON that can be edited and flown
     Path(Box<PathArgs>),
-    /// Measure the stages, the queues between them, rays against the mesh, and ingest
+    /// Measure how fast the stages, the queues between them, both techniques and ingest are
     #[command(disable_help_flag = true)]
     Bench(ExecArgs),
 }
 
-/// Arguments that go to another program as they are.
+/// Arguments of a subcommand that is a program of its own.
 #[derive(Debug, Args)]
 pub struct ExecArgs {
-    /// Passed on as typed; `--help` explains them.
+    /// Arguments of the subcommand: see its `--help`.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
     pub arguments: Vec<OsString>,
 }
@@ -101,8 +108,8 @@ pub struct ExecArgs {
 /// `terravision info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Print one JSON object in place of text

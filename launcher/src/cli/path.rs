@@ -8,8 +8,8 @@ use std::path::PathBuf;
 /// `terravision path`.
 #[derive(Debug, Args)]
 pub struct PathArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// Where the poses go: a JSON file, or - for standard output
@@ -18,7 +18,8 @@ pub struct PathArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
-    /// Vertical field of view, degrees, written into the path [default: the path's own, else none: it is then flown with 60]
+    /// Vertical field of view, degrees, written into the path [default: the path's own, else none:
+    /// it is then flown with 60]
     #[arg(long, value_name = "DEGREES")]
     pub vfov: Option<f64>,
     /// Factor on all heights of the terrain, for heights above ground

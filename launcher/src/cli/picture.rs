@@ -11,15 +11,17 @@ use std::path::PathBuf;
 pub struct PictureArgs {
     /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
     ///
-    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel on the processor's cores and needs no
-    /// device, or with '--rays compute' on one. All draw the same surface (docs/techniques.md).
+    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel, on the
+    /// processor and without a device, or with '--rays compute' on the device. All of them draw the
+    /// same surface (docs/techniques.md).
     #[arg(long, value_enum, value_name = "WHICH")]
     pub technique: Option<TechniqueArg>,
     /// How rays are cast [default: mipmap; in real time: auto]
     ///
-    /// Without --technique it means '--technique rays'. 'auto' takes 'compute' where there is a GPU; else 'mipmap', until both it and 'coherent' have been tried on one of the first frames, unseen, and
-    /// from then on the faster one, which is told. In exact mode, whose pictures must not depend on a machine's speed, it is
-    /// always 'mipmap'.
+    /// --rays implies '--technique rays'. 'auto' uses 'compute' where there is a GPU. Without one
+    /// it begins with 'mipmap', tries 'coherent' on one of the first frames without showing it,
+    /// goes on with the faster of the two, and says which. In exact mode 'auto' is always 'mipmap',
+    /// so that pictures do not depend on the speed of the machine.
     #[arg(long, value_enum, value_name = "HOW")]
     pub rays: Option<RaysArg>,
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
@@ -31,50 +33,58 @@ pub struct PictureArgs {
     /// views that have none of their own. The format, with examples: docs/views.md.
     #[arg(long, value_name = "FILE.json")]
     pub views: Option<PathBuf>,
-    /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at 16:9]
+    /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at
+    /// 16:9]
     #[arg(long, value_name = "DEGREES", conflicts_with = "hfov")]
     pub vfov: Option<f64>,
     /// Horizontal field of view, degrees, in place of --vfov
     #[arg(long, value_name = "DEGREES")]
     pub hfov: Option<f64>,
-    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the body's: 150,190,235 on Earth,
-    /// butterscotch on Mars, black on the Moon]
+    /// Colour of the sky, three numbers from 0 to 255 or #RRGGBB [default: the path's own, else the
+    /// body's: 150,190,235 on Earth, butterscotch on Mars, black on the Moon]
     #[arg(long, value_name = "R,G,B")]
     pub sky: Option<Rgb>,
-    /// Factor on all heights of the terrain
+    /// Factor on all heights of the terrain: 2 draws mountains twice as high
     ///
-    /// 2 makes mountains twice as high. The camera's height is not changed.
+    /// The height of the camera does not change.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     pub exaggeration: f64,
     /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
-    /// 'default' draws facets of 10 pixels (7 for voxels, '--technique rays --rays coherent'), one sample a pixel. 'best' draws facets of 3 pixels with four samples a
-    /// pixel: nearer to the true picture at several times the cost. 'finest' draws facets of 1 pixel (more above 1920x1080, where there
-    /// would be too many), four samples: what a pixel shows is right to the pixel. Rays have one sample. A flag given as well wins over the preset.
+    /// 'default' draws facets of 10 pixels (7 with '--rays coherent') with one sample per pixel.
+    /// 'best' draws facets of 3 pixels with four samples: nearer to the true picture, at several
+    /// times the cost. 'finest' draws facets of 1 pixel (larger ones above 1920x1080, where there
+    /// would be too many) with four samples: what a pixel shows is right to the pixel. Rays have
+    /// one sample. --facet-px and --samples win over the preset.
     #[arg(long, value_enum, overrides_with = "quality")]
     pub quality: Option<Quality>,
-    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7; best: 3; finest, which still has: 1]
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7;
+    /// best: 3; finest, which still has: 1]
     ///
-    /// The side of a square with a facet's area, where the ground is seen in full. Smaller shows finer relief and costs more: time grows with the square of its inverse.
+    /// It is the side of a square with a facet's area, where the ground faces the camera. Smaller
+    /// facets show finer relief and cost more: half the size takes four times as long.
     #[arg(long, value_name = "PIXELS")]
     pub facet_px: Option<f64>,
     /// Wanted size of the colour texels on screen, pixels [default: 1]
     ///
-    /// Smaller sharpens until the source has no more to give, and needs more tiles; larger blurs and loads less.
+    /// Smaller texels are sharper, as far as the source is, and need more tiles; larger ones blur
+    /// and load less.
     #[arg(long, value_name = "PIXELS")]
     pub texel_px: Option<f64>,
     /// Whether colour tiles are compressed in memory
     ///
-    /// Compressed (BC1) a tile takes an eighth of its memory, here and on the device, so that --memory holds more of them;
-    /// the picture loses a little (docs/quality.md), and loading a tile takes longer. The database is not touched. A device
-    /// that is the processor itself (lavapipe) is slower at such tiles: there, 'auto' leaves them as they are. 'on' where no
-    /// device can do it is an error. The same frames come out on every run either way.
+    /// A compressed tile (BC1) takes an eighth of the memory, here and on the device, so that
+    /// --memory holds more of them. The picture loses a little (docs/quality.md), and loading a
+    /// tile takes longer. The database does not change. A software device (lavapipe) is slower with
+    /// compressed tiles, so 'auto' does not compress there. 'on' is an error where no device can do
+    /// it. Frames are the same on every run either way.
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = CompressionArg::Auto)]
     pub texture_compression: CompressionArg,
     /// Samples per pixel: 1, or 4 for smooth edges [default: 1; best, finest: 4]
     #[arg(long, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
-    /// How the size of a facet or texel on screen is measured where the ground is seen at a glancing angle
+    /// How the size of a facet or texel on screen is measured where the ground is seen at a
+    /// glancing angle
     #[arg(long, value_enum, default_value_t = MeasureChoice::Max)]
     pub measure: MeasureChoice,
     /// What is drawn where the world ends, for an eye beside it
@@ -83,10 +93,12 @@ pub struct PictureArgs {
     /// Draw the leaves of the quad tree over the picture
     #[arg(long, value_enum, value_name = "WHAT")]
     pub overlay: Option<Overlay>,
-    /// What depth and ground say where the world's sources had no data and the ground was made up from around it
+    /// What --depth and --ground have where the sources had no data, so that the ground was made up
+    /// from its surroundings
     ///
-    /// 'nan': not a number, as for sky. 'mark': the values that are drawn, and a band more in files: 1 where the ground was measured,
-    /// 0 where it was made up. Shared frames tell it in any case (docs/frame-ring.md).
+    /// 'nan' writes NaN, as for sky. 'mark' writes the values that are drawn, and adds a band to
+    /// files: 1 where the ground was measured, 0 where it was made up. Shared frames have such a
+    /// mark either way (docs/frame-ring.md).
     #[arg(long, value_enum, value_name = "HOW", default_value_t = MadeUpArg::Nan)]
     pub made_up: MadeUpArg,
 }

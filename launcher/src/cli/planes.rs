@@ -8,22 +8,23 @@ use std::path::PathBuf;
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Depth and ground (docs/data-sets.md)")]
 pub struct PlaneArgs {
-    /// Write the depth of every frame into this folder: frame-000000.tif and so on, float32, metres along the view axis, NaN for
-    /// sky. Without a folder: shared frames have it
+    /// Write the depth of every frame into this folder, as frame-000000.tif and so on: float32,
+    /// metres along the view axis, NaN for sky. Without a folder: add the depth to shared frames
     ///
-    /// Poses and intrinsics of all frames are written beside: frames.json, and with pictures in a folder (-o DIR/)
-    /// transforms.json for nerfstudio. With a folder, shared frames have the depth too.
+    /// frames.json beside them has poses and intrinsics of all frames; with pictures in a folder
+    /// (-o DIR/) so has transforms.json, for nerfstudio. With a folder, shared frames have the
+    /// depth too.
     #[arg(long, value_name = "DIR")]
     pub depth: Option<Option<PathBuf>>,
-    /// Write what every pixel of every frame sees into this folder: float64 easting, northing and height, NaN for sky. Without a
-    /// folder: shared frames have it
+    /// Write the ground position that every pixel shows into this folder: float64 easting, northing
+    /// and height, NaN for sky. Without a folder: add it to shared frames
     #[arg(long, value_name = "DIR")]
     pub ground: Option<Option<PathBuf>>,
 }
 
-/// The command line with `--depth` and `--ground` of `fly` at its end, where they take nothing for their folder: in
-/// `fly --depth WORLD -o shared:NAME`, which was written before they had one, WORLD is the world. `None` where that
-/// changes nothing.
+/// The command line with `--depth` and `--ground` of `fly` at its end, where they take nothing for
+/// their folder: in `fly --depth WORLD -o shared:NAME`, which was written before they had one,
+/// WORLD is the world. `None` where that changes nothing.
 #[must_use]
 pub fn with_planes_last(arguments: &[OsString]) -> Option<Vec<OsString>> {
     if arguments.get(1).is_none_or(|verb| verb != "fly") {

@@ -7,10 +7,11 @@ use terravision_common::run::Prediction;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Real time")]
 pub struct RealtimeArgs {
-    /// Whether frames wait for their tiles, or for nothing
+    /// Whether frames wait for their tiles, or follow the clock
     ///
-    /// 'exact' draws every frame with all that it wants, however long it takes. 'realtime' plays the path against the
-    /// clock: frames show what is there, and those that come too late are left out (docs/realtime.md).
+    /// 'exact' draws every frame with all the tiles that it needs, however long that takes.
+    /// 'realtime' follows the clock: frames show the tiles that are loaded, and frames that would
+    /// be too late are left out (docs/realtime.md).
     #[arg(long, value_enum, default_value_t = Mode::Exact)]
     pub mode: Mode,
     /// Whether facets and texels grow when frames take too long [default: on]
@@ -22,13 +23,16 @@ pub struct RealtimeArgs {
     /// Largest size that texels may grow to, pixels [default: four times --texel-px]
     #[arg(long, value_name = "PIXELS")]
     pub coarsest_texel_px: Option<f64>,
-    /// Size that facets may shrink to while the camera rests and there is time, pixels [default: 3, at most --facet-px]
+    /// Size that facets may shrink to while the camera rests and there is time, pixels [default: 3,
+    /// at most --facet-px]
     #[arg(long, value_name = "PIXELS")]
     pub rest_facet_px: Option<f64>,
-    /// Size that texels may shrink to while the camera rests and there is time, pixels [default: --texel-px]
+    /// Size that texels may shrink to while the camera rests and there is time, pixels [default:
+    /// --texel-px]
     #[arg(long, value_name = "PIXELS")]
     pub rest_texel_px: Option<f64>,
-    /// How the camera is predicted, to have its tiles before it comes (docs/prefetch.md) [default: linear]
+    /// How the camera is predicted, so that tiles are loaded before it needs them
+    /// (docs/prefetch.md) [default: linear]
     #[arg(long, value_enum, value_name = "HOW")]
     pub prediction: Option<PredictionChoice>,
 }
@@ -36,13 +40,13 @@ pub struct RealtimeArgs {
 /// [`Prediction`] as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PredictionChoice {
-    /// Not at all: tiles are asked for when a frame lacks them
+    /// Not at all: tiles are requested when a frame lacks them
     Off,
-    /// It goes on and turns as it does
+    /// It keeps its speed and its turn
     Linear,
-    /// It also goes on to gain or lose speed as it does: better in long bends, worse on jerky paths
+    /// It also keeps its acceleration: better in long bends, worse on jerky paths
     Quadratic,
-    /// The path is known: what the others are measured against
+    /// From the path itself, which is known: to measure the others by
     Oracle,
 }
 

@@ -9,20 +9,21 @@ use clap::Args;
 pub struct ResourceArgs {
     /// Memory for the pools of tiles, e.g. 256MiB or 2GiB
     ///
-    /// The picture does not depend on it, as long as it suffices. More saves loading when a flight comes back to where
-    /// it has been. All processes together use about 300 MB more than this. Half of it is shared memory: see
-    /// 'terravision doctor'.
+    /// It does not change the picture, as long as it is enough. With more, a flight that comes back
+    /// to a place loads less again. All processes together use about 300 MB more than this. Half of
+    /// it is shared memory: see 'terravision doctor'.
     #[arg(long, value_name = "SIZE", default_value = "512MiB")]
     pub memory: MemorySize,
-    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one per core]
+    /// Threads that load and decode tiles, and that cast rays [default: RAYON_NUM_THREADS, else one
+    /// per core]
     ///
-    /// The picture does not depend on it.
+    /// It does not change the picture.
     #[arg(long, value_name = "N")]
     pub threads: Option<u32>,
-    /// Ask for the Vulkan validation layer; its first complaint ends the run (for developers)
+    /// Use the Vulkan validation layer, whose first error ends the run (for developers)
     #[arg(long)]
     pub validation: bool,
-    /// Say nothing but warnings and errors
+    /// Print only warnings and errors
     #[arg(short, long)]
     pub quiet: bool,
 }

@@ -17,8 +17,8 @@ EXAMPLES
   terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
       --quality best -o a.png --depth depth.tif --ground ground.tif")]
 pub struct StillArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy is: http://, https:// or
-    /// s3://bucket/prefix (docs/databases.md)
+    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
+    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
     #[arg(value_name = "WORLD")]
     pub world: PathBuf,
     /// The picture, a PNG file
@@ -27,7 +27,8 @@ pub struct StillArgs {
     /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
     #[arg(long, value_name = "FILE.tif")]
     pub depth: Option<PathBuf>,
-    /// Also write what every pixel sees: float64 TIFF of easting, northing and height, NaN for sky
+    /// Also write the ground position that every pixel shows: float64 TIFF of easting, northing and
+    /// height, NaN for sky
     #[arg(long, value_name = "FILE.tif")]
     pub ground: Option<PathBuf>,
     #[command(flatten)]

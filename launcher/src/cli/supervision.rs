@@ -6,17 +6,19 @@ use clap::Args;
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Supervision (docs/supervision.md)")]
 pub struct SupervisionArgs {
-    /// Start stages that die or hang again, at most N times within a minute, and N times without a picture; 0 ends the flight at the
-    /// first death
-    /// [default: 5 with --mode realtime, else 0]
+    /// Restart stages that die or hang, at most N times within a minute and N times between two
+    /// pictures; 0 ends the flight at the first death [default: 5 with --mode realtime, else 0]
     ///
-    /// The flight goes on where it was, with the last picture meanwhile: in a folder, a film, Y4M and the frame ring.
+    /// The flight goes on where it was. Meanwhile the last picture is shown, in a folder, a film,
+    /// Y4M and the frame ring alike.
     #[arg(long, value_name = "N")]
     pub restarts: Option<u32>,
-    /// A stage, or ffmpeg, that gets nothing done for so long hangs and is killed: a stage is started again, by --restarts, else
-    /// the flight ends [default: 10 with --mode realtime, else 30]
+    /// Kill a stage, or ffmpeg, that makes no progress for this many seconds; a stage is then
+    /// restarted, by --restarts, or else the flight ends [default: 10 with --mode realtime, else
+    /// 30]
     ///
-    /// Who computes or waits for a disk has twenty times as long, and the database the time of its own timeouts.
+    /// A process that computes or waits for a disk has twenty times as long; requests to servers
+    /// have timeouts of their own.
     #[arg(long, value_name = "SECONDS")]
     pub hang_after: Option<f64>,
 }

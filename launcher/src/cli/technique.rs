@@ -1,4 +1,5 @@
-//! How the ground is drawn, how its size on screen is measured, and how its colours are kept for that, as typed.
+//! How the ground is drawn, how its size on screen is measured, and how its colours are kept for
+//! that, as typed.
 
 use clap::ValueEnum;
 use terravision_common::level::Measure;
@@ -25,7 +26,8 @@ impl From<TechniqueArg> for TechniqueChoice {
 /// [`RaysChoice`] as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RaysArg {
-    /// Samples along lines of pixels, each ray from where the one below it hit: of voxels in the nearest tiles, of heights beyond
+    /// Samples along columns of pixels, where each ray begins near the hit of the one below: voxels
+    /// nearby, heights beyond
     Coherent,
     /// One exact ray per pixel through maxima of the heights
     Mipmap,
@@ -62,7 +64,7 @@ pub enum CompressionArg {
 pub enum MadeUpArg {
     /// Not a number, as for sky
     Nan,
-    /// The values, and what was measured in a band of its own
+    /// The values, and a band that says what was measured
     Mark,
 }
 
@@ -80,7 +82,8 @@ impl From<MadeUpArg> for MadeUp {
 pub enum MeasureChoice {
     /// The shorter side: fewest facets, blurred at glancing angles
     Min,
-    /// The area, as if the ground were level: an even load, slopes that face the camera get too few facets
+    /// The area, as if the ground were level: an even load, but too few facets on slopes that face
+    /// the camera
     Area,
     /// The longer side: the best picture for its triangles
     Max,

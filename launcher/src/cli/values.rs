@@ -1,10 +1,11 @@
-//! Single values of the command line: sizes, ranges, colours. Each says in one sentence what it expected.
+//! Single values of the command line: sizes, ranges, colours. Each says in one sentence what it
+//! expected.
 
 use std::str::FromStr;
 use std::time::Duration;
 use terravision_common::camera::MAX_SIDE_PX;
 
-/// Why a value of the command line is none.
+/// A text is not a value of this kind.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected {expected}")]
 pub struct ValueError {
@@ -134,7 +135,7 @@ impl FromStr for Place {
 /// Parses the number of `--agl`.
 ///
 /// # Errors
-/// [`ValueError`] when it is no number.
+/// [`ValueError`] when it is not a number.
 pub fn parse_agl(text: &str) -> Result<f64, ValueError> {
     let error =
         ValueError { expected: "metres, e.g. --agl 150; without a number, --agl stands last or before another flag" };
@@ -180,7 +181,7 @@ pub fn parse_cache_size(text: &str) -> Result<MemorySize, ValueError> {
 /// Parses `--timeout`.
 ///
 /// # Errors
-/// [`ValueError`] when it is no number of seconds from 0.1 to 3600.
+/// [`ValueError`] when it is not a number of seconds from 0.1 to 3600.
 pub fn parse_timeout(text: &str) -> Result<Duration, ValueError> {
     match text.trim().parse::<f64>() {
         Ok(seconds) if (0.1..=3600.0).contains(&seconds) => Ok(Duration::from_secs_f64(seconds)),

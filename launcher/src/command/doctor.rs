@@ -3,7 +3,7 @@
 use crate::cli::DoctorArgs;
 use crate::device::{self, Compression, DeviceQuestion};
 use crate::failure::Failure;
-use crate::machine::{bytes_for_people, find_program, outcome_words};
+use crate::machine::{bytes_for_people, find_program, outcome};
 use crate::process::own_folder;
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
@@ -83,7 +83,7 @@ fn print(findings: &[Finding]) -> io::Result<()> {
     for finding in findings {
         let (mark, color) = match finding.health {
             Health::Good => ("ok", "32"),
-            Health::Limited => ("so so", "33"),
+            Health::Limited => ("limited", "33"),
             Health::Missing => ("MISSING", "31"),
         };
         let mark = if has_color { format!("\x1b[{color}m{mark:<8}\x1b[0m") } else { format!("{mark:<8}") };
@@ -126,29 +126,29 @@ fn stages(programs: &Path) -> Finding {
     Finding::missing("programs", text, "cargo build --release builds all of them")
 }
 
-/// What a program says on standard output, or what went wrong, in words.
+/// What a program writes to standard output, or what went wrong, a message.
 fn output_of(program: &Path, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(program).args(arguments).stdin(Stdio::null()).output();
-    outcome_words(&output.map_err(|error| format!("{}: {error}", program.display()))?)
+    outcome(&output.map_err(|error| format!("{}: {error}", program.display()))?)
 }
 
 const INSTALL_VULKAN: &str =
     "apt-get install libvulkan1 mesa-vulkan-drivers (a software device), or the driver of your GPU";
 
 /// What a flight does without a device.
-const RAYS_INSTEAD: &str = "flights draw by rays, on the processor alone (--technique rays)";
+const RAYS_INSTEAD: &str = "flights cast rays on the processor instead (--technique rays)";
 
 fn vulkan(answer: Result<&Value, &str>) -> Finding {
     match answer {
         Ok(answer) => vulkan_finding(answer),
-        Err(words) => Finding::missing("Vulkan", words.to_owned(), INSTALL_VULKAN),
+        Err(message) => Finding::missing("Vulkan", message.to_owned(), INSTALL_VULKAN),
     }
 }
 
 /// The finding of the renderer's list of devices.
 fn vulkan_finding(answer: &Value) -> Finding {
     let Some(device) = device::chosen(answer) else {
-        let text = format!("the loader finds no device; {RAYS_INSTEAD}");
+        let text = format!("the Vulkan loader finds no device; {RAYS_INSTEAD}");
         return Finding::limited("Vulkan", text, INSTALL_VULKAN);
     };
     let text = |key: &str| device[key].as_str().unwrap_or("?").to_owned();
@@ -169,7 +169,7 @@ fn vulkan_finding(answer: &Value) -> Finding {
     if device["has_host_import"] == true {
         return Finding::good("Vulkan", format!("{line}; uses shared memory in place (VK_EXT_external_memory_host)"));
     }
-    let advice = "elevation is copied once more per frame; nothing to do";
+    let advice = "nothing to do; each frame copies its elevation once more";
     Finding::limited("Vulkan", format!("{line}; has no VK_EXT_external_memory_host"), advice)
 }
 
@@ -178,9 +178,11 @@ fn compression(answer: Result<&Value, &str>) -> Finding {
     let text = match Compression::of(answer) {
         Compression::Fast(why) => format!("flights compress colour tiles (BC1): {why}; not with --quality best"),
         Compression::Slow(why) => {
-            format!("flights leave colour tiles as they are: {why}; --texture-compression on asks for it all the same")
+            format!(
+                "flights do not compress colour tiles: {why}; --texture-compression on compresses them nevertheless"
+            )
         }
-        Compression::Impossible(why) => format!("flights leave colour tiles as they are: {why}"),
+        Compression::Impossible(why) => format!("flights do not compress colour tiles: {why}"),
     };
     Finding::good("compression", text)
 }
@@ -205,8 +207,8 @@ fn shared_memory(memory_bytes: u64) -> Finding {
     const SUBJECT: &str = "shared memory";
     const ADVICE: &str = "mount -o remount,size=2g /dev/shm, or docker run --shm-size=2g, or fly with less --memory";
     let Some(layout) = default_layout(memory_bytes) else {
-        let text = format!("--memory {} is too little for any flight", bytes_for_people(memory_bytes));
-        return Finding::missing(SUBJECT, text, "64 tiles of colour need about 64MiB");
+        let text = format!("--memory {} is too small for any flight", bytes_for_people(memory_bytes));
+        return Finding::missing(SUBJECT, text, "use at least --memory 64MiB");
     };
     let needed = layout.total_bytes();
     let free = match free_bytes() {
@@ -225,8 +227,8 @@ fn shared_memory(memory_bytes: u64) -> Finding {
 fn leftovers() -> Finding {
     let removed = reap_dead_runs();
     let text = match removed.len() {
-        0 => "no segments of dead runs".into(),
-        count => format!("removed {count} segments of runs that were killed"),
+        0 => "no shared memory is left over from killed runs".into(),
+        count => format!("removed {count} shared-memory segments of runs that were killed"),
     };
     Finding::good("leftovers", text)
 }
@@ -238,7 +240,7 @@ fn ffmpeg() -> Finding {
     };
     match output_of(&program, &["-hide_banner", "-version"]) {
         Ok(text) => Finding::good("ffmpeg", text.lines().next().unwrap_or("?").trim_end().to_owned()),
-        Err(words) => Finding::limited("ffmpeg", words, ADVICE),
+        Err(message) => Finding::limited("ffmpeg", message, ADVICE),
     }
 }
 
@@ -246,7 +248,7 @@ fn gdal(programs: &Path) -> Finding {
     const ADVICE: &str = "apt-get install libgdal-dev; flights do without it, ingest and synth need it";
     match output_of(&programs.join("terravision-ingest"), &["--version"]) {
         Ok(text) => Finding::good("GDAL", text.split_whitespace().collect::<Vec<_>>().join(" ")),
-        Err(words) => Finding::limited("GDAL", words, ADVICE),
+        Err(message) => Finding::limited("GDAL", message, ADVICE),
     }
 }
 
@@ -257,7 +259,7 @@ fn memory(memory_bytes: u64) -> Finding {
         .lines()
         .find_map(|line| line.strip_prefix("MemAvailable:")?.split_whitespace().next()?.parse::<u64>().ok());
     let Some(available) = available.map(|kib| kib * 1024) else {
-        return Finding::limited(SUBJECT, "the system does not tell how much is free".into(), "nothing to do");
+        return Finding::limited(SUBJECT, "the system does not say how much memory is free".into(), "nothing to do");
     };
     // Pools, and what the processes need besides.
     let needed = memory_bytes.saturating_add(300 << 20);
@@ -282,13 +284,13 @@ mod tests {
         old[0]["missing"] = json!(["dynamic rendering"]);
         let finding = vulkan_finding(&old);
         assert!(finding.health == Health::Limited && finding.text.contains("lacks dynamic rendering"));
-        assert!(finding.text.contains("by rays"));
+        assert!(finding.text.contains("cast rays"));
         let mut plain = good.clone();
         plain[0]["has_host_import"] = json!(false);
         assert_eq!(vulkan_finding(&plain).health, Health::Limited);
         for nothing in [json!([]), json!({}), json!(null), json!({"devices": []})] {
             let finding = vulkan_finding(&nothing);
-            assert!(finding.health == Health::Limited && finding.text.contains("by rays"), "{finding:?}");
+            assert!(finding.health == Health::Limited && finding.text.contains("cast rays"), "{finding:?}");
         }
     }
 

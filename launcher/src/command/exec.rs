@@ -7,6 +7,7 @@ use std::ffi::OsString;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use terravision_common::log;
 
 /// Replaces this process by the program beside it (`execve`). Returns only when that fails.
 ///
@@ -15,7 +16,8 @@ use std::process::Command;
 pub fn exec_program(name: &str, arguments: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
     let program = own_folder()?.join(name);
     // Its help shows the command that was typed.
-    let error = Command::new(&program).arg0("terravision").args(arguments).exec();
+    let mut command = Command::new(&program);
+    let error = command.arg0("terravision").args(arguments).envs(log::environment()).exec();
     let failure = match error.kind() {
         io::ErrorKind::NotFound => anyhow!(
             "the program {} is missing: 'cargo build --release' puts all programs into one folder",

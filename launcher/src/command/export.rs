@@ -50,7 +50,7 @@ fn head(crs: &str, fps: f64, settings: &PathSettings) -> Map<String, Value> {
         head.insert("width".into(), json!(width));
         head.insert("height".into(), json!(height));
     }
-    // A horizontal field of view is one of the picture that is flown if nobody says another size.
+    // A horizontal field of view becomes a vertical one by the size of the picture.
     let size = plan::DEFAULT_SIZE;
     let (width, height) = (settings.width.unwrap_or(size.width), settings.height.unwrap_or(size.height));
     if let Some(vfov_rad) = settings.vfov_of(width, height) {

@@ -1,7 +1,7 @@
 //! `terravision info`: what a terrain database holds.
 
 use crate::cli::InfoArgs;
-use crate::command::places::{Place, Places};
+use crate::command::places::{Extreme, Places};
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
 use crate::world::open_world;
@@ -50,7 +50,7 @@ fn as_json(database: &Store) -> String {
     value["color_spacing_m"] = json!(world.color_spacing_m(world.finest_color_level()));
     let places = Places::of(database);
     value["bounds_lon_lat"] = json!(places.lon_lat);
-    let extreme = |found: &Option<Place>| match found {
+    let extreme = |found: &Option<Extreme>| match found {
         Some(at) => json!({"height_m": at.height_m, "place": at.place, "lon_lat": at.lon_lat}),
         None => Value::Null,
     };

@@ -7,7 +7,8 @@ use terravision_common::node::NodeId;
 use terravision_common::validity::{HALF, MEASURED_PLANE};
 use terravision_store::Store;
 
-/// Tiles that are read for one of the two. The ranges of nodes tell which ones can have it: a few around a summit.
+/// Tiles that are read for one of the two. The ranges of nodes tell which ones can have it: a few
+/// around a summit.
 const MOST_TILES: usize = 256;
 /// Heights in tiles are this exact, metres.
 const STEP_M: f64 = 1.0 / 128.0;
@@ -15,9 +16,9 @@ const STEP_M: f64 = 1.0 / 128.0;
 /// Places along a side of a world whose longitudes and latitudes bound it.
 const BORDER: usize = 21;
 
-/// A post of a world.
+/// The highest or the lowest post of a world.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct Extreme {
     /// Height, metres.
     pub height_m: f64,
     /// Easting and northing.
@@ -31,9 +32,9 @@ pub struct Place {
 pub struct Places {
     /// West, south, east, north, degrees; west is the greater one across the date line.
     pub lon_lat: Option<[f64; 4]>,
-    /// Highest and lowest post of the finest level, where they can be found by reading few tiles. Not looked for on servers:
-    /// it would cost requests.
-    pub extremes: [Option<Place>; 2],
+    /// Highest and lowest post of the finest level, where they can be found by reading few tiles.
+    /// Not looked for on servers: it would cost requests.
+    pub extremes: [Option<Extreme>; 2],
 }
 
 impl Places {
@@ -49,7 +50,7 @@ impl Places {
         let along = |k: usize| k as f64 / (BORDER - 1) as f64;
         let place = |k: usize| [x + width * along(k % BORDER), y + height * along(k / BORDER)];
         let lon_lat_at = |place: [f64; 2]| way.as_ref().and_then(|way| way.lon_lat_at(place));
-        let with_lon_lat = |found: Place| Place { lon_lat: lon_lat_at(found.place), ..found };
+        let with_lon_lat = |found: Extreme| Extreme { lon_lat: lon_lat_at(found.place), ..found };
         Self {
             lon_lat: bounds_of((0..BORDER * BORDER).filter_map(|k| lon_lat_at(place(k)))),
             extremes: [find(high, 1.0), find(low, -1.0)].map(|found| found.map(with_lon_lat)),
@@ -80,7 +81,8 @@ impl<'a> Way<'a> {
     fn lon_lat_at(&self, place: [f64; 2]) -> Option<[f64; 2]> {
         let mut in_plane = place;
         if let Some(table) = self.table {
-            // Offsets hardly change over their own length: a few steps find where the table leads to the place.
+            // Offsets hardly change over their own length: a few steps find where the table leads
+            // to the place.
             for _ in 0..4 {
                 let found = table.world_from_plane(in_plane);
                 in_plane = [0, 1].map(|axis| in_plane[axis] + place[axis] - found[axis]);
@@ -105,7 +107,7 @@ fn bounds_of(points: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 4]> {
 }
 
 /// The post of that height, which is the greatest (`sign` 1) or the least (-1).
-fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
+fn find(database: &Store, height_m: f64, sign: f64) -> Option<Extreme> {
     let world = database.world();
     let q = world.finest_elevation_level();
     let side = if sign > 0.0 { 1 } else { 0 };
@@ -117,7 +119,8 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
         .filter(|(bound, _)| sign * (bound - height_m) >= -STEP_M)
         .take(1 << 20)
         .collect();
-    // The range of a node bounds coarser levels too: the one that is nearest to the height most likely has it.
+    // The range of a node bounds coarser levels too: the one that is nearest to the height most
+    // likely has it.
     candidates.sort_by(|a, b| (a.0 - height_m).abs().partial_cmp(&(b.0 - height_m).abs()).unwrap_or(Ordering::Equal));
     let posts = world.elevation_posts() as usize;
     let (mut values, mut scratch) = (vec![0.0f32; world.elevation_values()], TileScratch::default());
@@ -126,7 +129,7 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
             continue;
         }
         let (heights, shares) = values.split_at(posts * posts);
-        // What was made up is no place to name. (A world without voids has no shares.)
+        // Made-up ground is not reported. (A world without voids has no shares.)
         let is_measured = |at: usize| {
             let measured = (MEASURED_PLANE - 1) * posts * posts + at;
             shares.get(measured).is_none_or(|share| *share >= HALF)
@@ -139,7 +142,7 @@ fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
         let along =
             |index: u32, post: usize, extent: f64| (f64::from(index) * side_m + post as f64 * spacing).min(extent);
         let place = [x + along(node.m(), at % posts, width), y + along(node.n(), at / posts, height)];
-        return Some(Place { height_m: f64::from(heights[at]), place, lon_lat: None });
+        return Some(Extreme { height_m: f64::from(heights[at]), place, lon_lat: None });
     }
     None
 }

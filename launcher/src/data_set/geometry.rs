@@ -8,6 +8,7 @@
 
 use glam::{DMat3, DVec3};
 use terravision_common::camera::Camera;
+use terravision_common::surface::CrsFrame;
 
 /// Rows of a 4x4 matrix.
 pub type Rows4 = [[f64; 4]; 4];
@@ -23,7 +24,7 @@ pub fn intrinsics(camera: &Camera) -> [[f64; 3]; 3] {
 /// The eye in the CRS: easting, northing, and the height at which it is drawn.
 #[must_use]
 pub fn eye_in_crs(camera: &Camera, origin: [f64; 2]) -> DVec3 {
-    camera.eye() + DVec3::new(origin[0], origin[1], 0.0)
+    CrsFrame::new(origin).place(camera.eye())
 }
 
 /// From camera space (x right, y down, z forward) to the CRS.

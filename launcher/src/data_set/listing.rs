@@ -1,7 +1,7 @@
 //! `frames.json` and `transforms.json`.
 //!
-//! One frame a line. What earlier flights have listed is kept as the text that it is, so that numbers do not change when frames
-//! are added.
+//! One frame a line. What earlier flights have listed is kept as the text that it is, so that
+//! numbers do not change when frames are added.
 
 use super::FlownFrame;
 use super::geometry::{Rows4, camera_to_world, eye_in_crs, intrinsics, with_opengl_axes, world_to_camera};
@@ -69,7 +69,8 @@ impl Head {
     }
 }
 
-/// A frame of `frames.json`. Its position and angles are those of a camera path, so that the listing can be flown again.
+/// A frame of `frames.json`. Its position and angles are those of a camera path, so that the
+/// listing can be flown again.
 #[derive(Debug, Serialize)]
 pub struct Entry {
     frame: u64,
@@ -191,8 +192,9 @@ pub struct Listing {
 }
 
 impl Listing {
-    /// The listing that is there, as far as its frames go with `head` and their files, named from `folder`, are still there; and
-    /// how many frames did not go with it. An empty one where there is none, or what is there is none.
+    /// The listing that is there, as far as its frames go with `head` and their files, named from
+    /// `folder`, are still there; and how many frames did not go with it. An empty one where there
+    /// is no file, or it is not a listing.
     ///
     /// # Errors
     /// The file cannot be read.

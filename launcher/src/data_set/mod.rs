@@ -1,7 +1,9 @@
-//! Poses and intrinsics beside the depth and the ground of a flight: `frames.json`, and `transforms.json` as nerfstudio
-//! reads it. Only frames whose files are whole are listed; frames of earlier flights into the same folders stay listed.
+//! Poses and intrinsics beside the depth and the ground of a flight: `frames.json`, and
+//! `transforms.json` as nerfstudio reads it. Only frames whose files are whole are listed; frames
+//! of earlier flights into the same folders stay listed.
 //!
-//! * [`geometry`]: the camera model, as matrices. [`listing`]: the two files. docs/data-sets.md explains them.
+//! * [`geometry`]: the camera model, as matrices. [`listing`]: the two files. docs/data-sets.md
+//!   explains them.
 
 pub mod geometry;
 pub mod listing;
@@ -88,7 +90,8 @@ impl DataSet {
         sizes.map(|file| file.len()).sum()
     }
 
-    /// Lists these frames, beside those that are listed already. `run` makes the names of temporary files unique.
+    /// Lists these frames, beside those that are listed already. `run` makes the names of temporary
+    /// files unique.
     ///
     /// # Errors
     /// The files cannot be read or written.
@@ -96,7 +99,7 @@ impl DataSet {
         let folder = self.folder();
         let fail = |source: io::Error| OutputError::Write { path: folder.join(FRAMES_FILE), source };
         // Another flight into this folder lists its frames before or after, not meanwhile.
-        let _lock = crate::output::FolderLock::wait(folder);
+        let lock = crate::output::FolderLock::wait(folder);
         let flown: Vec<FlownFrame> = flown.iter().map(|flown| self.seen_by(flown)).collect();
         let head = self.head.clone().with_vfov(flown.first().map(|flown| &flown.camera));
         let (mut listing, dropped) = Listing::read(&folder.join(FRAMES_FILE), head, folder).map_err(fail)?;
@@ -106,10 +109,10 @@ impl DataSet {
         }
         let has_transforms = self.pictures.is_some();
         if has_transforms {
-            crate::output::TemporaryFile::create(&folder.join(TRANSFORMS_FILE), run)?
+            crate::output::TemporaryFile::create_under(&lock, &folder.join(TRANSFORMS_FILE), run)?
                 .finish_with(|writer| listing.write_transforms(writer))?;
         }
-        crate::output::TemporaryFile::create(&folder.join(FRAMES_FILE), run)?
+        crate::output::TemporaryFile::create_under(&lock, &folder.join(FRAMES_FILE), run)?
             .finish_with(|writer| listing.write(writer))?;
         Ok(Listed { frames: listing.len(), dropped, has_transforms })
     }

@@ -4,13 +4,14 @@
 //! no sign of life ────────────────────────────────────────────────▶ this stage
 //! signs of life, nothing done: follow what each waits for, from the renderer on
 //!     renderer ─awaits─▶ preparer ─awaits─▶ generator ─awaits─▶ camera: is one due? ─▶ the stage that has all it needs
-//!         ▲                 └── one of them got something done meanwhile: nobody         and does not move
-//!         └──────────────── who waits for one that waits for it: what they share was overwritten
+//!         ▲                 └── one of them made progress meanwhile: none hangs            and does not move
+//!         └──────────────── two wait for each other: their shared memory was overwritten
 //! ```
 //!
-//! Time counts as this process sees it: a tick is a second at most, so a launcher that was stopped itself (Ctrl-Z) has seen no
-//! silence. Whoever computes, or waits for a disk, is slow and does not hang: it has [`BUSY`] times as long; and everybody has
-//! ten times as long as the slowest thing that it got done so far.
+//! Time counts as this process sees it: a tick is a second at most, so a launcher that was stopped
+//! itself (Ctrl-Z) has seen no silence. Whoever computes, or waits for a disk, is slow and does not
+//! hang: it has [`BUSY`] times as long; and everybody has ten times as long as the slowest thing
+//! that it got done so far.
 
 use super::stage::StageProcess;
 use crate::plan::supervision::HangRules;
@@ -18,7 +19,8 @@ use crate::process::vitals::{BUSY, LONGEST_TICK, MARK_AFTER, Mark};
 use std::time::{Duration, Instant};
 use terravision_common::shm::{Activity, Control, Stage};
 
-/// A stage that opens a device or a database gives no sign of life; it may take this long over its start.
+/// A stage that opens a device or a database gives no sign of life; it may take this long over its
+/// start.
 const START_PATIENCE: Duration = Duration::from_secs(60);
 /// Everybody has this many times as long as the slowest thing that it got done.
 const SLOWEST: u32 = 10;
@@ -46,8 +48,9 @@ impl HangWatch {
         Self { rules, pulses: Vec::new() }
     }
 
-    /// Takes a look, once a tick. `is_output_blocked`: pictures wait for a program that is not ours. The stage that hangs, if one
-    /// does; it is to be killed, and the others have all their time again.
+    /// Takes a look, once a tick. `is_output_blocked`: pictures wait for a program that is not
+    /// ours. The stage that hangs, if one does; it is to be killed, and the others have all their
+    /// time again.
     pub fn look(
         &mut self,
         stages: &mut [StageProcess],
@@ -74,7 +77,7 @@ impl HangWatch {
         let (beat, done) = (control.heartbeat_of(stage), control.progress_of(stage));
         let is_working = !matches!(control.activity_of(stage), Activity::Awaits(_) | Activity::AwaitsCamera);
         match self.pulses.iter_mut().find(|pulse| pulse.stage == stage) {
-            // Signs of the process before are none of this one.
+            // Signs of the process before say nothing of this one.
             Some(pulse) if pulse.pid != pid => *pulse = Pulse { beat, done, ..Pulse::new(stage, pid, now) },
             Some(pulse) => {
                 pulse.is_running = is_running;
@@ -106,8 +109,9 @@ impl HangWatch {
 
     /// The stage for which all others wait, and which does not move.
     fn stuck(&self, control: &Control, is_output_blocked: &dyn Fn() -> bool) -> Option<Hang> {
-        // What a stage noted before it fell silent says nothing of now, and its silence began after the last thing that was
-        // done: whether it hangs is soon known of itself, and nobody who waits for it is blamed before.
+        // What a stage noted before it fell silent says nothing of now, and its silence began after
+        // the last thing that was done: whether it hangs is soon known of itself, and nobody who
+        // waits for it is blamed before.
         if self.pulses.iter().any(|pulse| pulse.is_falling_silent(self.rules.after)) {
             return None;
         }
@@ -147,9 +151,11 @@ impl HangWatch {
                     (pulse.still_patience(self.rules.after), "while its pictures were written".to_owned())
                 }
                 Activity::Works if stage == Stage::Renderer && is_output_blocked() => return None,
-                Activity::Works => (pulse.still_patience(self.rules.after), "and had all that it needed".to_owned()),
+                Activity::Works => {
+                    (pulse.still_patience(self.rules.after), "although it had all that it needed".to_owned())
+                }
             };
-            let how = || format!("got nothing done for {:.0} s, {what}, and was killed", pulse.still.as_secs_f64());
+            let how = || format!("made no progress for {:.0} s, {what}, and was killed", pulse.still.as_secs_f64());
             return (pulse.still >= patience).then(|| Hang { stage, how: how() });
         }
     }
@@ -163,7 +169,8 @@ struct Pulse {
     is_running: bool,
     /// The last sign: of this process, or before its first of the process before.
     beat: Option<u64>,
-    /// Signs that were seen. The first says that the process has come, the second that it is through with its start.
+    /// Signs that were seen. The first says that the process has come, the second that it is
+    /// through with its start.
     beats: u32,
     silence: Duration,
     silence_mark: Option<Mark>,
@@ -173,7 +180,8 @@ struct Pulse {
     still_mark: Option<Mark>,
     /// At the last look it did not wait for another stage or a camera.
     is_working: bool,
-    /// The longest time between two signs of life, or between two things that were done without waiting for others.
+    /// The longest time between two signs of life, or between two things that were done without
+    /// waiting for others.
     slowest: Duration,
     seen: Instant,
 }

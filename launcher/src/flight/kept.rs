@@ -1,5 +1,5 @@
-//! What is there of a flight whose frames go into files: counted in the folders themselves, so that it is true however the
-//! flight has ended.
+//! What is there of a flight whose frames go into files: counted in the folders themselves, so that
+//! it is true however the flight has ended.
 
 use super::progress::Progress;
 use crate::data_set::{DataSet, FRAMES_FILE, FlownFrame, TRANSFORMS_FILE};
@@ -36,7 +36,8 @@ impl Kept {
         self.frames.as_ref().map(|frames| frames.len() as u64)
     }
 
-    /// What a flight that was broken off leaves, and how to go on: a clause. Empty when it leaves nothing.
+    /// What a flight that was broken off leaves, and how to go on: a clause. Empty when it leaves
+    /// nothing.
     #[must_use]
     pub fn clause(&self, plan: &FlightPlan) -> String {
         let Some(frames) = self.frames.as_ref().filter(|frames| !frames.is_empty()) else { return String::new() };
@@ -59,7 +60,8 @@ impl Kept {
         text
     }
 
-    /// Lists the frames of a data set, and says what it is. Of a flight that was broken off too: what is whole can be used.
+    /// Lists the frames of a data set, and says what it is. Of a flight that was broken off too:
+    /// what is whole can be used.
     ///
     /// # Errors
     /// The listing cannot be written.

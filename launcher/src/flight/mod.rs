@@ -6,12 +6,15 @@
 //!                        │ Ctrl-C: Stopping ────────────────────────┴▶ stages end within 2 s, else TERM, then KILL
 //! ```
 //!
-//! Whatever happens, no process and no segment is left: both belong to values that end them when they are dropped. Only
-//! SIGKILL leaves segments; the next start removes them.
+//! Whatever happens, no process and no segment is left: both belong to values that end them when
+//! they are dropped. Only SIGKILL leaves segments; the next start removes them.
 //!
-//! * [`run`]: the launcher's ends of the segments; starts the stages and watches them. [`pilot`]: the camera.
-//! * [`stage`]: one process; [`supervisor`], [`restart`], [`hang`]: what becomes of one that dies or hangs.
-//! * [`outcome`], [`kept`]: how a flight ended, and what it leaves. [`notices`], [`progress`]: what the user is told meanwhile.
+//! * [`run`]: the launcher's ends of the segments; starts the stages and watches them. [`pilot`]:
+//!   the camera.
+//! * [`stage`]: one process; [`supervisor`], [`restart`], [`hang`]: what becomes of one that dies
+//!   or hangs.
+//! * [`outcome`], [`kept`]: how a flight ended, and what it leaves. [`notices`], [`progress`]: what
+//!   the user is told meanwhile.
 
 pub mod hang;
 pub mod kept;
@@ -44,7 +47,8 @@ use terravision_common::shm::{RunSegments, Stage, reap_dead_runs};
 /// Flies a plan.
 ///
 /// # Errors
-/// [`Failure`] with the exit code: a stage died, no room in shared memory, interrupted, tiles unavailable.
+/// [`Failure`] with the exit code: a stage died, no room in shared memory, interrupted, tiles
+/// unavailable.
 pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let planned_nanos = monotonic_nanos();
     let mut progress = Progress::new(plan.cameras.len() as u64, plan.is_quiet);

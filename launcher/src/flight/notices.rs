@@ -1,4 +1,5 @@
-//! What the user is told while a flight goes on: that something is not as usual, and what went wrong.
+//! What the user is told while a flight goes on: that something is not as usual, and what went
+//! wrong.
 
 use super::progress::Progress;
 use crate::measure::collector::{Collector, RaysMethod};
@@ -10,9 +11,10 @@ use terravision_store::Cause;
 /// What was not told yet.
 #[derive(Debug)]
 pub(super) struct Notices {
-    /// That rays are cast for want of a device: who draws is left to the renderer, who knows the devices.
+    /// Whether it is still to be told that rays are cast for want of a device: the renderer
+    /// chooses.
     technique_is_open: bool,
-    /// What casts rays, which the renderer finds out in real time.
+    /// Whether it is still to be told what casts rays: in real time the renderer tries.
     rays_are_open: bool,
     /// Samples per pixel that were asked for.
     samples: u32,
@@ -56,12 +58,15 @@ impl Notices {
             return;
         }
         progress.warn(&format!(
-            "no Vulkan device can be used here; the ground is drawn by rays, on the processor ({}); --technique mesh says \
-             what is missing",
+            "there is no Vulkan device that can be used: the ground is drawn by rays, on the processor ({}); --technique mesh \
+             says what is missing",
             collector.device()
         ));
         if self.samples > 1 {
-            progress.warn(&format!("one ray is cast per pixel, in place of {} samples; a mesh has them", self.samples));
+            progress.warn(&format!(
+                "one ray is cast per pixel, in place of {} samples, which only the mesh has",
+                self.samples
+            ));
         }
     }
 
@@ -71,8 +76,8 @@ impl Notices {
     }
 }
 
-/// Tells of what goes wrong when it happens for the first time; how often it did is told at the end. `is_waiting`: no picture can be
-/// drawn yet.
+/// Tells of what goes wrong when it happens for the first time; how often it did is told at the
+/// end. `is_waiting`: no picture can be drawn yet.
 fn tell_failures(collector: &mut Collector, is_waiting: bool, progress: &Progress) {
     for (cause, message) in collector.failures.take_untold() {
         let then = match Cause::from_name(&cause) {

@@ -30,7 +30,8 @@ pub(super) fn conclude(
     match ending {
         Ending::Finished => finished(plan, stats, progress),
         Ending::Interrupted => {
-            // Of files those count that are there: more may have been written than the renderer had time to tell.
+            // Of files those count that are there: more may have been written than the renderer had
+            // time to tell.
             let written = kept.count().unwrap_or(stats.written_frames);
             let (asked, rest) = (frames(stats.asked_frames), kept.clause(&plan));
             let error = anyhow!("interrupted after {written} of {asked}{rest}");
@@ -65,7 +66,7 @@ fn what_died(death: &Death, stats: &RunStats, truncated: Option<&str>) -> String
     text
 }
 
-/// What is known of a flight with so many deaths is worth having; that it is not complete stands in it.
+/// Also of a flight that failed after restarts: the report says that it is not complete.
 fn write_report_of_troubled_flight(plan: FlightPlan, stats: &RunStats, progress: &Progress) {
     let report = report(&plan.config, stats);
     let write = |file: TemporaryFile| file.finish_with(|writer| report::write(&report, writer));

@@ -1,6 +1,7 @@
-//! The pilot: flies the camera. In exact mode it pushes the camera of every frame, in order, to the generator; cameras are
-//! those of the plan, or come from another program while it flies. In realtime mode it publishes where the camera is now:
-//! several times a frame along a path, or whenever a pose comes, whether anybody looks or not.
+//! The pilot: flies the camera. In exact mode it pushes the camera of every frame, in order, to the
+//! generator; cameras are those of the plan, or come from another program while it flies. In
+//! realtime mode it publishes where the camera is now: several times a frame along a path, or
+//! whenever a pose comes, whether anybody looks or not.
 
 use crate::data_set::FlownFrame;
 use crate::ground::WorldGround;
@@ -15,14 +16,15 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::Sequence;
 use terravision_common::run::Prediction;
 use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
 
 /// Between two looks at the end of the run, while no pose comes.
 const TICK: Duration = Duration::from_millis(20);
 
-/// Cameras that are published per frame in realtime mode: a frame that begins late has a camera that is this much of a
-/// frame old at most.
+/// Cameras that are published per frame in realtime mode: a frame that begins late has a camera
+/// that is this much of a frame old at most.
 const CAMERAS_PER_FRAME: u64 = 4;
 /// Fewer when frames are so short that this many nanoseconds would pass between two.
 const LEAST_STEP_NANOS: f64 = 2e6;
@@ -77,8 +79,8 @@ struct Cockpit {
 }
 
 impl Pilot {
-    /// Opens what it needs and flies. The cameras move out of the plan's place in memory as copies; a live input moves
-    /// out of the plan.
+    /// Opens what it needs and flies. The cameras move out of the plan's place in memory as copies;
+    /// a live input moves out of the plan.
     ///
     /// # Errors
     /// The ring or the control block does not open, or there is no thread for it.
@@ -144,14 +146,16 @@ impl Cockpit {
         }
     }
 
-    /// Whether the run goes on: else it has ended, or the generator is gone, and the supervisor knows which.
+    /// Whether the run goes on: else it has ended, or the generator is gone, and the supervisor
+    /// knows which.
     fn push(&mut self, frame: u64, camera: Camera) -> bool {
         self.control.publish_camera(&camera);
         self.ring.push(&CameraRecord { frame, camera }, &self.control).is_ok()
     }
 
-    /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run. In exact mode each
-    /// pose is a frame: waits for them all and returns their number. In realtime mode the newest is the camera of now.
+    /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run.
+    /// In exact mode each pose is a frame: waits for them all and returns their number. In realtime
+    /// mode the newest is the camera of now.
     fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &Sender<String>) -> Flown {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
@@ -162,7 +166,8 @@ impl Cockpit {
         let mut newest_nanos = 0;
         let mut last_work = Instant::now();
         while interrupt::count() == 0 && self.control.check_running().is_ok() {
-            if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > 0 {
+            if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > Sequence::NONE
+            {
                 self.control.start_clock(monotonic_nanos());
             }
             // Until its first frame is there, the clock waits for nothing but that.
@@ -212,14 +217,14 @@ impl Cockpit {
     }
 }
 
-/// Publishes the camera of now. The clock starts when the first frame is drawn, so that the start of the stages is no part
-/// of the flight.
+/// Publishes the camera of now. The clock starts when the first frame is drawn, so that the start
+/// of the stages is no part of the flight.
 fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mut foretold: Option<Foretold>) {
     let Some(first) = cameras.first() else { return };
     control.publish_camera(&Camera { timestamp_nanos: monotonic_nanos(), ..*first });
     let mut foretell = || foretold.iter_mut().for_each(|foretold| foretold.tell(cameras));
     foretell();
-    while control.completed_sequence() == 0 {
+    while control.completed_sequence() == Sequence::NONE {
         if control.check_running().is_err() {
             return;
         }
@@ -246,7 +251,8 @@ fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mu
     }
 }
 
-/// Tells the cameras to come, as far ahead as the ring holds them; their times count from the first frame's moment.
+/// Tells the cameras to come, as far ahead as the ring holds them; their times count from the first
+/// frame's moment.
 struct Foretold {
     ring: Producer<CameraRecord>,
     period_nanos: f64,
@@ -289,7 +295,8 @@ fn sleep_until(moment: u64, control: &Control) -> bool {
     }
 }
 
-/// The camera a part of the way from a frame's to the next one's. At a cut it stays until the next frame.
+/// The camera a part of the way from a frame's to the next one's. At a cut it stays until the next
+/// frame.
 fn camera_at(cameras: &[Camera], frame: usize, part: f64) -> Camera {
     let at = |index: usize| cameras[index.min(cameras.len() - 1)];
     let (from, to) = (at(frame), at(frame + 1));

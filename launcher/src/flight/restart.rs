@@ -10,7 +10,8 @@ use terravision_common::shm::{Control, Stage};
 
 /// Restarts are counted over this time.
 const WINDOW: Duration = Duration::from_secs(60);
-/// A stage that gets nothing done between two deaths is started again after this time, then twice that, ...
+/// A stage that gets nothing done between two deaths is started again after this time, then twice
+/// that, ...
 const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
 /// ... and at most this: what it lacks, memory say, may come back.
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(10);
@@ -99,7 +100,8 @@ impl<'a> Restarts<'a> {
         self.waiting.iter().any(|waiting| waiting.stage == stage)
     }
 
-    /// A stage died `how`: it is started again in a moment, if the rules allow it, but not before `least` has passed. Whether it is.
+    /// A stage died `how`: it is started again in a moment, if the rules allow it, but not before
+    /// `least` has passed. Whether it is.
     pub fn take_up(&mut self, place: &StageProcess, how: &str, least: Duration, control: &Control) -> bool {
         let (stage, now) = (place.stage(), Instant::now());
         self.recent.retain(|at| now.duration_since(*at) < WINDOW);
@@ -115,12 +117,13 @@ impl<'a> Restarts<'a> {
         self.since_picture += 1;
         let back_off = self.back_off(stage, control.progress_of(stage));
         let soon = if back_off.is_zero() { String::new() } else { format!(" in {} s", back_off.as_secs_f64()) };
+        tracing::warn!(%stage, how, ?back_off, restarts = self.recent.len(), "stage is to be started again");
         (self.say)(&format!("{}; it is started again{soon}", death_message(stage, how, &place.last_message())));
         self.waiting.push(Waiting { stage, due: now + back_off.max(least) });
         true
     }
 
-    /// How long a stage has to wait that has got so much done, it and those before it.
+    /// How long a stage has to wait; `done`: what it and those before it have done in all.
     fn back_off(&mut self, stage: Stage, done: u64) -> Duration {
         let Some(strikes) = self.strikes.iter_mut().find(|strikes| strikes.stage == stage) else {
             self.strikes.push(Strikes { stage, done, count: 0 });
@@ -149,7 +152,8 @@ impl<'a> Restarts<'a> {
         Ok(true)
     }
 
-    /// Kills a stage that hangs, and says which. Called once a tick; `is_output_blocked` as in [`HangWatch::look`].
+    /// Kills a stage that hangs, and says which. Called once a tick; `is_output_blocked` as in
+    /// [`HangWatch::look`].
     pub fn kill_what_hangs(
         &mut self,
         stages: &mut [StageProcess],

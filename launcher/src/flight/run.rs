@@ -1,4 +1,5 @@
-//! A run while it goes on: the launcher's ends of its segments, its processes, and what comes out of them.
+//! A run while it goes on: the launcher's ends of its segments, its processes, and what comes out
+//! of them.
 
 use super::notices::Notices;
 use super::pilot::{Flown, Pilot};
@@ -29,7 +30,7 @@ pub(super) struct Run {
     telemetry: Telemetry,
     pids: Vec<(Stage, u32)>,
     restarts: BTreeMap<&'static str, u32>,
-    /// Frames that were asked for: by the plan, or so far by who sends the poses.
+    /// Frames that were asked for: by the plan, or by the poses that have come.
     asked_frames: u64,
     /// Cameras of the poses that another program has sent, each a frame.
     poses: Vec<FlownFrame>,
@@ -110,7 +111,7 @@ impl Run {
     /// Begins to serve metrics, if they are asked for.
     pub(super) fn serve_metrics(&mut self, plan: &mut FlightPlan, progress: &Progress) -> Result<(), Failure> {
         let Some(socket) = plan.metrics.take() else { return Ok(()) };
-        progress.say(&format!("figures of the run: http://{}/metrics", socket.address()));
+        progress.say(&format!("metrics of the run: http://{}/metrics", socket.address()));
         socket.warning().iter().for_each(|warning| progress.warn(warning));
         let metrics = Metrics::start(socket, &plan.run, &plan.config, &plan.layout);
         self.telemetry.metrics = Some(metrics.map_err(Failure::failed)?);
@@ -123,6 +124,7 @@ impl Run {
         let flying_nanos = monotonic_nanos();
         let ending = self.watch(&flight, &mut state, plan);
         let landed_nanos = monotonic_nanos();
+        tracing::info!(?ending, written = self.control.written_frames(), "flight ends");
         self.phases.push(Phase::own("fly", flying_nanos, landed_nanos));
         self.land(flight, state, ending, landed_nanos)
     }
@@ -138,6 +140,8 @@ impl Run {
         if plan.restarts.limit > 0 {
             self.control.set_supervised();
         }
+        let ([first, end], size) = (plan.config.frames, [plan.config.width, plan.config.height]);
+        tracing::info!(run = %plan.run, first, end, ?size, destination = plan.destination, "flight begins");
         let mut stages = Vec::new();
         for stage in Stage::ALL {
             stages.push(starter.start(stage, stream.as_ref()).map_err(Failure::failed)?);
@@ -184,7 +188,8 @@ impl Run {
         ending
     }
 
-    /// The stages have ended: takes what is left of their events, and what the pilot has flown; completes the stream.
+    /// The stages have ended: takes what is left of their events, and what the pilot has flown;
+    /// completes the stream.
     fn land(
         &mut self,
         flight: Flight<'_>,

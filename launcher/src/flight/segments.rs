@@ -1,4 +1,5 @@
-//! The segments of a run: what is told when there is no room for them, and when another program truncates them.
+//! The segments of a run: what is told when there is no room for them, and when another program
+//! truncates them.
 
 use crate::failure::{ExitStatus, Failure};
 use crate::machine::bytes_for_people;
@@ -34,15 +35,18 @@ pub(super) fn not_created(error: ShmError) -> Failure {
     }
 }
 
-/// A launcher that dies of segments that were truncated under it leaves a sentence, and nothing else.
+/// A launcher that dies of segments that were truncated under it leaves a sentence, and nothing
+/// else.
 pub(super) fn guard_against_truncation(plan: &FlightPlan, segments: &RunSegments, ring: Option<&FrameRing>) {
     const MESSAGE: &str = "terravision: the flight is broken off: a file of its shared memory, /dev/shm/tv-…, was truncated by \
                            another program (bus error)";
     let mut files = segments.paths();
+    tracing::debug!(segments = files.len(), bytes = segments.total_bytes(), "segments created");
     files.extend(ring.map(FrameRing::path));
     files.extend(plan.live.as_ref().and_then(|live| live.input.shared_file()));
     let temporary = plan.files.iter().chain(&plan.report).chain(&plan.trace);
     files.extend(temporary.filter_map(TemporaryFile::to_remove).map(Path::to_owned));
-    // Where the system refuses, it dies without a sentence, and the next start removes what it left.
+    // Where the system refuses, it dies without a sentence, and the next start removes what it
+    // left.
     end_on_bus_error(MESSAGE, files, ExitStatus::Failed as u8).ok();
 }

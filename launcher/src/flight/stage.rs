@@ -11,6 +11,7 @@ use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use terravision_common::bug::INTERNAL_ERROR_WORDS;
+use terravision_common::log::{self, STAGE_MARK, STAGES_TARGET};
 use terravision_common::shm::Stage;
 use terravision_common::stage::{FROM_STDIN, STAGE_ENVIRONMENT};
 use terravision_common::terminal::complain;
@@ -37,7 +38,7 @@ pub enum StartError {
         /// Where it should be.
         program: PathBuf,
     },
-    /// There is no thread that hears what it says.
+    /// There is no thread that reads its messages.
     #[error("cannot start the {stage}: {source:#}")]
     Thread {
         /// The stage.
@@ -94,8 +95,9 @@ pub struct StageProcess {
 }
 
 impl StageProcess {
-    /// Starts the program of a stage from the folder `programs`, with this as its standard output. Call it on a thread that lives as long as the run: the
-    /// kernel tells the stage of the death of the *thread* that made it.
+    /// Starts the program of a stage from the folder `programs`, with this as its standard output.
+    /// Call it on a thread that lives as long as the run: the kernel tells the stage of the death
+    /// of the *thread* that made it.
     ///
     /// # Errors
     /// [`StartError`].
@@ -103,16 +105,24 @@ impl StageProcess {
         let program = program_of(stage, programs);
         let mut command = Command::new(&program);
         // The run is not on the command line, which everybody can read: see the module `stage`.
-        command.envs(STAGE_ENVIRONMENT).arg("--run").arg(FROM_STDIN).stdin(Stdio::piped()).stderr(Stdio::piped());
+        command
+            .envs(STAGE_ENVIRONMENT)
+            .envs(log::environment())
+            .arg("--run")
+            .arg(FROM_STDIN)
+            .stdin(Stdio::piped())
+            .stderr(Stdio::piped());
         command.stdout(stdout.map_or_else(Stdio::null, Stdio::from));
         let mut child = command.spawn().map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => StartError::Missing { stage, program: program.clone() },
             _ => StartError::Spawn { stage, program: program.clone(), source },
         })?;
         if let Some(mut stdin) = child.stdin.take() {
-            // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read. That one of them has died is noticed elsewhere.
+            // Less than a pipe holds (64 KiB): this does not wait for a stage that does not read.
+            // That one of them has died is noticed elsewhere.
             drop(stdin.write_all(run.as_bytes()));
         }
+        tracing::debug!(%stage, pid = child.id(), "stage started");
         let messages = Arc::new(Messages::default());
         let stderr = child.stderr.take();
         let pid = Pid::from_child(&child);
@@ -139,7 +149,8 @@ impl StageProcess {
         self.child.id()
     }
 
-    /// Readable when it has ended; `None` when it has been noticed already, or where the kernel has no pidfds.
+    /// Readable when it has ended; `None` when it has been noticed already, or where the kernel has
+    /// no pidfds.
     #[must_use]
     pub fn pidfd(&self) -> Option<BorrowedFd<'_>> {
         self.pidfd.as_ref().filter(|_| self.status.is_none()).map(AsFd::as_fd)
@@ -153,6 +164,9 @@ impl StageProcess {
                 // Somebody else has waited for it: nothing is known but that it is gone.
                 Err(_gone) => Some(ExitStatus::from_raw(1 << 8)),
             };
+            if let Some(status) = self.status {
+                tracing::debug!(stage = %self.stage, pid = self.pid(), %status, "stage ended");
+            }
         }
         self.status
     }
@@ -201,12 +215,14 @@ fn last_message<'a>(lines: impl DoubleEndedIterator<Item = &'a str> + Clone) -> 
     without_echo(&lines[from..].iter().take(3).map(|line| line.trim()).collect::<Vec<_>>().join(" "))
 }
 
-/// Whether a line tells of a panic: by the sentence of a stage, or, of a program that is not ours, by Rust's own.
+/// Whether a line tells of a panic: by the sentence of a stage, or, of a program that is not ours,
+/// by Rust's own.
 fn is_fault(line: &str) -> bool {
     line.contains(INTERNAL_ERROR_WORDS) || line.contains("panicked at")
 }
 
-/// A chain of causes without those that the text before them ends with: "cannot write a: full: full".
+/// A chain of causes without those that the text before them ends with: "cannot write a: full:
+/// full".
 fn without_echo(text: &str) -> String {
     let mut said = String::new();
     for cause in text.split(": ") {
@@ -222,15 +238,17 @@ fn without_echo(text: &str) -> String {
 }
 
 fn listen(stage: Stage, stderr: ChildStderr, messages: &Messages) {
-    let is_passed_on = std::env::var_os("TERRAVISION_LOG").is_some_and(|value| value == "stages");
     let mut reader = BufReader::new(stderr);
     let mut line = Vec::new();
     // A line without an end is cut, so that a stage that goes mad does not fill the memory.
     while matches!(reader.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line), Ok(1..)) {
         let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-        if is_passed_on {
-            complain(&format!("{stage}: {text}"));
+        if let Some(logged) = text.strip_prefix(STAGE_MARK) {
+            complain(logged);
+            line.clear();
+            continue;
         }
+        tracing::info!(target: STAGES_TARGET, "{stage}: {text}");
         let mut kept = messages.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.lines.len() == KEPT_LINES {
             kept.lines.pop_front();

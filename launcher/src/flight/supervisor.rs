@@ -1,5 +1,5 @@
-//! Watches the stages of a run: notices one that dies, has it started again or ends them all, and passes on an
-//! interruption.
+//! Watches the stages of a run: notices one that dies, has it started again or ends them all, and
+//! passes on an interruption.
 
 use super::hang::Hang;
 use super::restart::Restarts;
@@ -10,16 +10,19 @@ use rustix::process::Signal;
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
+use terravision_common::ids::Sequence;
 use terravision_common::shm::{Control, RunState, Stage};
 
-/// Longest time between two looks at the stages and their events; the death of a stage wakes sooner.
+/// Longest time between two looks at the stages and their events; the death of a stage wakes
+/// sooner.
 const TICK: Duration = Duration::from_millis(20);
 /// After this time a stage that was told to stop is sent TERM...
 const TERM_AFTER: Duration = Duration::from_millis(400);
 /// ... and after this KILL. The whole end stays well below two seconds.
 const KILL_AFTER: Duration = Duration::from_millis(1000);
-/// A stage that was stopped by a signal is taken for a death only when this program hears of no signal within this time:
-/// Ctrl-C goes to all processes of a terminal, and a stage may be the quicker one.
+/// A stage that was stopped by a signal is taken for a death only when this program hears of no
+/// signal within this time: Ctrl-C goes to all processes of a terminal, and a stage may be the
+/// quicker one.
 const SIGNAL_GRACE: Duration = Duration::from_millis(200);
 /// How long the rest may take in good order after the renderer is done.
 const REST_AFTER: Duration = Duration::from_millis(3000);
@@ -50,9 +53,10 @@ pub struct Death {
     pub restarts: u32,
 }
 
-/// Watches until all stages have ended, which they do within two seconds of the first death that `restarts` do not mend,
-/// or of an interruption. `tick` is called at least every 20 ms while they run, `is_interrupted` tells of Ctrl-C or TERM,
-/// `is_output_blocked` of pictures that wait for a program that is not a stage.
+/// Watches until all stages have ended, which they do within two seconds of the first death that
+/// `restarts` do not mend, or of an interruption. `tick` is called at least every 20 ms while they
+/// run, `is_interrupted` tells of Ctrl-C or TERM, `is_output_blocked` of pictures that wait for a
+/// program that is not a stage.
 pub fn watch(
     stages: &mut [StageProcess],
     control: &Control,
@@ -100,7 +104,7 @@ impl Watch<'_> {
     /// Kills what hangs, and has the dead started again where the rules allow it.
     fn mend(&mut self, stages: &mut [StageProcess], ended: &mut [Option<ExitStatus>], restarts: &mut Restarts<'_>) {
         let is_flying = self.control.state() == RunState::Running && !(self.is_interrupted)();
-        // With all frames written, whoever dies is not missed where the dead are started again.
+        // With all frames written, a death no longer matters where stages are restarted.
         if !is_flying || is_done(stages, ended) {
             return;
         }
@@ -116,8 +120,8 @@ impl Watch<'_> {
         }
     }
 
-    /// Ends the run over an interruption, or over the death that tells most. Whether there is a death that may yet turn out to be
-    /// an interruption.
+    /// Ends the run over an interruption, or over the death that tells most. Whether there is a
+    /// death that may yet turn out to be an interruption.
     fn judge(&mut self, stages: &[StageProcess], ended: &[Option<ExitStatus>], restarts: &Restarts<'_>) -> bool {
         let is_over = self.control.state() == RunState::Finished;
         let is_missed = !is_done(stages, ended) || !restarts.is_on();
@@ -153,7 +157,7 @@ impl Watch<'_> {
             Some(waited) if waited > TERM_AFTER => Signal::TERM,
             _ => return,
         };
-        // A stage that does not end by itself after all frames are written is no reason to lose them.
+        // All frames are written: a stage that does not end by itself must not lose them.
         self.ending.get_or_insert(Ending::Finished);
         stages.iter_mut().for_each(|stage| stage.signal(signal));
     }
@@ -188,8 +192,10 @@ fn revive(
         let Some((weight, Death { how, is_bad_input: false, .. })) = death_of(place, status, restarts) else {
             continue;
         };
-        // A stage that gives up before there is a picture would give up again; so would one that was told to stop.
-        let is_given_up = status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == 0;
+        // A stage that gives up before there is a picture would give up again; so would one that
+        // was told to stop.
+        let is_given_up =
+            status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == Sequence::NONE;
         if weight == STOPPED || is_given_up {
             continue;
         }
@@ -221,8 +227,8 @@ const SIGNALLED: u32 = 2;
 /// Exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
 
-/// The death that the end of a stage is, unless it ended in good order, and how much it tells: when several stages are
-/// dead at once, one that was killed brought down those that gave up.
+/// The death that the end of a stage is, unless it ended in good order, and how much it tells: when
+/// several stages are dead at once, one that was killed brought down those that gave up.
 fn death_of(stage: &StageProcess, status: ExitStatus, restarts: &Restarts<'_>) -> Option<(u32, Death)> {
     let (weight, how) = match (status.code(), status.signal()) {
         (Some(0), _) => return None,

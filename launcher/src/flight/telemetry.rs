@@ -1,4 +1,5 @@
-//! What comes out of a run while it goes on: events of the stages, memory of the processes, gauges of the control block.
+//! What comes out of a run while it goes on: events of the stages, memory of the processes, gauges
+//! of the control block.
 
 use super::stage::StageProcess;
 use crate::failure::Failure;
@@ -35,7 +36,8 @@ impl Telemetry {
         })
     }
 
-    /// Looks at the processes and the control block; `encoder` is the process id of a film's encoder.
+    /// Looks at the processes and the control block; `encoder` is the process id of a film's
+    /// encoder.
     pub(super) fn sample(&mut self, control: &Control, stages: &[StageProcess], encoder: Option<u32>) {
         let processes = stages.iter().map(|stage| (stage.stage().name(), stage.pid()));
         self.memory.sample(processes.chain(encoder.map(|pid| ("encoder", pid))));
@@ -47,7 +49,8 @@ impl Telemetry {
         let mut tally = self.metrics.as_ref().map(Metrics::tally);
         let clock_start = control.clock_start();
         for (stage, ring) in &mut self.events {
-            // At most a ring full at a time, so that a stage that floods its ring cannot keep the launcher from watching.
+            // At most a ring full at a time, so that a stage that floods its ring cannot keep the
+            // launcher from watching.
             for _ in 0..ring.capacity() {
                 match ring.try_pop() {
                     Ok(Some(event)) => {

@@ -8,6 +8,7 @@ use glam::DVec3;
 use std::fmt;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::surface::CrsFrame;
 
 const LARGEST_ANGLE_DEG: f64 = 1e6;
 /// No clock shows more, not even one in nanoseconds that is given for seconds.
@@ -19,7 +20,7 @@ const CLOCK_SET_BACK: u32 = 30;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Cause {
-    /// No pose at all.
+    /// It is not a pose.
     Unreadable = 0,
     /// A number is NaN or infinite.
     NotFinite,
@@ -38,9 +39,9 @@ impl Cause {
 impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Unreadable => "no JSON object with the numbers x, y, z, heading and pitch",
-            Self::NotFinite => "a number that is not finite",
-            Self::OutOfRange => "an angle or a time out of range (pitch -90 to 90, vfov 1 to 170 degrees)",
+            Self::Unreadable => "not a JSON object with the numbers x, y, z, heading and pitch",
+            Self::NotFinite => "with a number that is not finite",
+            Self::OutOfRange => "with an angle or a time out of range (pitch -90 to 90, vfov 1 to 170 degrees)",
             Self::FarAway => "far outside of the world",
             Self::FromThePast => "from the past: not newer than the pose before",
         })
@@ -126,7 +127,7 @@ impl Gate {
                 let count = &mut self.refused[cause as usize];
                 *count += 1;
                 if *count == 1 {
-                    tell(format!("a pose was refused: {cause}; more of these are only counted"));
+                    tell(format!("a pose was refused: {cause}; further ones are counted, not reported"));
                 }
                 return Err(Refusal { cause });
             }
@@ -139,9 +140,9 @@ impl Gate {
         }
         self.accepted += 1;
         self.lifted += u64::from(ground::lift(&mut pose, ground));
-        let origin = self.settings.extent.low.extend(0.0);
+        let crs_frame = CrsFrame::new(self.settings.extent.low.to_array());
         let camera = Camera {
-            eye_in_world: (pose.position - origin).to_array(),
+            eye_in_world: crs_frame.position(pose.position).to_array(),
             heading_rad: pose.heading_rad,
             pitch_rad: pose.pitch_rad,
             roll_rad: pose.roll_rad,
@@ -201,7 +202,9 @@ impl Gate {
         }
         if self.lifted > 0 {
             let (lifted, accepted) = (self.lifted, self.accepted);
-            said.push(format!("{lifted} of {accepted} frames were below ground + {CLEARANCE_M} m and were lifted"));
+            said.push(format!(
+                "{lifted} of {accepted} frames were lifted: their poses were less than {CLEARANCE_M} m above the ground"
+            ));
         }
         said
     }
@@ -247,7 +250,7 @@ mod tests {
         assert_eq!((camera.eye_in_world[2], camera.vfov_rad), (102.0, 1.0));
         assert_eq!(gate.pass(&Message::End, &Flat, &mut |_| {}), Ok(Incoming::End));
         assert_eq!((gate.accepted(), gate.refused()), (2, 0));
-        assert_eq!(gate.summary(), ["1 of 2 frames were below ground + 2 m and were lifted"]);
+        assert_eq!(gate.summary(), ["1 of 2 frames were lifted: their poses were less than 2 m above the ground"]);
     }
 
     #[test]
@@ -283,8 +286,8 @@ mod tests {
         assert!(gate.pass(&Message::Pose(sent(1.5)), &Flat, &mut |_| {}).is_ok());
         assert_eq!((gate.accepted(), gate.refused()), (2, 13));
         let summary = gate.summary();
-        assert!(summary[0].starts_with("13 of 15 poses were refused: 1 no JSON object"), "{summary:?}");
-        assert!(summary[0].contains("4 a number that is not finite") && summary[0].contains("2 from the past"));
+        assert!(summary[0].starts_with("13 of 15 poses were refused: 1 not a JSON object"), "{summary:?}");
+        assert!(summary[0].contains("4 with a number that is not finite") && summary[0].contains("2 from the past"));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Poses from another program while a flight goes on: `--camera shm:NAME` or `--camera udp:ADDRESS`
-//! (docs/frame-ring.md). What comes in is checked ([`gate`]); what is no pose is refused, told once for each cause, and
-//! counted, and the flight goes on.
+//! (docs/frame-ring.md). What comes in is checked ([`gate`]); what is not a pose is refused,
+//! reported once for each cause, and counted, and the flight goes on.
 
 pub mod gate;
 pub mod message;
@@ -31,7 +31,7 @@ pub enum CameraSource {
     Udp(SocketAddr),
 }
 
-/// Why the text of `--camera` is none.
+/// The text of `--camera` is not a source of poses.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected shm:NAME (letters, digits, dots, dashes, underscores) or udp:127.0.0.1:PORT")]
 pub struct CameraSourceError;
@@ -42,7 +42,7 @@ impl FromStr for CameraSource {
         if let Some(name) = text.strip_prefix("shm:") {
             return SharedName::parse(name).map(Self::Shared).map_err(|_bad_name| CameraSourceError);
         }
-        // Poses steer what is drawn: nobody on another machine shall.
+        // Poses steer what is drawn: other machines must not.
         let address: Option<SocketAddr> = text.strip_prefix("udp:").and_then(|address| address.parse().ok());
         address.filter(|address| address.ip().is_loopback()).map(Self::Udp).ok_or(CameraSourceError)
     }
@@ -145,8 +145,9 @@ impl CameraInput {
         }
     }
 
-    /// The next pose that is accepted; waits for one, `timeout` at most. Poses in shared memory that were replaced before
-    /// a look at them are not seen. `tell` gets a sentence at the first refusal of each cause.
+    /// The next pose that is accepted; waits for one, `timeout` at most. Poses in shared memory
+    /// that were replaced before a look at them are not seen. `tell` gets a sentence at the first
+    /// refusal of each cause.
     ///
     /// # Errors
     /// No pose can come any more: another program has cut the segment.
@@ -182,7 +183,8 @@ impl CameraInput {
         }
     }
 
-    /// How many poses were accepted, refused and lifted, in sentences; none when all were flown as they came.
+    /// How many poses were accepted, refused and lifted, in sentences; none when all were flown as
+    /// they came.
     #[must_use]
     pub fn summary(&self) -> Vec<String> {
         self.gate.summary()
@@ -198,7 +200,7 @@ pub struct LiveCamera {
     pub database: Store,
     /// Factor on its heights.
     pub exaggeration: f64,
-    /// The flight ends when no pose came for so long, and all frames are written.
+    /// The flight ends when no pose came for this long and all frames are written.
     pub idle_timeout: Option<Duration>,
 }
 

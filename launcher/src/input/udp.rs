@@ -35,7 +35,7 @@ impl UdpPort {
     pub(super) fn next(&mut self, timeout: Duration) -> Option<Message> {
         if self.lines.is_empty() {
             self.socket.set_read_timeout(Some(timeout.max(Duration::from_millis(1)))).ok()?;
-            // An error is no datagram: it was interrupted or timed out.
+            // On an error there is no datagram: the wait was interrupted or timed out.
             let count = self.socket.recv(&mut self.buffer).ok()?;
             let lines = self.buffer.get(..count)?.split(|&byte| byte == b'\n');
             let lines = lines.map(<[u8]>::trim_ascii).filter(|line| !line.is_empty());

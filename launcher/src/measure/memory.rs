@@ -15,7 +15,8 @@ const KIB: f64 = 1024.0;
 pub struct MemoryPeaks {
     /// Largest resident set of each process, MB.
     pub rss_mb: BTreeMap<String, f64>,
-    /// Largest proportional set of each process, MB; shared pages are split among those that map them.
+    /// Largest proportional set of each process, MB; shared pages are split among those that map
+    /// them.
     pub pss_mb: BTreeMap<String, f64>,
     /// Largest sum of proportional sets at one moment, MB.
     pub pss_total_mb: f64,

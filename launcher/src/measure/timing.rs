@@ -5,8 +5,8 @@ use terravision_common::report::FrameTimes;
 
 pub(super) const NANOS_PER_MS: f64 = 1e6;
 
-/// A frame is on time when it is finished within so many times the frame's time after its moment: one for the stages
-/// before the renderer, one for the renderer.
+/// A frame is on time when it is finished within this many frame times after its moment: one for
+/// the stages before the renderer, one for the renderer.
 pub(super) const ON_TIME_PERIODS: f64 = 2.0;
 
 /// Seconds between two moments.
@@ -35,8 +35,8 @@ pub(super) fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// Time from the end of the frame before to the end of each; of the first from its beginning, and of one whose pose came later
-/// than that from its pose. In the order of frames.
+/// Time from the end of the frame before to the end of each; of the first from its beginning, and
+/// of one whose pose came later than that from its pose. In the order of frames.
 pub(super) fn frame_ms(frames: &[FrameStats]) -> Vec<f64> {
     let mut before = None;
     let done = frames.iter().filter(|frame| frame.done_nanos > 0);
@@ -48,8 +48,8 @@ pub(super) fn frame_ms(frames: &[FrameStats]) -> Vec<f64> {
     .collect()
 }
 
-/// What the renderer itself took for each frame: from when it began with it, or was done with the one before if that
-/// was later, to the end of its read-back. Waiting for the ring is not in it.
+/// What the renderer itself took for each frame: from when it began with it, or was done with the
+/// one before if that was later, to the end of its read-back. Waiting for the ring is not in it.
 pub(super) fn renderer_ms(frames: &[FrameStats]) -> Vec<f64> {
     let mut before = 0;
     let known = frames.iter().filter(|frame| frame.done_nanos > 0 && frame.draw_started_nanos > 0);
@@ -62,8 +62,8 @@ pub(super) fn renderer_ms(frames: &[FrameStats]) -> Vec<f64> {
         .collect()
 }
 
-/// Frames per second from the end of the first to the end of the last, without what was waited for poses; of a single frame,
-/// the inverse of its time.
+/// Frames per second from the end of the first to the end of the last, without what was waited for
+/// poses; of a single frame, the inverse of its time.
 pub(super) fn frames_per_second(frames: &[FrameStats]) -> f64 {
     let done: Vec<&FrameStats> = frames.iter().filter(|frame| frame.done_nanos > 0).collect();
     if done.len() > 1 && done.iter().any(|frame| frame.pose_nanos > 0) {

@@ -1,18 +1,20 @@
-//! The trace of a run: what every process did when, in the Trace Event Format (Chrome's JSON, which Perfetto opens).
+//! The trace of a run: what every process did when, in the Trace Event Format (Chrome's JSON, which
+//! Perfetto opens).
 //!
-//! All processes share the monotonic clock, so their spans lie on one timeline; it begins with the program. Viewers draw spans of one
-//! row over each other when they overlap, so no two on a row do: what a process does at the same time (requests for
-//! tiles, uploads while a frame is recorded) stands on rows of its own.
+//! All processes share the monotonic clock, so their spans lie on one timeline; it begins with the
+//! program. Viewers draw spans of one row over each other when they overlap, so no two on a row do:
+//! what a process does at the same time (requests for tiles, uploads while a frame is recorded)
+//! stands on rows of its own.
 
 use super::stats::RunStats;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use terravision_common::event::{Event, EventKind, SpanName};
-use terravision_common::node::NodeId;
+use terravision_common::event::{Event, EventContent};
 use terravision_common::shm::Stage;
 
-/// Threads of a process are numbered below this; further rows of the same thread follow in steps of it.
+/// Threads of a process are numbered below this; further rows of the same thread follow in steps of
+/// it.
 const ROW_STEP: u32 = 10_000;
 
 /// A part of the run of a process that sends no events: this program, or its encoder.
@@ -105,21 +107,22 @@ fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Re
     Ok(())
 }
 
-/// What is no span: a frame that is written, a tile that cannot be had, the triangles of a frame.
+/// Moments, not spans: a frame that is written, a tile that cannot be had, the triangles of a
+/// frame.
 fn write_moment<W: Write>(list: &mut List<'_, W>, pid: u32, event: &Event, ts: f64) -> io::Result<()> {
     let (tid, frame) = (event.thread, event.frame);
-    match EventKind::from_number(event.kind) {
-        Some(EventKind::FrameWritten) => list.put(
+    match event.content() {
+        Some(EventContent::FrameWritten { .. }) => list.put(
             &json!({"name": "frame written", "ph": "i", "s": "p", "pid": pid, "tid": tid, "ts": ts, "args": {"frame": frame}}),
         ),
-        Some(EventKind::TileUnavailable) => {
-            let node = NodeId::unpack(event.node).map(|node| node.to_string());
+        Some(EventContent::TileUnavailable { tile, .. }) => {
+            let node = tile.node.to_string();
             list.put(
                 &json!({"name": "tile unavailable", "ph": "i", "s": "g", "pid": pid, "tid": tid, "ts": ts, "args": {"node": node}}),
             )
         }
-        Some(EventKind::FrameDone) => {
-            list.put(&json!({"name": "triangles", "ph": "C", "pid": pid, "ts": ts, "args": {"triangles": event.value}}))
+        Some(EventContent::FrameDone { triangles }) => {
+            list.put(&json!({"name": "triangles", "ph": "C", "pid": pid, "ts": ts, "args": {"triangles": triangles}}))
         }
         _ => Ok(()),
     }
@@ -138,12 +141,9 @@ impl Slice {
     }
 
     fn of_event(pid: u32, event: &Event) -> Option<Self> {
-        if event.kind != EventKind::Span as u32 {
-            return None;
-        }
-        let name = SpanName::from_number(event.value);
+        let Some(EventContent::Span { name, node }) = event.content() else { return None };
         let mut args = json!({"frame": event.frame});
-        if let (Some(SpanName::LoadTile | SpanName::FetchTile), Some(node)) = (name, NodeId::unpack(event.node)) {
+        if let Some(node) = node {
             args["node"] = json!(node.to_string());
         }
         Some(Self {
@@ -151,7 +151,7 @@ impl Slice {
             thread: event.thread.min(ROW_STEP - 1),
             start_nanos: event.start_nanos,
             duration_nanos: event.duration_nanos,
-            name: name.map_or("unknown", SpanName::as_str),
+            name: name.as_str(),
             args,
         })
     }
@@ -162,7 +162,8 @@ impl Slice {
 struct Rows(BTreeMap<(u32, u32), Vec<u64>>);
 
 impl Rows {
-    /// The row of a span: the first that is free when it begins. Spans of a thread come by their beginning.
+    /// The row of a span: the first that is free when it begins. Spans of a thread come by their
+    /// beginning.
     fn place(&mut self, slice: &Slice) -> u32 {
         let rows = self.0.entry((slice.pid, slice.thread)).or_default();
         let row = rows.iter().position(|end| *end <= slice.start_nanos).unwrap_or(rows.len());
@@ -199,6 +200,8 @@ impl<W: Write> List<'_, W> {
 mod tests {
     use super::*;
     use crate::measure::report::tests::stats;
+    use terravision_common::event::SpanName;
+    use terravision_common::node::NodeId;
 
     fn events(stats: &RunStats) -> Vec<Value> {
         let mut bytes = Vec::new();
@@ -238,10 +241,9 @@ mod tests {
     fn spans_of_one_row_do_not_overlap() {
         let mut stats = stats();
         for (start, duration) in [(500, 400), (600, 50), (600, 300), (650, 10), (900, 5), (700, 600), (500, 400)] {
-            let (kind, value) = (EventKind::Span as u32, SpanName::FetchTile as u64);
+            let span = EventContent::Span { name: SpanName::FetchTile, node: NodeId::new(0, 0, 0) };
             // Behind the start of the program.
-            let start_nanos = 20_000_000 + start;
-            let event = Event { kind, thread: 3, frame: 5, start_nanos, duration_nanos: duration, value, node: 0 };
+            let event = Event::new(span).on_thread(3).of_frame(5).at(20_000_000 + start).lasting(duration);
             stats.collector.take(Stage::Prefetcher, event);
         }
         let mut by_row: BTreeMap<(u64, u64), Vec<(f64, f64)>> = BTreeMap::new();

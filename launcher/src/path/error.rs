@@ -1,10 +1,10 @@
-//! Why there is no camera path, a sentence each.
+//! Why a camera path cannot be flown.
 
 use super::MAX_FRAMES;
 use super::crs::CrsError;
 use std::path::PathBuf;
 
-/// Why there is no camera path.
+/// Why a camera path cannot be flown.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PathError {

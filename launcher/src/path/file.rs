@@ -18,7 +18,7 @@ pub(super) struct Source {
 /// Reads a path file, a KMZ or a gzip file too.
 pub(super) fn read(path: &Path) -> Result<Source, PathError> {
     let fail = |source| PathError::Read { path: path.to_owned(), source };
-    // Opening a pipe that nobody writes into would wait for ever.
+    // Opening a pipe without a writer would block for ever.
     let nonblocking = rustix::fs::OFlags::NONBLOCK.bits() as i32;
     let mut file = OpenOptions::new().read(true).custom_flags(nonblocking).open(path).map_err(fail)?;
     let found = file.metadata().map_err(fail)?;

@@ -54,7 +54,7 @@ pub(super) fn parse(
         }
     }
     if let Some(error) = reader.first {
-        // Most of them: this is no track at all.
+        // Most of them: this is not a track.
         if 2 * reader.bad >= reader.points {
             return Err(error);
         }

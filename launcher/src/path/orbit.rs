@@ -9,10 +9,11 @@ use super::{CameraPath, Course, Ground, PathSettings, Pose};
 use crate::machine::grouped;
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
+use terravision_common::surface;
 
 /// Frames of one round.
 pub const ROUND_FRAMES: usize = 240;
-/// Lattice on which relief is looked for: so many points along the longer side of the world.
+/// Lattice on which relief is looked for: this many points along the longer side of the world.
 const GRID: usize = 96;
 /// Points of the camera's round at which it is held above ground and over the world.
 const ROUND_POINTS: usize = 72;
@@ -20,11 +21,11 @@ const ROUND_POINTS: usize = 72;
 const LEAST_SWING: f64 = 0.15;
 /// Share of the part of a round over the world that is swung through.
 const SWING_SHARE: f64 = 0.55;
-/// Near the border a mountain is taken if its relief is so many times that of the best one farther in.
+/// Near the border a mountain is taken if its relief is this many times that of the best one farther in.
 const BORDER_FACTOR: f64 = 1.25;
 /// Of mountains near the border the highest is taken whose relief is at least this share of the strongest.
 const NEARLY_STRONGEST: f64 = 0.8;
-/// Posts are at most so many pixels apart where the camera looks, in a picture of 720 lines and 60 degrees.
+/// Posts are at most this many pixels apart where the camera looks, in a picture of 720 lines and 60 degrees.
 const MAX_POST_PX: f64 = 20.0;
 /// Focal length of that picture, pixels.
 const REFERENCE_FOCAL_PX: f64 = 360.0 * 1.732_050_807_568_877_2;
@@ -150,12 +151,7 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> Orbi
         let turn = frame as f64 / ROUND_FRAMES as f64 * wishes.turns.signum();
         let eye = round.at(swing.turn(turn)).extend(eye_z);
         let sight = target - eye;
-        Pose {
-            position: eye,
-            heading_rad: sight.x.atan2(sight.y),
-            pitch_rad: sight.z.atan2(sight.truncate().length()),
-            roll_rad: 0.0,
-        }
+        Pose { position: eye, heading_rad: surface::heading(sight), pitch_rad: surface::pitch(sight), roll_rad: 0.0 }
     });
     let path = CameraPath { settings: PathSettings::default(), course: Course::Round(poses.collect()) };
     let note = format!(

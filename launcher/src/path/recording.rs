@@ -14,7 +14,7 @@ pub(super) const DEFAULT_SPEED: f64 = 25.0;
 const SPEEDS: [f64; 2] = [1.0, 300.0];
 /// A few points that are so far from all others in time have a wrong date, seconds...
 const FAR_SECONDS: f64 = 6.0 * 3600.0;
-/// ... or so many times the usual step, of a recording with a point a day.
+/// ... or this many times the usual step, of a recording with a point a day.
 const FAR_STEPS: f64 = 100.0;
 
 /// The time of a point, as it was written.
@@ -22,7 +22,7 @@ const FAR_STEPS: f64 = 100.0;
 pub(super) enum Stamp {
     /// None.
     Missing,
-    /// Something that is no time.
+    /// Something that is not a time.
     Unreadable,
     /// Seconds since 1970.
     At(f64),
@@ -62,7 +62,7 @@ pub(super) struct Tally {
     pub(super) stamped: usize,
     /// Points whose time was used.
     pub(super) used: usize,
-    /// Points without time, or with one that is none, that lie between their neighbours now.
+    /// Points without a readable time, which now lie between their neighbours.
     pub(super) placed: usize,
     /// Points that were passed over.
     pub(super) dropped: usize,
@@ -114,7 +114,7 @@ impl Tally {
         self.first_line = Some(self.first_line.map_or(line, |first| first.min(line)));
     }
 
-    /// Whether so many times cannot be used that what is left is no recording.
+    /// Whether too many times are unusable for a recording.
     pub(super) fn is_hopeless(&self) -> bool {
         2 * self.used < self.stamped
     }

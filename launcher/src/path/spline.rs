@@ -12,6 +12,7 @@
 use super::Pose;
 use glam::{DQuat, DVec3};
 use std::f64::consts::PI;
+use terravision_common::surface;
 
 /// A pose at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -233,7 +234,7 @@ fn pose_from_attitude(position: DVec3, attitude: DQuat) -> Pose {
         return Pose { position, heading_rad: ahead.x.atan2(ahead.y), pitch_rad, roll_rad: 0.0 };
     }
     let heading_rad = forward.x.atan2(forward.y);
-    let level_right = DVec3::new(heading_rad.cos(), -heading_rad.sin(), 0.0);
+    let level_right = surface::level_right(heading_rad);
     let level_up = level_right.cross(forward);
     let roll_rad = (-right.dot(level_up)).atan2(right.dot(level_right));
     Pose { position, heading_rad, pitch_rad, roll_rad }

@@ -10,6 +10,7 @@ use super::times::for_people;
 use super::{CameraPath, Course, CourseOptions, Ground, PathError, PathSettings, Pose, Remarks};
 use glam::{DVec2, DVec3};
 use std::path::Path;
+use terravision_common::surface;
 
 /// Default height above ground, metres.
 pub(super) const DEFAULT_AGL_M: f64 = 150.0;
@@ -23,22 +24,23 @@ const SMOOTH_SECONDS: f64 = 3.0;
 const SMOOTH_HEIGHT_SECONDS: f64 = 6.0;
 /// How far ahead the camera looks, seconds...
 const AHEAD_SECONDS: f64 = 8.0;
-/// ... but at least so many heights above ground, so that it does not stare at the ground when it is slow.
+/// ... but at least this many heights above ground, so that it does not stare at the ground when it is slow.
 const AHEAD_HEIGHTS: f64 = 3.0;
 /// Boxes of places that are looked at for one look ahead, so that a camera that never gets anywhere costs no more than others.
 const AHEAD_BOXES: usize = 4096;
 
-/// Between segments, a gap of at most so many seconds is flown as it was.
+/// Between segments, a gap of at most this many seconds is flown as it was.
 const GAP_SECONDS: f64 = 60.0;
 /// Within a segment a gap is longer than that...
 const SILENCE_SECONDS: f64 = 600.0;
-/// ... and longer than so many usual steps: a ship writes a point in ten minutes.
+/// ... and longer than this many usual steps: a ship writes a point in ten minutes.
 const SILENCE_STEPS: f64 = 50.0;
 /// Over a gap the camera hops when the way goes on not farther than that, metres; else there is a cut.
 const HOP_M: f64 = 500.0;
 /// Nothing that is recorded is faster, metres per second: two devices, or a point that is wrong.
 const FASTEST: f64 = 1000.0;
-/// A rest is at least so long, seconds, within this distance of where it begins, metres, and becomes so short at least.
+/// A rest lasts at least this long, seconds, stays within this distance of where it begins, metres, and
+/// is shortened to no less than this, seconds.
 const REST_SECONDS: f64 = 120.0;
 const REST_M: f64 = 30.0;
 const SHORTENED_SECONDS: f64 = 2.0;
@@ -120,7 +122,7 @@ fn duration(points: &[Timed]) -> f64 {
 enum Link {
     /// In the time that it took.
     Follow,
-    /// In so many seconds.
+    /// In this many seconds.
     Hop(f64),
     /// Not at all.
     Cut,
@@ -328,9 +330,9 @@ impl Flight<'_> {
                 let (place, at) = ahead.look(i, metres);
                 let sight: DVec3 = place.extend(floor[at]) - eye;
                 if sight.truncate().length() > 1.0 {
-                    heading = sight.x.atan2(sight.y);
+                    heading = surface::heading(sight);
                 }
-                let pitch_rad = sight.z.atan2(sight.truncate().length()).clamp(-0.6, 0.3);
+                let pitch_rad = surface::pitch(sight).clamp(-0.6, 0.3);
                 let pose = Pose { position: eye, heading_rad: heading, pitch_rad, roll_rad: 0.0 };
                 Key::passing(self.end + i as f64 * step, pose)
             })

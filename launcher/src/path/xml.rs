@@ -213,7 +213,7 @@ impl<'t> Builder<'_, 't> {
             (_, Ok("gt")) => self.add(">"),
             (_, Ok("quot")) => self.add("\""),
             (_, Ok("apos")) => self.add("'"),
-            // Nothing that is known: it stays as it is written, and is no number.
+            // An unknown entity stays as it is written; a number with it is not read.
             (_, other) => self.add(&format!("&{};", printable(other.unwrap_or_default()))),
         }
     }
@@ -242,7 +242,7 @@ impl<'t> Builder<'_, 't> {
     }
 }
 
-/// XML that is no path, and what to do.
+/// XML that is not a path, and what to do.
 fn what_is(root: &str) -> String {
     let root = printable(root);
     match root.as_str() {

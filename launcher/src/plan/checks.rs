@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::path::Path;
 use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
 
-/// Facets and texels may become so many times as large as wanted, if nothing else is said.
+/// Facets and texels may become this many times as large as wanted, by default.
 const COARSEST: f64 = 4.0;
 /// Size of facets at rest, pixels, if nothing else is said: that of the best quality.
 const REST_FACET_PX: f64 = 3.0;
@@ -31,15 +31,14 @@ pub(super) fn fps(asked: Option<f64>) -> Result<f64, Failure> {
 pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
     let fps = fps(args.fps.or(path.settings.fps))?;
     let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
-    const IN_TIME: &str = "--speed is for paths that are given in time (keyframes, KML, GPX)";
+    const TIMED: &str = "--speed applies to paths with times (keyframes, KML, GPX)";
     match (&path.course, args.speed) {
-        (Course::Frames(_), Some(_)) => Err(Failure::bad_input(anyhow!(
-            "{IN_TIME}; this one has a pose per frame: --fps makes it faster or slower"
-        ))),
-        (Course::Round(poses), Some(_)) => Err(Failure::bad_input(anyhow!(
-            "{IN_TIME}; the orbit turns once in {} frames: --fps makes it faster or slower",
-            poses.len()
-        ))),
+        (Course::Frames(_), Some(_)) => {
+            Err(Failure::bad_input(anyhow!("{TIMED}; this one has a pose per frame, so --fps sets its speed")))
+        }
+        (Course::Round(poses), Some(_)) => {
+            Err(Failure::bad_input(anyhow!("{TIMED}; the orbit has {} frames, so --fps sets its speed", poses.len())))
+        }
         _ => Ok((fps, speed)),
     }
 }
@@ -52,12 +51,12 @@ pub fn frame_range(asked: Option<FrameRange>, course: &Course, fps: f64, speed: 
     let count = course.frame_count(fps, speed).map_err(Failure::bad_input)?;
     match (asked, count) {
         (Some(range), Some(count)) if range.end > count => Err(Failure::bad_input(anyhow!(
-            "--frames {}..{}: the path has {count} frames (0..{count}) at {fps} frames a second",
+            "--frames {}..{}: expected frames within 0..{count}, which the path has at {fps} frames per second",
             range.first,
             range.end
         ))),
         (Some(range), _) if range.end - range.first > path::MAX_FRAMES => Err(Failure::bad_input(anyhow!(
-            "--frames {}..{}: at most {} frames are flown in one run",
+            "--frames {}..{}: expected at most {} frames, in several runs if need be",
             range.first,
             range.end,
             path::MAX_FRAMES
@@ -78,7 +77,7 @@ pub(super) fn check_distance(poses: &[Pose], extent: &Extent, warnings: &mut Vec
         let eye = poses.first().map_or(DVec3::ZERO, |pose| pose.position);
         return Err(Failure::bad_input(anyhow!(
             "the camera is nowhere near the world: it starts at {:.0}, {:.0}, and the world reaches from {:.0}, {:.0} \
-             to {:.0}, {:.0}; are both in the same CRS?",
+             to {:.0}, {:.0}; is the path in another CRS than the world?",
             eye.x,
             eye.y,
             extent.low.x,
@@ -121,9 +120,9 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             ("--prediction", args.prediction.is_some()),
         ];
         return match given.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => {
-                Err(Failure::bad_input(anyhow!("{flag} is for --mode realtime; exact mode never changes it")))
-            }
+            Some((flag, _)) => Err(Failure::bad_input(anyhow!(
+                "{flag} applies to --mode realtime only: in exact mode nothing changes with the clock"
+            ))),
             None => Ok(None),
         };
     }
@@ -170,7 +169,7 @@ pub(super) fn decoder_threads(asked: Option<u32>) -> Result<u32, Failure> {
         (None, Ok(text)) => match text.trim().parse() {
             Ok(threads) => ("RAYON_NUM_THREADS", threads),
             Err(_not_a_number) => {
-                return Err(Failure::bad_input(anyhow!("RAYON_NUM_THREADS is {text:?}: expected {EXPECTED}")));
+                return Err(Failure::bad_input(anyhow!("RAYON_NUM_THREADS={text}: expected {EXPECTED}")));
             }
         },
         (None, Err(_not_set)) => return Ok(cores()),
@@ -216,7 +215,7 @@ mod tests {
         assert_eq!(frame_range(range(3, 10), &course, 30.0, 1.0).unwrap(), [3, 10]);
         assert_eq!(frame_range(None, &course, 30.0, 1.0).unwrap(), [0, 10]);
         let message = frame_range(range(3, 11), &course, 30.0, 1.0).unwrap_err().to_string();
-        assert!(message.contains("the path has 10 frames"), "{message}");
+        assert!(message.contains("expected frames within 0..10"), "{message}");
         let round = Course::Round(vec![pose(0.0); 240]);
         assert_eq!(frame_range(None, &round, 30.0, 1.0).unwrap(), [0, 240]);
         assert_eq!(frame_range(range(200, 500), &round, 30.0, 1.0).unwrap(), [200, 500]);

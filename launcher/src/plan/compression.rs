@@ -1,4 +1,5 @@
-//! Whether the pool of colour tiles is compressed: decided before its memory is made, for the device that will read it.
+//! Whether the pool of colour tiles is compressed: decided before its memory is made, for the
+//! device that will read it.
 
 use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::technique::{CompressionArg, RaysArg, TechniqueArg};
@@ -34,8 +35,8 @@ impl TexelQuestion {
         let question = || Ok(DeviceQuestion::ask(&own_folder()?));
         match picture.texture_compression {
             CompressionArg::On if is_rays => Err(Failure::bad_input(anyhow!(
-                "--texture-compression on: rays read colours on the processor and need them as they are; it is for \
-                 --technique mesh, and for --rays compute"
+                "--texture-compression on applies to --technique mesh and --rays compute only: the processor casts rays over \
+                 uncompressed colours"
             ))),
             CompressionArg::On => Ok(Self::On(question()?)),
             CompressionArg::Auto if !is_rays && picture.quality.unwrap_or(usual) == Quality::Default => {
@@ -45,8 +46,8 @@ impl TexelQuestion {
         }
     }
 
-    /// The format, and the technique that goes with it: a renderer that found its device gone must not cast rays over
-    /// compressed tiles.
+    /// The format, and the technique that goes with it: a renderer that found its device gone must
+    /// not cast rays over compressed tiles.
     ///
     /// # Errors
     /// Bad input: the device cannot do what is asked for.

@@ -34,14 +34,14 @@ pub struct LoadedPath {
 pub fn georeference(database: &Store) -> Georeference {
     let (manifest, world) = (database.manifest(), database.world());
     let crs = &manifest.crs;
-    let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+    let middle = world.crs_frame().place_of_foot(0.5 * world.surface().end()).to_array();
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)
 }
 
 /// The path that `--path` means, or the pose of a camera that stands still.
 ///
 /// # Errors
-/// Bad input: the file cannot be read or is no path, or flags contradict each other.
+/// Bad input: the file cannot be read or is not a path, or flags contradict each other.
 pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if let Some(flag) = args.pose.given() {
         return standing(flag, args, database, exaggeration);
@@ -51,7 +51,7 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
     }
     if let Some(flag) = args.orbit.given() {
         return Err(Failure::bad_input(anyhow!(
-            "{flag} is for --path orbit; {} is a path of its own",
+            "{flag} applies to --path orbit, not to --path {}",
             args.path.display()
         )));
     }
@@ -74,13 +74,15 @@ pub fn load_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Resu
 }
 
 fn only_for_places(flag: &str) -> Failure {
-    Failure::bad_input(anyhow!("{flag} is for --eye, --look-at and --around; none of them is given"))
+    Failure::bad_input(anyhow!("{flag} applies to --eye, --look-at and --around: give one of them, or leave it out"))
 }
 
 /// One pose, again and again.
 fn standing(flag: &str, args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if let Some(other) = args.orbit.given().or(args.speed.map(|_| "--speed")) {
-        return Err(Failure::bad_input(anyhow!("{other}: with {flag} the camera stands still; leave one of them out")));
+        return Err(Failure::bad_input(anyhow!(
+            "{other} and {flag}: with {flag} the camera stands still; leave one of them out"
+        )));
     }
     if args.path != Path::new(ORBIT) {
         return Err(Failure::bad_input(anyhow!(
@@ -90,7 +92,8 @@ fn standing(flag: &str, args: &CourseArgs, database: &Store, exaggeration: f64) 
     }
     if let Some(Some(metres)) = args.agl.agl {
         return Err(Failure::bad_input(anyhow!(
-            "--agl {metres}: with {flag} it takes no number: it says that the Z of --eye and --look-at are above the ground"
+            "--agl {metres}: expected --agl without a number with {flag}: it then says that the Z of --eye and --look-at are \
+             heights above the ground"
         )));
     }
     let (pose, warnings) = pose(&args.pose, args.agl.agl.is_some(), database, exaggeration)?;
@@ -118,15 +121,15 @@ pub(super) fn pose(
 fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if args.agl.agl.is_some() {
         return Err(Failure::bad_input(anyhow!(
-            "--agl is the height above ground of a track (GPX, or a line or track of KML), and for --eye and --look-at; the orbit \
-             has a height of its own: leave --agl out, or give --height"
+            "--agl applies to tracks (GPX, and lines and tracks of KML) and to --eye and --look-at, not to the orbit: \
+             --height sets the height of the orbit"
         )));
     }
     if args.pose.lonlat && args.orbit.around.is_none() {
         return Err(only_for_places("--lonlat"));
     }
     let world = database.world();
-    let spacing = world.extent_m()[0].max(world.extent_m()[1]) / 200.0;
+    let spacing = world.surface().end().max_element() / 200.0;
     let coarse = WorldGround::coarse(database, world, exaggeration, spacing).bounded(database.ranges());
     let extent = coarse.extent();
     let georeference = georeference(database);
@@ -148,10 +151,10 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         )));
     }
     let metres = |name, value: Option<f64>, low| {
-        value.map(|value| in_range(name, value, low, 1e8, "metres, a distance that a camera can have")).transpose()
+        value.map(|value| in_range(name, value, low, 1e8, "metres, at most 100000000")).transpose()
     };
     let turns = args.orbit.turns.unwrap_or(1.0);
-    in_range("--turns", turns.abs(), 1e-3, 1e4, "a number of rounds, more than 0 (or less, for clockwise)")?;
+    in_range("--turns", turns.abs(), 1e-3, 1e4, "a number of rounds from 0.001 to 10000, negative for clockwise")?;
     let wishes = OrbitWishes {
         around,
         radius_m: metres("--radius", args.orbit.radius, 0.1)?,

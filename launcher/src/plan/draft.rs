@@ -13,7 +13,7 @@ use crate::cli::realtime::{Mode, RealtimeArgs};
 use crate::cli::resources::ResourceArgs;
 use crate::cli::values::MemorySize;
 use crate::failure::Failure;
-use crate::ground::{self, WorldGround};
+use crate::ground::{self, Ground, WorldGround};
 use crate::machine::bytes_for_people;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
@@ -22,7 +22,7 @@ use crate::rig::RigFile;
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use std::path::Path;
 use terravision_common::camera::Camera;
 use terravision_common::rig::RigView;
@@ -108,7 +108,8 @@ impl<'a> Draft<'a> {
     /// The plan.
     ///
     /// # Errors
-    /// Bad input: a number out of range, a path that does not go with the world, an output that cannot be written.
+    /// Bad input: a number out of range, a path that does not go with the world, an output that
+    /// cannot be written.
     pub(super) fn finish(
         mut self,
         texels: TexelQuestion,
@@ -156,13 +157,12 @@ impl<'a> Draft<'a> {
         if !self.poses.is_empty() {
             check_distance(&self.poses, &ground.extent(), &mut self.warnings)?;
         }
-        let origin = DVec2::from_array(world.fields().origin);
         let mut lifted = 0;
         let mut cameras = Vec::with_capacity(self.poses.len());
         for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
             lifted += usize::from(ground::lift(&mut pose, &ground));
             let camera = Camera {
-                eye_in_world: (pose.position - origin.extend(0.0)).to_array(),
+                eye_in_world: world.crs_frame().position(pose.position).to_array(),
                 heading_rad: pose.heading_rad,
                 pitch_rad: pose.pitch_rad,
                 roll_rad: pose.roll_rad,
@@ -186,7 +186,7 @@ impl<'a> Draft<'a> {
         self.warnings.extend(views_in_the_ground(choice, &cameras, &ground, world));
         if lifted > 0 {
             self.warnings.push(format!(
-                "{lifted} of {} frames were below ground + {} m and were lifted",
+                "{lifted} of {} frames were lifted: their poses were less than {} m above the ground",
                 cameras.len(),
                 ground::CLEARANCE_M
             ));
@@ -242,17 +242,12 @@ impl<'a> Draft<'a> {
 }
 
 /// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig, which is worth a warning.
-fn views_in_the_ground(
-    choice: &PictureChoice,
-    cameras: &[Camera],
-    ground: &WorldGround<'_>,
-    world: &World,
-) -> Vec<String> {
-    let origin = DVec2::from_array(world.fields().origin);
+fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl Ground, world: &World) -> Vec<String> {
     let is_below = |eye: DVec3| {
-        let foot = world.surface().foot(eye) + origin;
-        let point = ground.at(foot.x, foot.y);
-        point.is_some_and(|point| world.surface().height_above(eye, point.height_m) < 0.0)
+        let DVec3 { x, y, z } = world.crs_frame().place(eye);
+        // The ground may be in a database far away, as for poses.
+        let may_be = ground.bound_m(x, y).is_none_or(|bound| z < bound);
+        may_be && ground.height_m(x, y).is_some_and(|height| z < height)
     };
     let of_view = |view: &RigView| {
         let below = cameras.iter().filter(|pose| is_below(view.camera(pose).eye())).count();

@@ -1,4 +1,5 @@
-//! How a film is encoded: what `--codec`, `--crf` and the name of the file come to, and whether this machine's ffmpeg can do it.
+//! How a film is encoded: what `--codec`, `--crf` and the name of the file come to, and whether
+//! this machine's ffmpeg can do it.
 
 use crate::cli::film::FilmArgs;
 use crate::failure::Failure;
@@ -15,10 +16,11 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Between two looks at whether it has.
 const TICK: Duration = Duration::from_millis(2);
 
-/// The format of a film of this name; `None` for what is no film.
+/// The format of a film of this name; `None` when it is not the name of a film.
 ///
 /// # Errors
-/// Bad input: a codec that the file cannot hold, a rate factor out of range. Failed: no ffmpeg, or one without the encoder.
+/// Bad input: a codec that the file cannot hold, a rate factor out of range. Failed: no ffmpeg, or
+/// one without the encoder.
 pub(super) fn format(path: &Path, args: &FilmArgs) -> Result<Option<FilmFormat>, Failure> {
     let Some(container) = Container::of(path) else { return Ok(None) };
     let known = container.codecs();
@@ -63,7 +65,7 @@ pub(super) fn refuse(args: &FilmArgs, output: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::bad_input(anyhow!(
-        "{flag} is for films (.{}), not for -o {}",
+        "{flag} applies to films (.{}) only, not to -o {}",
         Container::EXTENSIONS.join(", ."),
         output.display()
     )))
@@ -73,7 +75,7 @@ pub(super) fn refuse(args: &FilmArgs, output: &Path) -> Result<(), Failure> {
 fn has_encoder(codec: Codec, path: &Path) -> Result<(), Failure> {
     let Some(program) = find_program("ffmpeg") else {
         return Err(Failure::failed(anyhow!(
-            "ffmpeg is not installed, and makes the film: apt-get install ffmpeg, or write frames with -o DIR/"
+            "ffmpeg makes the film and is not installed: apt-get install ffmpeg, or write frames with -o DIR/"
         )));
     };
     match encoders(&program) {
@@ -151,7 +153,9 @@ mod tests {
         assert!(told("a.gif", args(None, Some(5))).contains("256 colours"));
         assert!(told("a.mkv", args(Some(Codec::Ffv1), Some(5))).contains("lossless"));
         assert_eq!(format(Path::new("frames"), &args(None, None)).unwrap(), None);
-        assert!(refuse(&args(None, Some(5)), Path::new("x/")).unwrap_err().to_string().contains("--crf is for films"));
+        assert!(
+            refuse(&args(None, Some(5)), Path::new("x/")).unwrap_err().to_string().contains("--crf applies to films")
+        );
         assert!(refuse(&args(None, None), Path::new("x/")).is_ok());
     }
 }

@@ -51,7 +51,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
 fn draft_of_poses(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure> {
     if args.realtime.prediction == Some(PredictionChoice::Oracle) {
         return Err(Failure::bad_input(anyhow!(
-            "--prediction oracle and --camera: an oracle knows the path, and nobody knows that of another program; \
+            "--prediction oracle needs a path that is known in advance, and with --camera another program sends the poses: \
              expected off, linear or quadratic"
         )));
     }
@@ -141,7 +141,7 @@ fn stream_to_stdout(draft: &mut Draft<'_>) -> Result<(), Failure> {
     draft.stream_into(StreamTarget::Stdout);
     draft.destination = "standard output".into();
     if output::is_stdout_closed() {
-        let warning = "-o -: standard output is closed, or the null device; the film goes nowhere";
+        let warning = "-o -: standard output is closed or the null device, so the film is lost";
         draft.warnings.push(warning.to_owned());
     }
     Ok(())
@@ -154,7 +154,7 @@ fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
     let is_padded = matches!(plan.stream, Some(StreamTarget::Film { .. })) && size != [width, height];
     is_padded.then(|| {
         format!(
-            "a film has even sides: {}x{} becomes {width}x{height}, its last column or row is repeated",
+            "a film has even sides: {}x{} becomes {width}x{height} by repeating the last column or row",
             size[0], size[1]
         )
     })
@@ -164,15 +164,15 @@ fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
 fn no_output(output: &Path) -> Failure {
     if has_extension(output, &PICTURES) {
         return Failure::bad_input(anyhow!(
-            "-o {0}: a flight has many frames; expected a folder for them, e.g. -o {1}/ (PNG files), or a film (.{2}); \
-             terravision still makes one picture",
+            "-o {0} names one picture, and a flight has many frames: expected a folder for them, e.g. -o {1}/ (PNG files), or a \
+             film (.{2}); terravision still makes one picture",
             output.display(),
             output.with_extension("").display(),
             Container::EXTENSIONS.join(", .")
         ));
     }
     Failure::bad_input(anyhow!(
-        "-o {}: expected a film (.{}), a folder that ends with a slash, - for standard output, or shared:NAME",
+        "-o {}: expected the name of a film (.{}), a folder that ends with a slash, - for standard output, or shared:NAME",
         output.display(),
         Container::EXTENSIONS.join(", .")
     ))

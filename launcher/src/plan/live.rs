@@ -26,7 +26,7 @@ pub(super) fn share(args: &FlyArgs) -> Result<Option<ShareConfig>, Failure> {
     let name = match (shared_name(&args.output), args.live.share.as_deref()) {
         (Some(_), Some(second)) => {
             return Err(Failure::bad_input(anyhow!(
-                "--share {second}: frames go to -o {} already",
+                "--share {second}: frames already go to -o {}; leave one out",
                 args.output.display()
             )));
         }

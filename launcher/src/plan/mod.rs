@@ -1,9 +1,12 @@
-//! What is to be flown: the validated plan that is made of the command line, the path file and the world. Nothing in it
-//! is left to interpret.
+//! What is to be flown: the validated plan that is made of the command line, the path file and the
+//! world. Nothing in it is left to interpret.
 //!
-//! * [`fly()`], [`still()`]: the plans of both commands, by way of a [`draft`]. [`picture`]: how the picture is made.
-//! * [`course`], [`pose`]: where the camera goes. [`planes`], [`film`], [`live`]: where frames go, and where poses come from.
-//! * [`compression`]: how tiles are kept. [`supervision`]: what becomes of stages that die. [`checks`]: single arguments.
+//! * [`fly()`], [`still()`]: the plans of both commands, by way of a [`draft`]. [`picture`]: how
+//!   the picture is made.
+//! * [`course`], [`pose`]: where the camera goes. [`planes`], [`film`], [`live`]: where frames go,
+//!   and where poses come from.
+//! * [`compression`]: how tiles are kept. [`supervision`]: what becomes of stages that die.
+//!   [`checks`]: single arguments.
 
 mod checks;
 mod compression;
@@ -70,7 +73,8 @@ pub struct FlightPlan {
     pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
-    /// Whether several samples a pixel, if it has them, were asked for: what draws may not have them.
+    /// Whether several samples a pixel, if it has them, were asked for: what draws may not have
+    /// them.
     pub asks_for_samples: bool,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,

@@ -21,7 +21,8 @@ const DEFAULT_VFOV_DEG: f64 = 60.0;
 
 const DEFAULT_SKY: [u8; 3] = [150, 190, 235];
 
-/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where there is no air.
+/// The sky that a body has unless the user says: dust on Mars, haze on Venus and Titan, none where
+/// there is no air.
 fn sky_of(body: &str) -> [u8; 3] {
     match body {
         "Mars" => [210, 170, 125],
@@ -70,7 +71,8 @@ impl PictureChoice {
         let (asked, rays) = technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
-            // What rays through voxels cost grows with pixels: facets of half the area make up for what sampling loses.
+            // What rays through voxels cost grows with pixels: facets of half the area make up for
+            // what sampling loses.
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
@@ -104,7 +106,8 @@ pub(super) fn sky(picture: &PictureArgs, settings: &PathSettings, body: &str) ->
     picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or_else(|| sky_of(body))
 }
 
-/// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or the default.
+/// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or
+/// the default.
 pub(super) fn vfov_rad(picture: &PictureArgs, of_path: Option<f64>, size: PictureSize) -> Result<f64, Failure> {
     const EXPECTED: &str = "degrees from 1 to 170";
     if let Some(hfov) = picture.hfov {
@@ -127,12 +130,12 @@ pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(Tec
     };
     if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
         return Err(Failure::bad_input(anyhow!(
-            "--technique rays: one ray is cast per pixel; --samples {} is for --technique mesh",
+            "--samples {} applies to --technique mesh only: one ray is cast per pixel",
             picture.samples.unwrap_or_default()
         )));
     }
     if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
-        return Err(Failure::bad_input(anyhow!("--rays is for --technique rays; a mesh has none")));
+        return Err(Failure::bad_input(anyhow!("--rays applies to --technique rays only")));
     }
     let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
     Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 use terravision_store::Store;
 
-/// What a name of a file ends with that somebody may mean by `--depth`.
+/// Extensions of files that a user may name by mistake in place of a folder.
 const FILES: [&str; 9] = ["tif", "tiff", "png", "jpg", "jpeg", "exr", "npy", "npz", "json"];
 
 /// The folders of depth and ground, as asked for and made: one each, or one for each view, or none.
@@ -34,7 +34,7 @@ impl PlaneFolders {
                 Some(Some(path)) => check(flag, path, args.realtime.mode)?,
                 Some(None) if args.live.share.is_none() && shared_name(&args.output).is_none() => {
                     return Err(Failure::bad_input(anyhow!(
-                        "{flag} without a folder is for shared frames (-o shared:NAME or --share NAME); for files name a \
+                        "{flag} without a folder applies to shared frames (-o shared:NAME or --share NAME); for files add a \
                          folder: {flag} {}/",
                         flag.trim_start_matches('-')
                     )));

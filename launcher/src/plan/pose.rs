@@ -9,6 +9,7 @@ use crate::path::crs::{Georeference, Transform};
 use crate::path::{Ground, Pose};
 use anyhow::anyhow;
 use glam::{DVec2, DVec3};
+use terravision_common::surface;
 
 /// How heights and coordinates of a pose are read.
 #[derive(Clone, Copy)]
@@ -29,12 +30,12 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
     let bad = |text: String| Err(Failure::bad_input(anyhow!(text)));
     const ANGLE: &str = "degrees from -1000000 to 1000000";
     let roll_rad = in_range("--roll", args.roll.unwrap_or(0.0), -1e6, 1e6, ANGLE)?.to_radians();
-    let places = Places::new(args, context)?;
+    let places = PlaceReader::new(args, context)?;
     let direction = args.heading.map(|_| "--heading").or(args.pitch.map(|_| "--pitch"));
     let (mut pose, target) = match (args.eye, args.look_at, args.from) {
         (Some(eye), None, None) => {
             let (Some(heading), Some(pitch)) = (args.heading, args.pitch) else {
-                return bad("--eye: where does the camera look? give --look-at X,Y, or --heading and --pitch".into());
+                return bad("--eye says where the camera is, but not where it looks: add --look-at X,Y, or --heading and --pitch".into());
             };
             let heading_rad = places.heading(eye, in_range("--heading", heading, -1e6, 1e6, ANGLE)?)?;
             let pitch_rad = in_range("--pitch", pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians();
@@ -42,14 +43,14 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
         }
         (Some(_) | None, Some(_), _) if direction.is_some() => {
             return bad(format!(
-                "{}: --look-at says where the camera looks; leave one out",
+                "{} and --look-at both say where the camera looks: leave one out",
                 direction.unwrap_or_default()
             ));
         }
         (Some(eye), Some(target), None) => {
             let (eye, target) = (places.eye(eye)?, places.target(target)?);
             if eye.distance(target) < 1e-3 {
-                return bad("--look-at is the place of --eye: a camera cannot look at itself".into());
+                return bad("--look-at and --eye are the same place: expected two different ones".into());
             }
             (towards(eye, target, roll_rad), Some(target))
         }
@@ -57,17 +58,16 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
             let [azimuth, elevation, distance] = from.0;
             in_range("--from: the azimuth", azimuth, -1e6, 1e6, ANGLE)?;
             let elevation = in_range("--from: the elevation", elevation, -90.0, 90.0, "degrees from -90 to 90")?;
-            in_range("--from: the distance", distance, 1e-3, 1e9, "metres, more than 0")?;
+            in_range("--from: the distance", distance, 1e-3, 1e9, "metres, from 0.001 to 1000000000")?;
             let azimuth = places.heading(target, azimuth)?;
             let target = places.target(target)?;
-            let (sin, cos) = elevation.to_radians().sin_cos();
-            let eye = target + DVec3::new(azimuth.sin() * cos, azimuth.cos() * cos, sin) * distance;
+            let eye = target + surface::direction(azimuth, elevation.to_radians()) * distance;
             // Straight down the direction alone would not tell what is up in the picture.
             let heading_rad = azimuth + std::f64::consts::PI;
             (Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target))
         }
         (None, Some(_), None) => {
-            return bad("--look-at: from where? give --from AZIMUTH,ELEVATION,DISTANCE or --eye X,Y,Z".into());
+            return bad("--look-at says where the camera looks, but not where it is: add --from AZIMUTH,ELEVATION,DISTANCE, or --eye X,Y,Z".into());
         }
         (Some(_), _, Some(_)) => return bad("--from and --eye both say where the camera is: leave one out".into()),
         (None, None, _) => {
@@ -86,26 +86,25 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
     if let Some(target) = target {
         pose = Pose { roll_rad, ..towards(pose.position, target, roll_rad) };
     }
-    let warning =
-        format!("the camera would be in the ground there: it was lifted by {lifted:.1} m, to {CLEARANCE_M} m above it");
+    let warning = format!(
+        "the camera was lifted by {lifted:.1} m, to {CLEARANCE_M} m above the ground: it would have been below that"
+    );
     Ok((pose, (lifted > 0.01).then_some(warning)))
 }
 
 /// A camera that looks at a place; straight down it has north at the top.
 fn towards(eye: DVec3, target: DVec3, roll_rad: f64) -> Pose {
     let sight = target - eye;
-    let level = sight.truncate().length();
-    let heading_rad = if level > 1e-6 { sight.x.atan2(sight.y) } else { 0.0 };
-    Pose { position: eye, heading_rad, pitch_rad: sight.z.atan2(level), roll_rad }
+    Pose { position: eye, heading_rad: surface::heading(sight), pitch_rad: surface::pitch(sight), roll_rad }
 }
 
 /// Places as given, brought into the world's CRS.
-struct Places<'a> {
+struct PlaceReader<'a> {
     context: PoseContext<'a>,
     transform: Option<Transform>,
 }
 
-impl<'a> Places<'a> {
+impl<'a> PlaceReader<'a> {
     fn new(args: &PoseArgs, context: PoseContext<'a>) -> Result<Self, Failure> {
         let transform =
             args.lonlat.then(|| context.georeference.from_lonlat()).transpose().map_err(Failure::bad_input)?;
@@ -150,7 +149,7 @@ impl<'a> Places<'a> {
     fn ground(&self, flag: &str, level: DVec2) -> Result<f64, Failure> {
         self.context.ground.height_m(level.x, level.y).ok_or_else(|| {
             Failure::bad_input(anyhow!(
-                "{flag}: the world has no ground at {:.1}, {:.1} ({}): expected a place in it, or a height without --agl",
+                "{flag} {:.1},{:.1} ({}): the world has no ground there; expected a place where it has, or a height (X,Y,Z) without --agl",
                 level.x,
                 level.y,
                 self.context.georeference.name()

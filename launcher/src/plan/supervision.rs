@@ -9,7 +9,8 @@ use terravision_common::run::{OPEN_END, RunConfig};
 /// How stages of a run are started again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RestartRules {
-    /// Most restarts within a minute, and most between two pictures, of all stages together; 0 for none at all.
+    /// Most restarts within a minute, and most between two pictures, of all stages together; 0 for
+    /// none at all.
     pub limit: u32,
     /// Which stages hang; they are killed.
     pub hang: HangRules,
@@ -23,13 +24,14 @@ impl RestartRules {
 /// How long is waited for what.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HangRules {
-    /// A stage, or ffmpeg, that gets nothing done for so long hangs.
+    /// A stage, or ffmpeg, that makes no progress for this long hangs.
     pub after: Duration,
-    /// As long as requests to the database are out: they have timeouts of their own.
+    /// While requests to the database are in flight: they have timeouts of their own.
     pub storage: Duration,
     /// A camera comes within this time, when one is due.
     pub camera: Duration,
-    /// The launcher has all cameras; else another program sends them, and may rest as long as it likes.
+    /// The launcher has all cameras; else another program sends them, and may rest as long as it
+    /// likes.
     pub has_path: bool,
 }
 
@@ -40,7 +42,7 @@ impl HangRules {
     /// A database on a disk that is slow has this long for one tile.
     const DISK: Duration = Duration::from_secs(60);
 
-    /// For a run in which a stage hangs `after` so long.
+    /// For a run in which a stage hangs `after` this long without progress.
     #[must_use]
     pub fn new(after: Duration, config: &RunConfig) -> Self {
         // A read is asked again within three times what a request may take.
@@ -53,10 +55,10 @@ impl HangRules {
     }
 }
 
-/// Restarts within a minute in real time, if nothing else is said.
+/// Restarts within a minute in real time, by default.
 const REALTIME_RESTARTS: u32 = 5;
-/// Seconds without anything done after which a stage hangs, if nothing else is said: against the clock, and in exact mode, where
-/// nobody waits for the next picture.
+/// Seconds without progress after which a stage hangs, by default: in real time, and in exact mode,
+/// where the next picture has no deadline.
 const HANG_AFTER_SECS: [f64; 2] = [10.0, 30.0];
 
 /// Which deaths of stages a flight survives, and which stages hang.

@@ -21,7 +21,8 @@ pub fn is_interrupted() -> bool {
     count() > 0
 }
 
-/// How many have come. A flight without a known end is ended in order by the first, and broken off by the second.
+/// How many have come. A flight without a known end is ended in order by the first, and broken off
+/// by the second.
 #[must_use]
 pub fn count() -> u32 {
     INTERRUPTS.load(Ordering::Relaxed)

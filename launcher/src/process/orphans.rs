@@ -3,8 +3,8 @@
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use std::time::{Duration, Instant};
 
-/// Kills what the stages have left behind: with this process as the reaper of its descendants, an orphan of a stage (an
-/// encoder, say) is now a child of it.
+/// Kills what the stages have left behind: with this process as the reaper of its descendants, an
+/// orphan of a stage (an encoder, say) is now a child of it.
 pub fn end_orphans() {
     let end = Instant::now() + Duration::from_millis(300);
     while let Some(children) = own_children().filter(|children| !children.is_empty()) {
@@ -22,7 +22,8 @@ pub fn end_orphans() {
     }
 }
 
-/// Makes this process the parent of orphans below it, so that nothing that a stage started outlives the run unseen.
+/// Makes this process the parent of orphans below it, so that nothing that a stage started outlives
+/// the run unseen.
 pub fn adopt_orphans() {
     // Where it is refused, orphans end by themselves when their pipes close.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).ok();

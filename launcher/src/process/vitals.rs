@@ -5,16 +5,17 @@ use std::time::Duration;
 
 /// Processor time of a process is told in ticks of this many a second, on every Linux.
 const TICKS_PER_SECOND: f64 = 100.0;
-/// A process that computes gets this share of a core at least, also on a machine with far too much to do. Loops that only look
-/// whether there is something to do stay below.
+/// A process that computes gets this share of a core at least, also on a machine with far too much
+/// to do. Loops that only look whether there is something to do stay below.
 const LEAST_SHARE: f64 = 0.05;
 
-/// A process that computes is slow and does not hang: it has this many times as long. A frame may be very large, and the
-/// machine have other work.
+/// A process that computes is slow and does not hang: it has this many times as long. A frame may
+/// be very large, and the machine have other work.
 pub(crate) const BUSY: u32 = 20;
-/// What a process had done is marked when nothing was heard of it for so long.
+/// A process is marked when it has shown no progress for this long.
 pub(crate) const MARK_AFTER: Duration = Duration::from_millis(500);
-/// Longest time that counts between two looks: more means that this program was stopped itself (Ctrl-Z).
+/// Longest time that counts between two looks: more means that this program was stopped itself
+/// (Ctrl-Z).
 pub(crate) const LONGEST_TICK: Duration = Duration::from_secs(1);
 
 /// What a process had done at a moment.
@@ -50,7 +51,8 @@ fn fields(path: &str) -> Option<Vec<String>> {
     Some(rest.split_whitespace().map(str::to_owned).collect())
 }
 
-/// Processor time of all threads, seconds (proc(5): utime and stime, 12th and 13th from the state on).
+/// Processor time of all threads, seconds (proc(5): utime and stime, 12th and 13th from the state
+/// on).
 fn cpu_s(pid: u32) -> Option<f64> {
     let fields = fields(&format!("/proc/{pid}/stat"))?;
     let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
@@ -64,7 +66,8 @@ fn io_bytes(pid: u32) -> Option<u64> {
     Some(of("rchar:")?.wrapping_add(of("wchar:")?))
 }
 
-/// Whether one of its threads is in a wait that no signal ends: for a disk, or a file system over a network.
+/// Whether one of its threads is in a wait that no signal ends: for a disk, or a file system over a
+/// network.
 fn awaits_disk(pid: u32) -> bool {
     let Ok(threads) = fs::read_dir(format!("/proc/{pid}/task")) else { return false };
     let mut states =

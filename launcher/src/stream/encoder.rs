@@ -16,11 +16,11 @@ use std::time::{Duration, Instant};
 use terravision_common::film::{even, rational_fps};
 
 /// How long the end of an encoder's messages is waited for after its own.
-const WORDS_PATIENCE: Duration = Duration::from_millis(500);
+const MESSAGES_PATIENCE: Duration = Duration::from_millis(500);
 /// Bytes of ffmpeg's messages that are kept.
 const MESSAGE_BYTES: usize = 4096;
 
-/// An ffmpeg process. Its input is with who feeds it.
+/// An ffmpeg process. The relay holds its input.
 #[derive(Debug)]
 pub struct Encoder {
     child: Child,
@@ -28,8 +28,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Starts `program` to make a film at `path`, of frames of RGBA of this size (made even), playing at `fps`; the
-    /// extension of `path` chooses the container.
+    /// Starts `program` to make a film at `path`, of frames of RGBA of this size (made even),
+    /// playing at `fps`; the extension of `path` chooses the container.
     ///
     /// # Errors
     /// [`StreamError::StartEncoder`].
@@ -62,7 +62,7 @@ impl Encoder {
             encoder.kill();
             return Err(StreamError::StartEncoder { source: std::io::ErrorKind::BrokenPipe.into() });
         };
-        match in_thread("encoder", move || last_words(stderr)) {
+        match in_thread("encoder", move || last_messages(stderr)) {
             Ok(thread) => encoder.messages = Some(thread),
             Err(source) => {
                 encoder.kill();
@@ -86,12 +86,13 @@ impl Encoder {
     /// Waits for its end.
     ///
     /// # Errors
-    /// It gave up: its last words.
+    /// It gave up: its last message.
     pub fn end(mut self) -> Result<(), String> {
         let status = self.child.wait();
-        let words = self.messages.take().map(|thread| self.last_words(thread)).unwrap_or_default();
-        // It tells errors alone (-loglevel error), and ends with success when only the end of the file could not be written.
-        match words.lines().rev().find(|line| !line.trim().is_empty()) {
+        let messages = self.messages.take().map(|thread| self.last_message(thread)).unwrap_or_default();
+        // It tells errors alone (-loglevel error), and ends with success when only the end of the
+        // file could not be written.
+        match messages.lines().rev().find(|line| !line.trim().is_empty()) {
             None => match status.map(|status| (status.success(), status.signal())) {
                 Ok((true, _)) => Ok(()),
                 Ok((_, Some(signal))) => Err(format!("it {}", killed_by(signal))),
@@ -101,10 +102,11 @@ impl Encoder {
         }
     }
 
-    /// What it said last. It has ended, but a child of it may hold its standard error open, and would for ever.
-    fn last_words(&self, thread: JoinHandle<String>) -> String {
+    /// Its last messages. It has ended, but a child of it may hold its standard error open, and
+    /// would for ever.
+    fn last_message(&self, thread: JoinHandle<String>) -> String {
         for _ in 0..2 {
-            let end = Instant::now() + WORDS_PATIENCE;
+            let end = Instant::now() + MESSAGES_PATIENCE;
             while !thread.is_finished() && Instant::now() < end {
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -131,8 +133,8 @@ pub(super) fn kill_group(pid: u32) {
     }
 }
 
-/// The end of what ffmpeg says; reads until it closes its messages.
-fn last_words(mut stderr: ChildStderr) -> String {
+/// The end of its messages; reads until it closes standard error.
+fn last_messages(mut stderr: ChildStderr) -> String {
     let (mut kept, mut chunk) = (Vec::new(), [0; 1024]);
     while let Ok(count) = stderr.read(&mut chunk) {
         if count == 0 {

@@ -1,7 +1,7 @@
 //! What a film is encoded with: containers, codecs, and what ffmpeg is told of them.
 //!
-//! The same pictures make the same bytes with the same ffmpeg: encoders run with a fixed number of threads, in the modes in which
-//! their output does not depend on when a thread was done.
+//! The same pictures make the same bytes with the same ffmpeg: encoders run with a fixed number of
+//! threads, in the modes in which their output does not depend on when a thread was done.
 
 use std::path::Path;
 
@@ -97,8 +97,9 @@ impl Codec {
         }
     }
 
-    /// The constant rate factor that is taken where none is said, and the largest; `None` for codecs that have none. Each is taken
-    /// for visually lossless: 18 with x264, whose default of 23 smears forests, and what looks like it with the others.
+    /// The constant rate factor that is taken where none is said, and the largest; `None` for
+    /// codecs that have none. Each is taken for visually lossless: 18 with x264, whose default of
+    /// 23 smears forests, and what looks like it with the others.
     #[must_use]
     pub fn crf(self) -> Option<(u32, u32)> {
         match self {
@@ -161,7 +162,8 @@ impl FilmFormat {
         let encoder: &[&str] = &["-c:v", self.codec.encoder()];
         let parts: Vec<&[&str]> = match self.codec {
             Codec::H264 => vec![YUV, encoder, &["-preset", "veryfast"], threads, BT709],
-            // One frame at a time: with several, what rate control knows depends on when they were done.
+            // One frame at a time: with several, what rate control knows depends on when they were
+            // done.
             Codec::H265 => vec![
                 YUV,
                 encoder,

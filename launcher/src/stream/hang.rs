@@ -6,8 +6,9 @@ use crate::process::vitals::{BUSY, LONGEST_TICK, MARK_AFTER, Mark};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Watches the encoder of a film, and kills it when it hangs. While it computes, reads or writes, or waits for a disk, it is slow
-/// and has longer. Time counts as that of stages ([`crate::flight::hang`]).
+/// Watches the encoder of a film, and kills it when it hangs. While it computes, reads or writes,
+/// or waits for a disk, it is slow and has longer. Time counts as that of stages
+/// ([`crate::flight::hang`]).
 #[derive(Debug)]
 pub struct EncoderWatch {
     after: Duration,
@@ -19,7 +20,7 @@ pub struct EncoderWatch {
 }
 
 impl EncoderWatch {
-    /// An encoder that takes nothing for so long hangs.
+    /// An encoder that takes nothing for this long hangs.
     #[must_use]
     pub fn new(after: Duration) -> Self {
         Self { after, bytes: 0, still: Duration::ZERO, mark: None, seen: Instant::now(), hung_after: None }

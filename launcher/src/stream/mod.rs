@@ -1,11 +1,13 @@
-//! Films and Y4M: streams that this program keeps, so that a renderer that dies does not take them along.
+//! Films and Y4M: streams that this program keeps, so that a renderer that dies does not take them
+//! along.
 //!
 //! ```text
 //! renderer ──packets──▶ pipe ──▶ relay (a thread) ──whole frames, each once, in order──▶ ffmpeg, or standard output
 //! its successor ──────▶ another pipe ──┘
 //! ```
 //!
-//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it is given. [`film`]: codecs.
+//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it
+//!   is given. [`film`]: codecs.
 
 pub mod encoder;
 pub mod film;
@@ -31,7 +33,8 @@ use terravision_common::run::{RunConfig, SinkConfig};
 
 /// Between two looks at what is being completed.
 const TICK: Duration = Duration::from_millis(2);
-/// Room in a pipe, as far as the system grants it: fewer changes between the two processes for every frame.
+/// Room in a pipe, as far as the system grants it: fewer changes between the two processes for
+/// every frame.
 const PIPE_BYTES: usize = 1 << 20;
 
 /// Where a stream ends.
@@ -74,7 +77,7 @@ pub enum StreamError {
     /// ffmpeg gave up.
     #[error("ffmpeg could not make {}: {reason}", path.display())]
     Encoder {
-        /// Its last words.
+        /// Its last message.
         reason: String,
         /// The film.
         path: PathBuf,
@@ -87,14 +90,14 @@ pub enum StreamError {
         /// The film.
         path: PathBuf,
     },
-    /// Who read standard output has gone.
-    #[error("the reader of standard output has gone after {frames} frames")]
+    /// The program that reads standard output has ended.
+    #[error("the program that reads standard output ended after {frames} frames")]
     ReaderGone {
         /// Frames that were written completely.
         frames: u64,
     },
     /// The stream could not be written.
-    #[error("the film cannot be passed on: {source}")]
+    #[error("cannot write the film: {source}")]
     Write {
         /// The system's reason.
         source: io::Error,
@@ -105,8 +108,8 @@ pub enum StreamError {
         /// Why.
         source: anyhow::Error,
     },
-    /// A packet is none of this flight.
-    #[error("the renderer sent a picture that is none of this flight: frame {frame}, {bytes} bytes")]
+    /// A packet is not of this flight.
+    #[error("the renderer sent frame {frame} of {bytes} bytes, which is not a frame of this flight")]
     StrangePacket {
         /// The frame that it claims to be.
         frame: u64,
@@ -114,7 +117,7 @@ pub enum StreamError {
         bytes: u64,
     },
     /// A frame did not come, and nothing may stand in for it.
-    #[error("frame {frame} of the film did not come")]
+    #[error("frame {frame} of the film is missing: the renderer did not send it")]
     Gap {
         /// The frame.
         frame: u64,
@@ -124,8 +127,8 @@ pub enum StreamError {
     Interrupted,
 }
 
-/// The end of a run's stream, from its first renderer to its last. Dropped before [`StreamKeeper::finish`], the stream is
-/// broken off.
+/// The end of a run's stream, from its first renderer to its last. Dropped before
+/// [`StreamKeeper::finish`], the stream is broken off.
 #[derive(Debug)]
 pub struct StreamKeeper {
     target: StreamTarget,
@@ -155,7 +158,8 @@ impl StreamKeeper {
             }
             StreamTarget::Stdout => {
                 let failed = |source| StreamError::Write { source };
-                // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every picture.
+                // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in
+                // every picture.
                 let mut out = File::from(io::stdout().as_fd().try_clone_to_owned().map_err(failed)?);
                 match out.write_all(y4m_header(size, config.fps).as_bytes()) {
                     Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
@@ -182,7 +186,7 @@ impl StreamKeeper {
         // It may be more than a user is allowed to have.
         rustix::pipe::fcntl_setpipe_size(&write, PIPE_BYTES).ok();
         if let Some(pipes) = &self.pipes {
-            // A relay that has failed takes none any more; who writes into it is told.
+            // A relay that has failed takes no more pipes: writing into one fails.
             drop(pipes.send(read));
         }
         Ok(write.into())
@@ -191,11 +195,12 @@ impl StreamKeeper {
     /// Whether the stream cannot go on: [`StreamKeeper::finish`] says why.
     #[must_use]
     pub fn has_failed(&self) -> bool {
-        // Acquire is not needed: nothing is read on the strength of it but the thread's result, after it was joined.
+        // Acquire is not needed: nothing is read on the strength of it but the thread's result,
+        // after it was joined.
         self.passage.has_failed.load(Ordering::Relaxed)
     }
 
-    /// Whether a picture waits for the encoder, or for who reads standard output.
+    /// Whether a picture waits for the encoder, or for the reader of standard output.
     #[must_use]
     pub fn is_blocked(&self) -> bool {
         // Relaxed: a flag that is looked at again and again.
@@ -208,7 +213,8 @@ impl StreamKeeper {
         self.encoder.as_ref().map(Encoder::pid)
     }
 
-    /// All renderers have ended in good order: completes the stream. Waits for the encoder, or the reader.
+    /// All renderers have ended in good order: completes the stream. Waits for the encoder, or the
+    /// reader.
     ///
     /// # Errors
     /// Why the stream is not complete.
@@ -222,7 +228,8 @@ impl StreamKeeper {
                 return Err(StreamError::Interrupted);
             }
             watch.look(&self, true);
-            // An encoder that has given up closes its input, which the relay notices with its next frame.
+            // An encoder that has given up closes its input, which the relay notices with its next
+            // frame.
             std::thread::sleep(TICK);
         }
         let relayed = self.relay.take().map_or(Ok(()), |relay| {
@@ -249,7 +256,7 @@ impl StreamKeeper {
     }
 }
 
-/// Whether there is no film although there should be one. (A device or a FIFO keeps nothing.)
+/// Whether the film is missing or empty. (A device or a FIFO keeps nothing.)
 fn is_empty_file(path: &Path) -> bool {
     path.metadata().map_or(true, |found| found.is_file() && found.len() == 0)
 }
@@ -264,7 +271,8 @@ impl Drop for StreamKeeper {
                 drop(relay.join());
             }
         }
-        // A reader of standard output that reads no more would hold the relay for ever: it ends with this process.
+        // A reader of standard output that reads no more would hold the relay for ever: it ends
+        // with this process.
     }
 }
 

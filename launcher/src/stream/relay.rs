@@ -29,7 +29,7 @@ pub struct Passage {
     pub has_failed: AtomicBool,
     /// The flight has ended in good order.
     pub is_complete: AtomicBool,
-    /// A picture is being passed on: whoever takes it may let it wait.
+    /// A picture is being written: its reader may make it wait.
     pub is_writing: AtomicBool,
     /// Bytes that were passed on.
     pub bytes: AtomicU64,
@@ -61,13 +61,15 @@ impl Relay {
         Self { shape, out, passage, next: shape.frames[0], passed: 0, last: None, coming: Vec::new() }
     }
 
-    /// Passes on what comes through one pipe after another, until no more is going to come, or the stream fails.
+    /// Passes on what comes through one pipe after another, until no more is going to come, or the
+    /// stream fails.
     pub(super) fn run(mut self, pipes: &Receiver<PipeReader>) -> Result<(), StreamError> {
         let mut relayed = Ok(());
         while let Ok(mut pipe) = pipes.recv() {
             relayed = self.relay(&mut pipe);
             if relayed.is_err() {
-                // Before the pipe is closed: a renderer that cannot write must not look as if it had died by itself.
+                // Before the pipe is closed: a renderer that cannot write must not look as if it
+                // had died by itself.
                 self.passage.has_failed.store(true, Ordering::Release);
                 break;
             }
@@ -101,7 +103,7 @@ impl Relay {
         if frame > self.next && !self.shape.has_gaps {
             return Err(StreamError::Gap { frame: self.next });
         }
-        // Before the first picture there is none to repeat.
+        // Before the first picture there is nothing to repeat.
         let stand_in = self.last.take().unwrap_or_else(|| self.coming.clone());
         while self.next < frame {
             self.put(&stand_in)?;
@@ -113,7 +115,8 @@ impl Relay {
     }
 
     fn put(&mut self, frame: &[u8]) -> Result<(), StreamError> {
-        // Relaxed, here and below: looked at again and again, and nothing is read on the strength of it.
+        // Relaxed, here and below: looked at again and again, and nothing is read on the strength
+        // of it.
         self.passage.is_writing.store(true, Ordering::Relaxed);
         for chunk in frame.chunks(CHUNK) {
             self.out.write_all(chunk).map_err(|source| match source.kind() {
@@ -128,7 +131,8 @@ impl Relay {
         Ok(())
     }
 
-    /// The frames at the end that went with a renderer; a flight without a known end ends where it ends.
+    /// The frames at the end that went with a renderer; a flight without a known end ends where it
+    /// ends.
     fn complete(mut self) -> Result<(), StreamError> {
         let end = self.shape.frames[1];
         if let Some(last) = self.last.take().filter(|_| self.shape.has_gaps && end != OPEN_END) {

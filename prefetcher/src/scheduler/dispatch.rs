@@ -6,7 +6,7 @@ use crate::executor::{DecodeJob, Ended, Executor};
 use crate::window::CycleNumber;
 use bytes::Bytes;
 use terravision_common::database::Tile;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{FrameNumber, Sequence, SlotKey};
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, Counter, Gauge, Residency};
 
@@ -106,7 +106,7 @@ impl Scheduler {
     }
 
     /// A frame lacks a tile that cannot be had: the launcher is told once.
-    pub(super) fn lose(&mut self, tile: Tile, frame: u64, failure: TileFailure, now: u64, control: &Control) {
+    pub(super) fn lose(&mut self, tile: Tile, frame: FrameNumber, failure: TileFailure, now: u64, control: &Control) {
         if self.table.is_first_told(tile) {
             control.count(Counter::TilesUnavailable, 1);
             self.events.push(TileEvent::Unavailable { tile, frame, failure, at_nanos: now });
@@ -144,7 +144,7 @@ impl Scheduler {
             let pool = &mut self.pools[layer];
             let guard = match priority {
                 Priority::Now => pool.allocate(tile.node, sequence, completed),
-                Priority::Top => pool.allocate(tile.node, 0, completed),
+                Priority::Top => pool.allocate(tile.node, Sequence::NONE, completed),
                 Priority::Ahead if is_full[layer] => None,
                 Priority::Ahead => pool.allocate_expected(tile.node, stamp, completed),
             };
@@ -172,7 +172,7 @@ impl Scheduler {
     }
 
     /// Nothing of the tile's layer finds room; the preparer has to know when nothing here is going to change that.
-    fn no_room(&mut self, tile: Tile, completed: u64) {
+    fn no_room(&mut self, tile: Tile, completed: Sequence) {
         let layer = tile.layer as usize;
         if self.table.decoding[layer] == 0 && self.told_no_room[layer] != Some(completed) {
             self.told_no_room[layer] = Some(completed);

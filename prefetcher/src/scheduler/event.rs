@@ -1,9 +1,9 @@
 //! What the scheduler tells of its work.
 
-use bytemuck::Zeroable;
 use terravision_common::database::Tile;
-use terravision_common::event::{Event, EventKind, SpanName};
-use terravision_common::outcome::{TileFailure, layer_number};
+use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::ids::FrameNumber;
+use terravision_common::outcome::TileFailure;
 
 /// Requests are shown on tracks of their own in a trace, from this number on.
 const FIRST_TRACK: u32 = 1000;
@@ -18,7 +18,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was made.
-        frame: u64,
+        frame: FrameNumber,
         /// When it was made, nanoseconds of the monotonic clock.
         start_nanos: u64,
         /// How long it took.
@@ -29,7 +29,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was asked for.
-        frame: u64,
+        frame: FrameNumber,
         /// The thread, from 1.
         thread: u32,
         /// When it began, nanoseconds of the monotonic clock.
@@ -42,7 +42,7 @@ pub enum TileEvent {
         /// The tile.
         tile: Tile,
         /// The frame that was the newest when it was asked for.
-        frame: u64,
+        frame: FrameNumber,
         /// Why.
         failure: TileFailure,
         /// When, nanoseconds of the monotonic clock.
@@ -61,33 +61,22 @@ impl TileEvent {
     /// As the launcher is told of it.
     #[must_use]
     pub fn to_event(self) -> Event {
-        let span = |tile: Tile, frame, thread, start_nanos, duration_nanos, name: SpanName| {
-            let (kind, node) = (EventKind::Span as u32, tile.node.pack());
-            Event { kind, thread, frame, start_nanos, duration_nanos, value: name as u64, node }
+        let span = |name, tile: Tile, frame: FrameNumber, start_nanos, duration_nanos| {
+            let span = Event::new(EventContent::Span { name, node: Some(tile.node) });
+            span.of_frame(frame.get()).at(start_nanos).lasting(duration_nanos)
         };
         match self {
             Self::Fetched { tile, frame, start_nanos, duration_nanos } => {
                 let track = FIRST_TRACK + (start_nanos / 1000 % TRACKS) as u32;
-                span(tile, frame, track, start_nanos, duration_nanos, SpanName::FetchTile)
+                span(SpanName::FetchTile, tile, frame, start_nanos, duration_nanos).on_thread(track)
             }
             Self::Decoded { tile, frame, thread, start_nanos, duration_nanos } => {
-                span(tile, frame, thread, start_nanos, duration_nanos, SpanName::LoadTile)
+                span(SpanName::LoadTile, tile, frame, start_nanos, duration_nanos).on_thread(thread)
             }
-            Self::Unavailable { tile, frame, failure, at_nanos } => Event {
-                kind: EventKind::TileUnavailable as u32,
-                frame,
-                start_nanos: at_nanos,
-                value: layer_number(tile.layer) + 256 * u64::from(failure.number()),
-                node: tile.node.pack(),
-                ..Event::zeroed()
-            },
-            Self::Came { tile, at_nanos } => Event {
-                kind: EventKind::TileCame as u32,
-                start_nanos: at_nanos,
-                value: layer_number(tile.layer),
-                node: tile.node.pack(),
-                ..Event::zeroed()
-            },
+            Self::Unavailable { tile, frame, failure, at_nanos } => {
+                Event::new(EventContent::TileUnavailable { tile, failure }).of_frame(frame.get()).at(at_nanos)
+            }
+            Self::Came { tile, at_nanos } => Event::new(EventContent::TileCame { tile }).at(at_nanos),
         }
     }
 }

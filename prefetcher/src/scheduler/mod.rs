@@ -32,6 +32,7 @@ pub use event::TileEvent;
 use request_table::RequestTable;
 use std::collections::HashSet;
 use terravision_common::database::{Layer, Tile};
+use terravision_common::ids::Sequence;
 use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{Activity, Control, Gauge, PoolWriter, Residency, SlotState, Stage, WantHead};
 use terravision_common::top_levels::top_levels;
@@ -76,7 +77,7 @@ pub struct Scheduler {
     /// Slots by layer that expected tiles may still take.
     room_ahead: [u32; 2],
     /// By layer: the completed sequence at which the preparer was told that there is no room.
-    told_no_room: [Option<u64>; 2],
+    told_no_room: [Option<Sequence>; 2],
     filled: [u64; 2],
     ended: Vec<Ended>,
     /// For the preparer, in order; the stage takes them.
@@ -221,8 +222,8 @@ impl Scheduler {
     }
 
     /// Sequence that expected tiles are stamped with: that of the newest frame.
-    fn stamp(&self) -> u64 {
-        self.head.sequence.max(1)
+    fn stamp(&self) -> Sequence {
+        self.head.sequence.max(Sequence::FIRST)
     }
 
     /// A list has changed: what is on none any more is given up.

@@ -5,6 +5,7 @@ use crate::window::CycleNumber;
 use bytes::Bytes;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Tile;
+use terravision_common::ids::FrameNumber;
 
 /// How far a tile has come.
 #[derive(Debug)]
@@ -20,7 +21,7 @@ pub(super) struct Load {
     pub(super) state: State,
     pub(super) priority: Priority,
     /// The frame that was the newest when it was asked for.
-    pub(super) frame: u64,
+    pub(super) frame: FrameNumber,
     pub(super) asked_at: u64,
     /// The lists that it was last found on.
     epoch: u64,
@@ -87,7 +88,14 @@ impl RequestTable {
     }
 
     /// A request is made; its ticket.
-    pub(super) fn ask(&mut self, tile: Tile, priority: Priority, frame: u64, now: u64, cycle: CycleNumber) -> u64 {
+    pub(super) fn ask(
+        &mut self,
+        tile: Tile,
+        priority: Priority,
+        frame: FrameNumber,
+        now: u64,
+        cycle: CycleNumber,
+    ) -> u64 {
         let ticket = self.next_ticket;
         self.next_ticket += 1;
         let state = State::Fetching { ticket, asked_at: now, cycle };

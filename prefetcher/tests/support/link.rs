@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Tile};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure};
@@ -253,13 +254,17 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
             let camera = at(now);
             track.see(&camera, now);
             let wanted = eye.tiles(&camera, &Views::single(&camera), &RESOLUTION);
-            let missing: Vec<Tile> =
-                wanted.iter().copied().filter(|tile| !pools[tile.layer as usize].keep(tile.node, frame)).collect();
+            let missing: Vec<Tile> = wanted
+                .iter()
+                .copied()
+                .filter(|tile| !pools[tile.layer as usize].keep(tile.node, Sequence::new(frame)))
+                .collect();
             flown.sharp.push(sharp_share(&world, &camera, wanted, &missing));
             flown.missing_at_end = missing.len();
             // Three frames are in flight.
-            control.set_completed_sequence(frame.saturating_sub(3));
-            scheduler.want(WantHead { sequence: frame, frame, is_last: false }, &missing, now, &control, &mut link);
+            control.set_completed_sequence(Sequence::new(frame).saturating_sub(3));
+            let head = WantHead { sequence: Sequence::new(frame), frame: FrameNumber::new(frame), is_last: false };
+            scheduler.want(head, &missing, now, &control, &mut link);
         }
         if now >= next_cycle {
             next_cycle += CYCLE_NANOS;

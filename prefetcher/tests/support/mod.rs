@@ -7,6 +7,7 @@ use bytes::Bytes;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use terravision_common::database::{Layer, Tile};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, PoolReader, WantHead, memory};
@@ -196,7 +197,8 @@ impl Fixture {
     }
 
     pub fn want(&mut self, sequence: u64, tiles: &[Tile]) {
-        let head = WantHead { sequence, frame: 100 + sequence, is_last: false };
+        let head =
+            WantHead { sequence: Sequence::new(sequence), frame: FrameNumber::new(100 + sequence), is_last: false };
         self.executor.now = self.now;
         self.scheduler.want(head, tiles, self.now, &self.control, &mut self.executor);
         self.step();

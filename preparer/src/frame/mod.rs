@@ -204,8 +204,9 @@ impl FrameMaker {
 
 /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
 fn ground_under_eye(world: &World, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
-    let (root, under) = (world.root(), world.surface().lattice_under(camera.eye()));
-    let height = |posts| exaggeration * node_elevation(world, root, posts, under);
+    let (root, surface) = (world.root(), world.surface());
+    let under = surface.lattice_under(camera.eye());
+    let height = |posts| exaggeration * node_elevation(&surface, root, posts, under);
     tiles.elevation(root).map_or(f64::INFINITY, height)
 }
 

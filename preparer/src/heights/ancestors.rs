@@ -40,7 +40,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
 
     fn elevation(&mut self, plane: usize, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
         let (tile, posts) = self.tile(q, plane)?;
-        Ok(node_elevation(self.world, tile, posts, point))
+        Ok(node_elevation(&self.world.surface(), tile, posts, point))
     }
 
     /// Height, or a share, of a vertex before it is stored.

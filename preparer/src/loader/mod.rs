@@ -19,6 +19,7 @@ pub mod wanted;
 
 use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::shm::{Control, WaitError};
 
 /// How a wanted tile stands.
@@ -48,12 +49,12 @@ pub enum LoadError {
 
 /// Has tiles brought into the pools. Used by the preparer's one thread.
 pub trait TileLoader: Tiles {
-    /// Frame `frame`, the `sequence`-th of the run, wants a tile: keeps it when it is there, and remembers to ask for it
+    /// Frame `frame`, at place `sequence` of the run, wants a tile: keeps it when it is there, and remembers to ask for it
     /// when it is not. Does not block.
-    fn want(&mut self, tile: Tile, frame: u64, sequence: u64, control: &Control) -> TileState;
+    fn want(&mut self, tile: Tile, frame: FrameNumber, sequence: Sequence, control: &Control) -> TileState;
 
     /// All tiles of the frame have been wanted: asks for those that are not there. Does not block.
-    fn ask(&mut self, frame: u64, sequence: u64);
+    fn ask(&mut self, frame: FrameNumber, sequence: Sequence);
 
     /// Waits until a tile that was asked for has come or failed, or a moment has passed.
     ///

@@ -5,7 +5,7 @@ use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Layer;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{FrameNumber, Sequence, SlotKey};
 use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{
@@ -25,7 +25,7 @@ pub struct WantedTiles {
     wants: WantListWriter,
     outcomes: Consumer<TileOutcome>,
     /// The frame that wants now.
-    sequence: u64,
+    sequence: Sequence,
     /// What it wants and lacks, in the order in which it wants it.
     missing: Vec<Tile>,
     /// What the list that is out names.
@@ -34,7 +34,7 @@ pub struct WantedTiles {
     is_stale: bool,
     unavailable: HashMap<Tile, TileFailure>,
     /// By layer: the completed sequence at which it had no room.
-    no_room: [Option<u64>; 2],
+    no_room: [Option<Sequence>; 2],
     loading: usize,
     waits_with_dead_peer: u32,
 }
@@ -67,7 +67,7 @@ impl WantedTiles {
             color: PoolIndex::new(color),
             wants,
             outcomes,
-            sequence: 0,
+            sequence: Sequence::NONE,
             missing: Vec::with_capacity(capacity),
             asked: HashSet::with_capacity(capacity),
             is_stale: true,
@@ -93,7 +93,7 @@ impl WantedTiles {
     }
 
     /// A frame's first wish.
-    fn begin(&mut self, sequence: u64) {
+    fn begin(&mut self, sequence: Sequence) {
         self.sequence = sequence;
         self.is_stale = true;
         self.no_room = [None; 2];
@@ -138,7 +138,7 @@ impl Tiles for WantedTiles {
 }
 
 impl TileLoader for WantedTiles {
-    fn want(&mut self, tile: Tile, _frame: u64, sequence: u64, control: &Control) -> TileState {
+    fn want(&mut self, tile: Tile, _frame: FrameNumber, sequence: Sequence, control: &Control) -> TileState {
         if sequence != self.sequence {
             self.begin(sequence);
         }
@@ -160,7 +160,7 @@ impl TileLoader for WantedTiles {
         TileState::Loading
     }
 
-    fn ask(&mut self, frame: u64, sequence: u64) {
+    fn ask(&mut self, frame: FrameNumber, sequence: Sequence) {
         if sequence != self.sequence {
             self.begin(sequence);
         }
@@ -215,7 +215,7 @@ impl TileLoader for WantedTiles {
     }
 
     fn close(&mut self) {
-        self.wants.publish(WantHead { sequence: self.sequence, frame: 0, is_last: true }, &[]);
+        self.wants.publish(WantHead { sequence: self.sequence, frame: FrameNumber::default(), is_last: true }, &[]);
     }
 }
 

@@ -1,7 +1,7 @@
 //! A whole flight through a preparer, over memory of this process: the test writes trees as the generator does, and
 //! reads the rings as the renderer does.
 
-use super::server::{Desk, Gate, Server};
+use super::server::{Gate, Server, TileServer};
 use bytemuck::Zeroable;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -10,6 +10,7 @@ use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
+use terravision_common::ids::Sequence;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
@@ -108,7 +109,7 @@ pub struct Frame {
 #[derive(Debug, Clone)]
 pub struct Flight {
     pub source: Source,
-    /// See [`Desk::rotation`].
+    /// See [`TileServer::rotation`].
     pub rotation: usize,
     pub color_slots: u32,
     pub elevation_slots: u32,
@@ -199,7 +200,7 @@ impl Flight {
         if self.held.is_none() {
             gate.open();
         }
-        let server = Server::start(Desk {
+        let server = Server::start(TileServer {
             control: Arc::clone(&control),
             gate: Arc::clone(&gate),
             source: self.source.clone(),
@@ -255,13 +256,13 @@ impl Flight {
             match self.held {
                 Some(held) if made == held => {
                     // When all frames before it have been made.
-                    while control.completed_sequence() < held && control.check_running().is_ok() {
+                    while control.completed_sequence().get() < held && control.check_running().is_ok() {
                         std::thread::sleep(Duration::from_millis(1));
                     }
                     gate.open();
                 }
                 // Frames are counted from 1: the one before this one is number `made`.
-                Some(held) if made > held => gate.await_served(made, control),
+                Some(held) if made > held => gate.await_served(Sequence::new(made), control),
                 _ => {}
             }
             if self.generate_one(&mut traversal, frame, &camera, control, trees).is_err() {
@@ -302,7 +303,7 @@ impl Flight {
         let complete = |count: usize, ends: &[u64], elevation: &mut ElevationReader| {
             if count > 0 {
                 elevation.released(ends[count - 1]).expect("not corrupt");
-                control.set_completed_sequence(count as u64);
+                control.set_completed_sequence(Sequence::new(count as u64));
             }
         };
         while frames.len() < self.frames as usize {

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::database::{Layer, Tile, TileScratch, TileSource};
+use terravision_common::ids::Sequence;
 use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{
     Control, PoolWriter, Producer, Residency, RunState, WAIT_BOUND, WantHead, WantListReader,
@@ -30,19 +31,19 @@ impl Gate {
         self.is_open.store(true, Ordering::Release);
     }
 
-    fn lets_through(&self, sequence: u64) -> bool {
-        sequence == 0 || self.is_open.load(Ordering::Acquire)
+    fn lets_through(&self, sequence: Sequence) -> bool {
+        sequence == Sequence::NONE || self.is_open.load(Ordering::Acquire)
     }
 
     /// Waits until all has been served that frame `sequence` of the run lacked, or the run is over.
-    pub fn await_served(&self, sequence: u64, control: &Control) {
-        while self.served.load(Ordering::Acquire) < sequence && control.check_running().is_ok() {
+    pub fn await_served(&self, sequence: Sequence, control: &Control) {
+        while self.served.load(Ordering::Acquire) < sequence.get() && control.check_running().is_ok() {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-pub struct Desk {
+pub struct TileServer {
     pub control: Arc<Control>,
     pub gate: Arc<Gate>,
     pub source: Source,
@@ -55,20 +56,20 @@ pub struct Desk {
 }
 
 impl Server {
-    pub fn start(mut desk: Desk) -> Self {
-        let control = Arc::clone(&desk.control);
+    pub fn start(mut server: TileServer) -> Self {
+        let control = Arc::clone(&server.control);
         let thread = std::thread::spawn(move || {
             let (mut tiles, mut scratch) = (vec![], TileScratch::default());
             loop {
-                match desk.wants.read(&mut tiles).expect("not corrupt") {
+                match server.wants.read(&mut tiles).expect("not corrupt") {
                     Some(head) if head.is_last => return,
-                    Some(head) if desk.gate.lets_through(head.sequence) => {
-                        desk.serve(head, &mut tiles, &mut scratch);
-                        desk.gate.served.store(head.sequence, Ordering::Release);
+                    Some(head) if server.gate.lets_through(head.sequence) => {
+                        server.serve(head, &mut tiles, &mut scratch);
+                        server.gate.served.store(head.sequence.get(), Ordering::Release);
                     }
                     _ => {}
                 }
-                if desk.wants.wait(&desk.control, WAIT_BOUND, || false).is_err() {
+                if server.wants.wait(&server.control, WAIT_BOUND, || false).is_err() {
                     return;
                 }
             }
@@ -85,7 +86,7 @@ impl Drop for Server {
     }
 }
 
-impl Desk {
+impl TileServer {
     fn serve(&mut self, head: WantHead, tiles: &mut [Tile], scratch: &mut TileScratch) {
         if !tiles.is_empty() {
             tiles.rotate_left(self.rotation % tiles.len());
@@ -109,7 +110,7 @@ impl Desk {
     fn load(
         &mut self,
         tile: Tile,
-        sequence: u64,
+        sequence: Sequence,
         is_full: &mut [bool; 2],
         scratch: &mut TileScratch,
     ) -> Option<Outcome> {
@@ -125,7 +126,7 @@ impl Desk {
         read.expect("always");
         let key = guard.publish();
         // The top levels stay for ever.
-        if sequence == 0 {
+        if sequence == Sequence::NONE {
             self.pools[layer].lock(key.slot);
         }
         Some(Outcome::Resident { key })

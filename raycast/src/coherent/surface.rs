@@ -1,10 +1,11 @@
 //! Where a ray passes the surface, once its samples have found it: between two samples, on the border of the ground, or at
 //! the top of a hill that is narrower than a sampling interval.
 
-use crate::coherent::cast::Counts;
-use crate::coherent::voxels::{Current, cell};
-use crate::frame::{Frame, Place};
+use super::voxels::{Current, cell};
+use super::walk::VoxelRays;
+use crate::counts::Counts;
 use crate::model::THRESHOLD;
+use crate::scene::Place;
 use crate::view::Ray;
 use glam::Vec3;
 
@@ -32,7 +33,7 @@ const HALVINGS: u32 = 3;
 /// Of a ray's way to where it leaves the ground, so that rounding leaves this point over the ground.
 const JUST_BEFORE: f32 = 1.0 - 1e-6;
 
-impl Frame<'_> {
+impl VoxelRays<'_> {
     /// Whether a ray passes through ground between plane `k` and the one before, both in the air: over the top of a hill that is
     /// narrower there than a sampling interval, or else silhouettes show the planes as steps. `densities`: of both, one of
     /// them at least.
@@ -115,8 +116,8 @@ impl Frame<'_> {
         current: &Current<'_>,
         counts: &mut Counts,
     ) -> Option<Sample> {
-        let s = self.departure(ray) * JUST_BEFORE;
-        if !(s.is_finite() && s * ray.direction.z < self.highest) {
+        let s = self.scene.departure(ray) * JUST_BEFORE;
+        if !(s.is_finite() && s * ray.direction.z < self.scene.highest) {
             return None;
         }
         let after = self.planes.at_or_after(s);
@@ -142,7 +143,7 @@ impl Frame<'_> {
         if current.is_over(current.at(ray.direction * current.per_m, s)) {
             return current.index;
         }
-        match self.find(ray, s) {
+        match self.scene.find(ray, s) {
             Place::Tile(tile) => tile,
             Place::HoleUntil(_) | Place::Left => current.index,
         }
@@ -201,8 +202,8 @@ impl Frame<'_> {
 
     #[inline(never)]
     fn density_elsewhere<const APPROXIMATE: bool>(&self, ray: &Ray, s: f32) -> Option<f32> {
-        let Place::Tile(tile) = self.find(ray, s) else { return None };
-        let current = self.current(tile)?;
+        let Place::Tile(tile) = self.scene.find(ray, s) else { return None };
+        let current = self.enter(tile)?;
         let mut at = current.at(ray.direction * current.per_m, s);
         let inside = |at: f32, cells: u32| at.clamp(0.01, cells as f32 - 0.01);
         (at.x, at.y) = (inside(at.x, current.cells[0]), inside(at.y, current.cells[1]));

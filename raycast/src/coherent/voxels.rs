@@ -1,6 +1,6 @@
 //! A tile of voxels as rays sample it.
 
-use crate::model::{Span, THRESHOLD};
+use crate::model::{LOG_BLOCK, Span, THRESHOLD};
 use glam::Vec3;
 
 /// The tile that a line's rays are in: the same for many of them.
@@ -45,6 +45,35 @@ impl Current<'_> {
     #[inline(always)]
     pub(crate) fn is_over(&self, at: Vec3) -> bool {
         cell(at.x).0 < self.cells[0] && cell(at.y).0 < self.cells[1]
+    }
+
+    /// The cell below a place, and its corner; `None` beside the tile. `is_found`: the tree says that the
+    /// place is over the tile; the difference is rounding, and the place is taken to the border.
+    #[inline(always)]
+    pub(crate) fn cell_at(&self, at: &mut Vec3, is_found: bool) -> Option<([u32; 2], [f32; 2])> {
+        let [columns, rows] = self.cells;
+        let ((mut i, mut low_u), (mut j, mut low_v)) = (cell(at.x), cell(at.y));
+        if i >= columns || j >= rows {
+            if !is_found {
+                return None;
+            }
+            (at.x, at.y) = (at.x.clamp(0.0, columns as f32), at.y.clamp(0.0, rows as f32));
+            (i, j) = ((at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1));
+            (low_u, low_v) = (i as f32, j as f32);
+        }
+        Some(([i, j], [low_u, low_v]))
+    }
+
+    /// The number of the block of a cell.
+    #[inline(always)]
+    pub(crate) fn block_of(&self, i: u32, j: u32) -> u32 {
+        (j >> LOG_BLOCK) * self.cells[0].div_ceil(1 << LOG_BLOCK) + (i >> LOG_BLOCK)
+    }
+
+    /// Density at a place in the cell `(i, j)`, whose corner is `low`: of voxels, or by height.
+    #[inline(always)]
+    pub(crate) fn density_in(&self, cell: [u32; 2], low: [f32; 2], at: Vec3, has_voxels: bool) -> f32 {
+        if has_voxels { self.density(cell, low, at) } else { self.density_by_height(cell, low, at) }
     }
 
     #[inline(always)]

@@ -1,12 +1,12 @@
 //! Posts of tiles as the picture shows them: once a frame, for all columns of pixels that follow the ground over them.
 
-use crate::frame::Placed;
-use crate::model::{Ground, Tile};
-use crate::view::View;
+use crate::model::Tile;
+use crate::scene::{Placed, Scene};
 use crate::workers::Workers;
 use glam::{Vec2, Vec4};
 
-/// Nearer to the eye along the view axis, metres, posts have no place in the picture.
+/// Nearer to the eye along the view axis than this, metres, posts have no place in the picture: a millimetre,
+/// which is the rounding of heights.
 const NEAREST_M: f32 = 1e-3;
 /// What is at no place in the picture.
 const NOWHERE: [f32; 4] = [f32::NAN; 4];
@@ -80,7 +80,8 @@ impl<'a> Posts<'a> {
 
 impl Projected {
     /// Projects the posts of all tiles.
-    pub(crate) fn set(&mut self, ground: &Ground, view: &View, placed: &[Placed], workers: &Workers) {
+    pub(crate) fn set(&mut self, scene: &Scene<'_>, workers: &Workers) {
+        let ground = scene.ground;
         self.tiles.clear();
         let mut end = 0;
         for tile in ground.tiles() {
@@ -97,7 +98,7 @@ impl Projected {
             for tile in range {
                 let (own, rest) = posts.split_at_mut(tiles[tile + 1].0 - tiles[tile].0);
                 posts = rest;
-                project(ground, view, &ground.tiles()[tile], &placed[tile], own);
+                project(scene, &ground.tiles()[tile], &scene.placed[tile], own);
             }
         });
     }
@@ -114,18 +115,17 @@ impl Projected {
 }
 
 /// Projects the posts of a tile.
-fn project(ground: &Ground, view: &View, tile: &Tile, placed: &Placed, out: &mut [[f32; 4]]) {
+fn project(scene: &Scene<'_>, tile: &Tile, placed: &Placed, out: &mut [[f32; 4]]) {
     let [columns, _] = tile.posts();
     let stride = columns + 2;
     // No cell that reaches beyond the border.
-    let extent = ground.shape().extent;
+    let extent = scene.ground.shape().extent;
     let inside = [0, 1].map(|axis| (extent[axis].saturating_sub(tile.origin[axis]) >> tile.log_spacing) as usize + 1);
-    let [column, row, depth] = view.inverse();
+    let [column, row, depth] = scene.view.inverse();
     let of = |axis: usize| Vec4::new(column[axis], row[axis], depth[axis], 0.0);
-    let eye_height = (view.eye_in_world().z - ground.datum_m()) as f32;
     let (east, north, up) = (of(0) * tile.spacing_m, of(1) * tile.spacing_m, of(2));
-    let corner = of(0) * placed.corner.x + of(1) * placed.corner.y - up * eye_height + Vec4::W;
-    let heights = ground.heights(tile).chunks_exact(columns);
+    let corner = of(0) * placed.corner.x + of(1) * placed.corner.y - up * scene.eye_height + Vec4::W;
+    let heights = scene.ground.heights(tile).chunks_exact(columns);
     let (first, rest) = out.split_at_mut(stride);
     first.fill(NOWHERE);
     let mut rows = rest.chunks_exact_mut(stride);

@@ -1,3 +1,4 @@
+use super::color::{ColorLayout, ColorPlace};
 use super::*;
 use glam::{DVec2, DVec3};
 
@@ -44,8 +45,8 @@ fn columns_on_the_edge_of_two_tiles_are_the_same_in_both() {
         ground.finish();
         let density = |tile: usize, i: usize, j: usize, layer: i32| {
             let tile = &ground.tiles()[tile];
-            let at = layer - tile.lowest_layer;
-            let layers = tile.layers as i32;
+            let at = layer - tile.voxels.lowest_layer;
+            let layers = tile.voxels.layers as i32;
             if at < 0 || at >= layers {
                 return None;
             }
@@ -77,7 +78,7 @@ fn the_boundary_array_says_where_densities_cross_the_threshold() {
         ground.add(&spec([16, 32], &field([16, 32], rough))).unwrap();
         ground.finish();
         let tile = &ground.tiles()[0];
-        let (densities, layers) = (ground.densities(tile), tile.layers as usize);
+        let (densities, layers) = (ground.densities(tile), tile.voxels.layers as usize);
         for (cell, span) in ground.spans(tile).iter().enumerate() {
             let (i, j) = (cell % 16, cell / 16);
             let is_ground = |layer: usize| {
@@ -129,7 +130,7 @@ fn voxels_are_for_the_nearest_tiles_and_within_their_bytes() {
         }
         ground.finish_for(&detail);
         let mut accurate: Vec<u32> =
-            ground.tiles().iter().filter(|tile| tile.is_accurate).map(|tile| tile.origin[0] / 16).collect();
+            ground.tiles().iter().filter(|tile| tile.voxels.is_accurate).map(|tile| tile.origin[0] / 16).collect();
         accurate.sort_unstable();
         assert_eq!(accurate.len(), ground.accurate_count());
         assert!(ground.voxel_bytes() <= detail.most_bytes);

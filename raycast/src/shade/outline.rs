@@ -1,67 +1,65 @@
-//! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every method has seen the ground.
+//! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every method
+//! has seen the ground.
 
-use crate::caster::Caster;
-use crate::exact::facets::Facet;
-use crate::frame::Placed;
-use crate::model::{Found, Ground, Tile};
+use crate::model::Tile;
+use crate::model::facet::Facet;
 use crate::picture::Picture;
-use crate::view::View;
-use glam::{DVec2, Vec2, Vec3, Vec4};
+use crate::scene::Scene;
+use crate::workers::Workers;
+use glam::{Vec2, Vec3, Vec4};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use terravision_common::camera::Camera;
 
-/// Rows that one worker takes at a time.
+/// Rows that one worker takes at a time: a hundredth of a picture of 720 rows, so that none waits long for
+/// the last.
 const ROWS_AT_A_TIME: usize = 8;
-/// From a tile's edge inwards the line is covered for one pixel and fades over another: with that of the neighbour about three
-/// pixels, as the mesh's.
+/// From a tile's edge inwards the line is covered for one pixel and fades over another: with that of the
+/// neighbor about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
 const WIDTH_PX: f32 = 2.0;
-/// How much of the ground's colour a line hides.
+/// How much of the ground's color a line hides: as the mesh's.
 const OPACITY: f32 = 0.85;
-/// A facet that is seen more nearly edge on than this counts as seen so.
+/// A facet that is seen more nearly edge on than this counts as seen at this angle: its pixels then span
+/// the whole tile.
 const LEAST_FACING: f32 = 1e-3;
 
-impl Caster {
-    /// Draws the outlines of tiles over the picture that was drawn last, which must be of this ground and camera. `outlines`: colour of
-    /// each tile, RGBA8, red in the lowest byte; a tile without one has no outline. Does not depend on the number of workers.
-    pub fn outline(&self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
-        let outliner = Outliner { ground, placed: self.placed(), view: View::new(camera), outlines };
-        let [width, height] = picture.size().map(|side| side as usize);
-        let next = AtomicUsize::new(0);
-        self.workers().run(|_worker| {
-            loop {
-                let first = next.fetch_add(ROWS_AT_A_TIME, Ordering::Relaxed);
-                if first >= height {
-                    return 0;
-                }
-                let rows = first..height.min(first + ROWS_AT_A_TIME);
-                for (n, (color, depth)) in picture.rows(rows).enumerate() {
-                    let pixel = [(n % width) as u32, (first + n / width) as u32];
-                    if let Some((outline, cover)) = outliner.at(pixel, depth) {
-                        picture.put(pixel, mix(color, outline, cover), depth);
-                    }
+/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: color of each tile,
+/// RGBA8, red in the lowest byte; a tile without one has no outline.
+pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, workers: &Workers) {
+    let outliner = Outliner { scene, outlines };
+    let [width, height] = picture.size().map(|side| side as usize);
+    let next = AtomicUsize::new(0);
+    workers.run(|_worker| {
+        loop {
+            // Relaxed: which worker takes rows shows nowhere.
+            let first = next.fetch_add(ROWS_AT_A_TIME, Ordering::Relaxed);
+            if first >= height {
+                return 0;
+            }
+            let rows = first..height.min(first + ROWS_AT_A_TIME);
+            for (n, (color, depth)) in picture.rows(rows).enumerate() {
+                let pixel = [(n % width) as u32, (first + n / width) as u32];
+                if let Some((outline, cover)) = outliner.at(pixel, depth) {
+                    picture.put(pixel, mix(color, outline, cover), depth);
                 }
             }
-        });
-    }
+        }
+    });
 }
 
 struct Outliner<'a> {
-    ground: &'a Ground,
-    placed: &'a [Placed],
-    view: View,
+    scene: &'a Scene<'a>,
     outlines: &'a [u32],
 }
 
 impl Outliner<'_> {
-    /// Colour of the outline that a pixel sees at a depth, and how much of the pixel it covers.
+    /// Color of the outline that a pixel sees at a depth, and how much of the pixel it covers.
     fn at(&self, pixel: [u32; 2], depth: f32) -> Option<(u32, f32)> {
         if depth.is_nan() {
             return None;
         }
-        let direction = self.view.direction(pixel);
+        let direction = self.scene.view.direction(pixel);
         let point = direction.truncate() * depth;
-        let index = self.tile_at(point)? as usize;
-        let (tile, placed) = (self.ground.tiles().get(index)?, self.placed.get(index)?);
+        let index = self.scene.tile_at_point(point)? as usize;
+        let (tile, placed) = (self.scene.ground.tiles().get(index)?, self.scene.placed.get(index)?);
         let outline = *self.outlines.get(index)?;
         let at = (point - placed.corner.truncate()) * placed.per_m;
         let cells = Vec2::new(tile.cells[0] as f32, tile.cells[1] as f32);
@@ -69,7 +67,7 @@ impl Outliner<'_> {
         let toward = normal.dot(direction);
         let facing = toward.abs().max(LEAST_FACING).copysign(toward);
         // From this pixel to the next one on the facet, cells.
-        let [column, row] = self.view.steps().map(|step: Vec3| {
+        let [column, row] = self.scene.view.steps().map(|step: Vec3| {
             let on_facet = step - direction * (normal.dot(step) / facing);
             on_facet.truncate() * depth * placed.per_m
         });
@@ -79,21 +77,10 @@ impl Outliner<'_> {
         (cover > 0.0).then_some((outline, cover))
     }
 
-    fn tile_at(&self, point: Vec2) -> Option<u32> {
-        let unit = self.ground.shape().lattice_unit_m;
-        // Rounding takes a point on the outer border out of it.
-        let end = self.ground.end().map(|end| f64::from(end) - 1e-3);
-        let lattice: DVec2 = (point.as_dvec2() + self.view.eye_in_world().truncate()) / unit;
-        match self.ground.tree().find([0, 1].map(|axis| lattice[axis].clamp(0.0, end[axis]))) {
-            Found::Tile(tile) => Some(tile),
-            Found::Hole(..) | Found::Outside => None,
-        }
-    }
-
     /// Metres up per cell east and north, on the facet at a point of a tile, cells.
     fn slope(&self, tile: &Tile, at: Vec2) -> Vec2 {
         let [i, j] = [0, 1].map(|axis| (at[axis].max(0.0) as u32).min(tile.cells[axis] - 1) as usize);
-        let (stride, heights) = (tile.posts()[0], self.ground.heights(tile));
+        let (stride, heights) = (tile.posts()[0], self.scene.ground.heights(tile));
         let south = j * stride + i;
         let corners = [south, south + 1, south + stride, south + stride + 1].map(|post| heights[post]);
         let corner = Vec2::new(i as f32, j as f32);
@@ -102,7 +89,7 @@ impl Outliner<'_> {
     }
 }
 
-/// A colour under another one that covers so much of it.
+/// A color under another one that covers so much of it.
 fn mix(under: u32, over: u32, cover: f32) -> u32 {
     let [under, over] = [under, over].map(|color| Vec4::from_array(color.to_le_bytes().map(f32::from)));
     let mixed = under + (over - under) * (OPACITY * cover);

@@ -1,130 +1,25 @@
-//! Colour of a line's pixels: averaged over what each covers on its facet.
+//! Colors of lines of pixels, averaged over what each covers on its facet ([`super::footprint`]).
 //!
-//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose texels are about as
-//! wide as the shorter one. That is worked out once for a run of pixels that see one facet; depth, place and footprints are plain
-//! loops over arrays, which compilers turn into vector instructions. Neighbouring lines are painted a few pixels of each at a
-//! time: they share cache lines of colour tiles, and of the picture.
+//! Depth and place are plain loops over arrays, which compilers turn into vector instructions. Neighboring
+//! lines are painted a few pixels of each at a time: they share cache lines of color tiles, and of the
+//! picture.
 
-use crate::exact::strip::{Line, Run, Strips};
-use crate::frame::Frame;
-use crate::model::Tile;
+use super::canvas::{Canvas, OPAQUE_BLACK};
+use super::footprint::Footprints;
+use super::strip::{Line, Strips};
 use crate::view::View;
-use glam::{Vec2, Vec4};
 
-/// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
-const LOG_MOST_TAPS: u32 = 1;
-/// A footprint gets another tap for every so many texels of length.
-const TEXELS_PER_TAP: f32 = 2.0;
-/// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance.
-const LONGEST_SHARE: f32 = 0.01;
-/// Mips that are used of a layer; coarser ones are a texel wide.
-const MOST_MIPS: usize = 16;
-/// Facets that are seen face their rays, or are turned from them, at least this much.
-const LEAST_FACING: f32 = 1e-6;
-
-/// Pixels of a line that are painted before the next line's.
+/// Pixels of a line that are painted before the next line's. (Measured; see `docs/techniques.md`,
+/// *Thresholds*.)
 const CHUNK: usize = 32;
 
-/// Colours and depths of so many pixels of neighbouring lines.
+/// Colors and depths of so many pixels of neighboring lines.
 type Rows = [[(u32, f32); Strips::MOST]; CHUNK];
 
-/// Memory of what footprints are made of.
-#[derive(Debug, Default)]
-pub(crate) struct Scratch {
-    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres up per metre), texels per metre.
-    given: [Vec<f32>; 6],
-    /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
-    /// the middle, finest texels east and north.
-    levels: Vec<i32>,
-    log_taps: Vec<i32>,
-    reach: [Vec<f32>; 2],
-}
-
-impl Scratch {
-    pub(crate) fn reserve(&mut self, longest: usize) {
-        self.given.iter_mut().chain(&mut self.reach).for_each(|values| values.resize(longest, 0.0));
-        self.levels.resize(longest, 0);
-        self.log_taps.resize(longest, 0);
-    }
-}
-
-/// Where a run's pixels have their colours from.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Footprint {
-    layer: u32,
-    /// First byte of the mip.
-    start: u32,
-    /// Texels along a side of the mip.
-    side: u32,
-    /// The last place between four texels, less than a texel from the mip's border.
-    end: f32,
-    /// One or two.
-    taps: u32,
-    /// Texels per metre.
-    scale: f32,
-    /// The taps of the place below the eye, texels east and south.
-    origin: [f32; 4],
-}
-
-/// Four 8-bit channels in 16-bit lanes.
-#[inline(always)]
-fn lanes(texel: u64) -> u64 {
-    texel & 0x00ff_00ff | (texel & 0xff00_ff00) << 24
-}
-
-impl Footprint {
-    /// Mean colour around a place, metres east and south of the eye.
-    #[inline(always)]
-    fn color(&self, layer: &[u8], [east, south]: [f32; 2]) -> u32 {
-        // Added to this, numbers up to it are whole, and stand in the lower bits.
-        const WHOLE: f32 = 8_388_608.0;
-        let Some(texels) = layer.get(self.start as usize..) else { return 0 };
-        // Columns and rows of both taps: the nearest from 0 to the end, in 256ths.
-        let at = Vec4::new(east, south, east, south) * self.scale + Vec4::from_array(self.origin);
-        let at = at.max(Vec4::ZERO).min(Vec4::splat(self.end)) * 256.0 + Vec4::splat(WHOLE);
-        let [i, j, k, l] = at.to_array().map(|at| at.to_bits() & 0x007f_ffff);
-        let mut sum = 0x0080_0080_0080_0080;
-        if self.taps == 1 {
-            sum += self.tap(texels, [i, j], 256);
-        } else {
-            sum += self.tap(texels, [i, j], 128) + self.tap(texels, [k, l], 128);
-        }
-        (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
-    }
-
-    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together, so that lanes never overflow.
-    #[inline(always)]
-    fn tap(&self, texels: &[u8], [i, j]: [u32; 2], weight: u32) -> u64 {
-        let stride = 4 * self.side as usize;
-        let (u, v) = (i & 0xff, ((j & 0xff) * weight) >> 8);
-        let south = weight - v;
-        let (ne, se) = ((u * south) >> 8, (u * v) >> 8);
-        let (nw, sw) = (south - ne, v - se);
-        let first = (j >> 8) as usize * stride + 4 * (i >> 8) as usize;
-        let pair = |at: usize| match texels.get(at..at + 8) {
-            Some(&[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => 0,
-        };
-        let (upper, lower) = (pair(first), pair(first + stride));
-        lanes(upper & 0xffff_ffff) * u64::from(nw)
-            + lanes(upper >> 32) * u64::from(ne)
-            + lanes(lower & 0xffff_ffff) * u64::from(sw)
-            + lanes(lower >> 32) * u64::from(se)
-    }
-}
-
-impl Frame<'_> {
-    /// Works out the footprints of runs.
-    pub(crate) fn measure(&self, strips: &mut Strips) {
-        let Strips { runs, footprints, scratch, .. } = strips;
-        self.gather(runs.list(), scratch);
-        measure(&self.view, runs.list().len(), scratch);
-        self.collect(runs.list(), scratch, footprints);
-    }
-
-    /// Colours the pixels of neighbouring lines and puts them into the picture.
+impl Canvas<'_> {
+    /// Colors the pixels of neighbouring lines and puts them into the picture.
     #[inline(never)]
-    pub(crate) fn paint(&self, lines: &[Line], footprints: &[Footprint]) {
+    pub(crate) fn paint(&self, lines: &[Line], footprints: &Footprints) {
         let mut rows: Rows = [[(0, 0.0); Strips::MOST]; CHUNK];
         let longest = lines.iter().map(|line| line.pixels.len()).max().unwrap_or_default();
         let is_level = is_level(lines);
@@ -146,14 +41,14 @@ impl Frame<'_> {
         }
     }
 
-    /// Colours and depths of the pixels of a line from `first` on, into column `at`.
+    /// Colors and depths of the pixels of a line from `first` on, into column `at`.
     #[inline(always)]
-    fn paint_chunk(&self, line: &Line, footprints: &[Footprint], first: usize, at: usize, rows: &mut Rows) {
+    fn paint_chunk(&self, line: &Line, footprints: &Footprints, first: usize, at: usize, rows: &mut Rows) {
         let end = line.pixels.len().min(first + CHUNK);
         let Some(pixels) = line.pixels.get(first..end) else { return };
-        let places = Places::new(&self.view, pixels, &line.nearness[first..end]);
+        let places = Places::new(&self.scene.view, pixels, &line.nearness[first..end]);
         for (k, (row, run)) in rows.iter_mut().zip(&line.run_of[first..end]).enumerate() {
-            row[at] = match footprints.get(*run as usize) {
+            row[at] = match footprints.of(*run) {
                 Some(footprint) => {
                     let layer = self.colors.get(footprint.layer as usize).copied().unwrap_or_default();
                     (footprint.color(layer, [places.east[k], places.south[k]]) | OPAQUE_BLACK, places.depth[k])
@@ -162,60 +57,7 @@ impl Frame<'_> {
             };
         }
     }
-
-    /// What runs' footprints are made of.
-    fn gather(&self, runs: &[Run], scratch: &mut Scratch) {
-        let [columns, rows, nearness, east, north, texels] = &mut scratch.given;
-        for (n, run) in runs.iter().enumerate() {
-            let placed = &self.placed[run.tile as usize];
-            columns[n] = f32::from(run.pixel[0]);
-            rows[n] = f32::from(run.pixel[1]);
-            nearness[n] = run.nearness;
-            east[n] = run.slope.x * placed.per_m;
-            north[n] = run.slope.y * placed.per_m;
-            texels[n] = placed.texels_per_m;
-        }
-    }
-
-    /// Footprints as pixels use them.
-    fn collect(&self, runs: &[Run], scratch: &Scratch, footprints: &mut Vec<Footprint>) {
-        let layout = self.ground.shape().color;
-        // A mip of one texel has no four to be between.
-        let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
-        let mut mips = [(0, layout.side); MOST_MIPS];
-        for level in 1..=coarsest as usize {
-            let (start, side) = mips[level - 1];
-            mips[level] = (start + 4 * side * side, side >> 1);
-        }
-        let [east, north] = &scratch.reach;
-        footprints.clear();
-        for (n, run) in runs.iter().enumerate() {
-            let (placed, tile): (_, &Tile) = (&self.placed[run.tile as usize], &self.ground.tiles()[run.tile as usize]);
-            let level = scratch.levels[n].clamp(0, coarsest as i32);
-            let (start, side) = mips[level as usize % MOST_MIPS];
-            let finer = power_of_2(-level);
-            let scale = placed.texels_per_m * finer;
-            let log_taps = scratch.log_taps[n].clamp(0, LOG_MOST_TAPS as i32) as u32;
-            let reach = Vec2::new(east[n], -north[n]) * finer;
-            let corner = placed.color_corner * scale;
-            let step = reach * power_of_2(1 - log_taps as i32);
-            let first = Vec2::new(-corner.x, corner.y) - reach + 0.5 * step - 0.5;
-            let second = first + step;
-            footprints.push(Footprint {
-                layer: tile.color.layer,
-                start,
-                side,
-                // Fixed point ends at 32768.
-                end: (side.min(32768) - 1) as f32 - 1.0 / 256.0,
-                taps: 1 << log_taps,
-                scale,
-                origin: [first.x, first.y, second.x, second.y],
-            });
-        }
-    }
 }
-
-const OPAQUE_BLACK: u32 = 0xff00_0000;
 
 /// Whether lines are columns from left to right whose pixels of one number are in one row.
 fn is_level(lines: &[Line]) -> bool {
@@ -250,63 +92,4 @@ impl Places {
         }
         places
     }
-}
-
-/// The footprints of runs.
-fn measure(view: &View, count: usize, scratch: &mut Scratch) {
-    let Scratch { given, levels, log_taps, reach: [out_east, out_north], .. } = scratch;
-    let [columns, rows, nearness, slopes_east, slopes_north, texels] = given;
-    let (columns, rows, nearness) = (&columns[..count], &rows[..count], &nearness[..count]);
-    let (slopes_east, slopes_north, texels) = (&slopes_east[..count], &slopes_north[..count], &texels[..count]);
-    let (levels, log_taps) = (&mut levels[..count], &mut log_taps[..count]);
-    let (out_east, out_north) = (&mut out_east[..count], &mut out_north[..count]);
-    let [column, row] = view.steps();
-    for n in 0..count {
-        let (east, north) = (slopes_east[n], slopes_north[n]);
-        let d = view.direction_at(columns[n], rows[n]);
-        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world, from below.
-        let facing = d.z - east * d.x - north * d.y;
-        let facing = facing.abs().max(LEAST_FACING).copysign(facing);
-        let scale = texels[n] / nearness[n];
-        let limit = LONGEST_SHARE * scale;
-        let across = |x: f32, y: f32, z: f32| {
-            let by = (z - east * x - north * y) / facing;
-            let (x, y) = ((x - d.x * by) * scale, (y - d.y * by) * scale);
-            let squared = x * x + y * y;
-            let shorter = if squared > limit * limit { limit / squared.sqrt() } else { 1.0 };
-            (x * shorter, y * shorter)
-        };
-        let (ax, ay) = across(column.x, column.y, column.z);
-        let (bx, by) = across(row.x, row.y, row.z);
-        // Axes of the ellipse: of the matrix of second moments.
-        let (xx, yy, xy) = (ax * ax + bx * bx, ay * ay + by * by, ax * ay + bx * by);
-        let mean = 0.5 * (xx + yy);
-        let half = 0.5 * (xx - yy);
-        let spread = (half * half + xy * xy).sqrt();
-        let long = (mean + spread).sqrt();
-        let short = (mean - spread).max(1.0).sqrt().max(long * (1.0 / (1 << LOG_MOST_TAPS) as f32));
-        let level = rounded_log2(short);
-        let width = power_of_2(level);
-        let taps = long / (width * TEXELS_PER_TAP);
-        // The next power of two.
-        log_taps[n] = ((taps.max(1.0).to_bits() as i32 - 1) >> 23) - 126;
-        levels[n] = level;
-        // The eigenvector of the larger eigenvalue, from whichever row of the matrix is longer.
-        let (x, y) = if half >= 0.0 { (half + spread, xy) } else { (xy, spread - half) };
-        let reach = 0.5 * (long - short).max(0.0) / (x * x + y * y).max(f32::MIN_POSITIVE).sqrt();
-        out_east[n] = x * reach;
-        out_north[n] = y * reach;
-    }
-}
-
-/// 2 to a power that a normal number has.
-#[inline(always)]
-fn power_of_2(exponent: i32) -> f32 {
-    f32::from_bits(((exponent + 127) << 23) as u32)
-}
-
-/// log2 of a number of 1 or more, rounded.
-#[inline(always)]
-fn rounded_log2(x: f32) -> i32 {
-    ((x * std::f32::consts::SQRT_2).to_bits() >> 23) as i32 - 127
 }

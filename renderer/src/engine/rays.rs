@@ -7,11 +7,11 @@ use crate::pixels::{Pixels, Raster};
 use crate::source::{FrameSource, SourceShape};
 use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
-use terravision_common::event::{Event, EventKind, monotonic_nanos};
+use terravision_common::event::{Event, TextKind, monotonic_nanos};
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
+use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::view::Sampling;
 use terravision_raycast::{CastOptions, Caster, Method, Picture};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
@@ -186,7 +186,7 @@ impl RaysEngine {
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
             let took = self.try_both(frame, source)?;
             self.choice.decide(took);
-            for event in Event::text(EventKind::DriverName, &self.choice.words()) {
+            for event in Event::text(TextKind::Driver, &self.choice.words()) {
                 source.event(&event);
             }
         }

@@ -1,4 +1,4 @@
-//! A database on the limited server and in its folder, and all of its tiles read from either.
+//! A database on the fault server and in its folder, and all of its tiles read from either.
 
 #![allow(
     dead_code,
@@ -10,8 +10,8 @@ use std::time::Duration;
 use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
-use terravision_limited_server::LimitedServer;
 use terravision_store::{FetchError, Location, RetryOptions, Store, StoreOptions};
+use terravision_testkit::fault_server::FaultServer;
 use terravision_tests::folder::TestFolder;
 use terravision_tests::worlds::synth_world;
 
@@ -34,11 +34,11 @@ pub(crate) fn options(folder: &TestFolder) -> StoreOptions {
     }
 }
 
-pub(crate) fn serve() -> LimitedServer {
-    LimitedServer::serve(synth_world(1024).database().parent().unwrap())
+pub(crate) fn serve() -> FaultServer {
+    FaultServer::serve(synth_world(1024).database().parent().unwrap())
 }
 
-pub(crate) fn location(server: &LimitedServer) -> Location {
+pub(crate) fn location(server: &FaultServer) -> Location {
     Location::parse(&server.url("world.tv")).unwrap()
 }
 

@@ -1,7 +1,7 @@
 //! Pool slots: shown when whole, filled anew when no frame reads them.
 
 use super::model;
-use crate::ids::{Generation, SlotIndex};
+use crate::ids::{Generation, Sequence, SlotIndex};
 use crate::node::NodeId;
 use crate::shm::slot_words::{SlotState, SlotWords};
 use loom::cell::UnsafeCell;
@@ -21,11 +21,15 @@ fn node(number: u32) -> NodeId {
     NodeId::new(number, 0, 0).unwrap()
 }
 
+fn at(sequence: u64) -> Sequence {
+    Sequence::new(sequence)
+}
+
 impl HeapPool {
     /// A slot that holds the tile of node 1, generation 1, wanted last by frame `sequence`.
     fn with_tile(sequence: u64) -> Arc<Self> {
         let pool = Self { words: SlotWords::new(), tile: UnsafeCell::new(0), completed: AtomicU64::new(0) };
-        assert_eq!(pool.words.claim(node(1), sequence, 0), Some(Generation::new(1)));
+        assert_eq!(pool.words.claim(node(1), at(sequence), at(0)), Some(Generation::new(1)));
         pool.fill(1);
         pool.words.publish();
         Arc::new(pool)
@@ -47,7 +51,7 @@ fn loom_pool_shows_a_tile_only_when_it_is_whole() {
     model(|| {
         let pool =
             Arc::new(HeapPool { words: SlotWords::new(), tile: UnsafeCell::new(0), completed: AtomicU64::new(0) });
-        let generation = pool.words.claim(node(7), 1, 0).unwrap();
+        let generation = pool.words.claim(node(7), at(1), at(0)).unwrap();
         let filler = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
@@ -56,13 +60,13 @@ fn loom_pool_shows_a_tile_only_when_it_is_whole() {
             })
         };
         // The main thread wants it for a later frame meanwhile.
-        assert!(pool.words.touch(None, 5));
+        assert!(pool.words.touch(None, at(5)));
         if pool.words.is_readable(generation) {
             assert_eq!(pool.read(), 7);
         }
         filler.join().unwrap();
         let info = pool.words.info(SlotIndex::new(0));
-        assert_eq!((info.state, info.last_used, info.node), (SlotState::Ready, 5, Some(node(7))));
+        assert_eq!((info.state, info.last_used, info.node), (SlotState::Ready, at(5), Some(node(7))));
     });
 }
 
@@ -80,7 +84,7 @@ fn loom_pool_refills_no_slot_that_a_frame_in_flight_reads() {
             })
         };
         let completed = pool.completed.load(Ordering::Acquire);
-        if let Some(generation) = pool.words.claim(node(2), 2, completed) {
+        if let Some(generation) = pool.words.claim(node(2), at(2), at(completed)) {
             assert_eq!(generation, Generation::new(2));
             pool.fill(2);
             pool.words.publish();
@@ -97,7 +101,7 @@ fn loom_pool_lets_either_the_wish_or_the_eviction_win() {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
                 // Frame 2 wants the tile. When that was in time, the tile stays until frame 2 is completed.
-                let is_kept = pool.words.touch(Some(Generation::new(1)), 2);
+                let is_kept = pool.words.touch(Some(Generation::new(1)), at(2));
                 if is_kept && pool.words.is_readable(Generation::new(1)) {
                     assert_eq!(pool.read(), 1);
                 } else {
@@ -106,7 +110,7 @@ fn loom_pool_lets_either_the_wish_or_the_eviction_win() {
             })
         };
         // Frame 1 is completed, frame 2 is not.
-        if pool.words.claim(node(2), 3, 1).is_some() {
+        if pool.words.claim(node(2), at(3), at(1)).is_some() {
             pool.fill(2);
             pool.words.publish();
         }
@@ -121,7 +125,7 @@ fn loom_pool_reports_node_and_generation_that_belong_together() {
         let writer = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
-                assert_eq!(pool.words.claim(node(2), 2, 1), Some(Generation::new(2)));
+                assert_eq!(pool.words.claim(node(2), at(2), at(1)), Some(Generation::new(2)));
                 pool.words.publish();
             })
         };
@@ -138,7 +142,7 @@ fn loom_pool_slot_that_was_given_up_is_filled_again() {
     model(|| {
         let pool =
             Arc::new(HeapPool { words: SlotWords::new(), tile: UnsafeCell::new(0), completed: AtomicU64::new(0) });
-        pool.words.claim(node(1), 1, 0).unwrap();
+        pool.words.claim(node(1), at(1), at(0)).unwrap();
         let filler = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
@@ -146,7 +150,7 @@ fn loom_pool_slot_that_was_given_up_is_filled_again() {
                 pool.words.abandon();
             })
         };
-        if pool.words.claim(node(2), 1, 0).is_some() {
+        if pool.words.claim(node(2), at(1), at(0)).is_some() {
             pool.fill(2);
             pool.words.publish();
             assert_eq!(pool.read(), 2);

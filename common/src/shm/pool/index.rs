@@ -2,7 +2,7 @@
 
 use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader};
-use crate::ids::{Generation, SlotIndex, SlotKey};
+use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
@@ -21,7 +21,7 @@ struct Entry {
     node: NodeId,
     generation: Generation,
     /// Sequence of the last frame that this reader keeps it for; `None` before the first.
-    kept_for: Option<u64>,
+    kept_for: Option<Sequence>,
 }
 
 impl PoolIndex {
@@ -66,7 +66,7 @@ impl PoolIndex {
     }
 
     /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when it is not there.
-    pub fn keep(&mut self, node: NodeId, sequence: u64) -> bool {
+    pub fn keep(&mut self, node: NodeId, sequence: Sequence) -> bool {
         let Some(&slot) = self.slot_of.get(&node.pack()) else { return false };
         let Some(Some(entry)) = self.entries.get_mut(slot.index()) else { return false };
         // The wish first, then the look: what is readable after the wish stays so.
@@ -81,7 +81,7 @@ impl PoolIndex {
     /// Where a node's tile lies, if it is kept for frame `sequence`. One that came after the frame looked
     /// is not: it might go while the frame is drawn.
     #[must_use]
-    pub fn kept(&self, node: NodeId, sequence: u64) -> Option<SlotKey> {
+    pub fn kept(&self, node: NodeId, sequence: Sequence) -> Option<SlotKey> {
         let slot = *self.slot_of.get(&node.pack())?;
         let entry = self.entries.get(slot.index())?.filter(|entry| entry.kept_for == Some(sequence))?;
         Some(SlotKey { slot, generation: entry.generation })
@@ -89,7 +89,7 @@ impl PoolIndex {
 
     /// The bytes of a node's tile, if it is kept for frame `sequence`.
     #[must_use]
-    pub fn bytes(&self, node: NodeId, sequence: u64) -> Option<PoolBytes<'_>> {
+    pub fn bytes(&self, node: NodeId, sequence: Sequence) -> Option<PoolBytes<'_>> {
         self.reader.bytes(self.kept(node, sequence)?)
     }
 }

@@ -1,7 +1,7 @@
 //! The pool as its readers see it.
 
 use super::{check_is_pool, table};
-use crate::ids::{Generation, SlotIndex, SlotKey};
+use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::Segment;
@@ -90,7 +90,7 @@ impl PoolReader {
     /// Frame `sequence` wants the tile of this key: it stays until that frame is completed. `false` when it is
     /// gone already.
     #[must_use]
-    pub fn touch(&self, key: SlotKey, sequence: u64) -> bool {
+    pub fn touch(&self, key: SlotKey, sequence: Sequence) -> bool {
         table(&self.segment).get(key.slot.index()).is_some_and(|words| words.touch(Some(key.generation), sequence))
     }
 }

@@ -3,7 +3,7 @@
 use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader, bytes, numbered, slots};
 use super::{check_is_pool, table};
-use crate::ids::{SlotIndex, SlotKey};
+use crate::ids::{Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::error::ShmError;
 use crate::shm::header::{Role, RoleClaim, Segment};
@@ -27,11 +27,11 @@ pub struct PoolWriter {
     /// The node that [`PoolWriter::slot_of`] has for each slot.
     node_of: Vec<Option<NodeId>>,
     /// Sequence at which each slot's tile was last expected ([`PoolWriter::expect`]).
-    expected_at: Vec<u64>,
+    expected_at: Vec<Sequence>,
     /// Slots to claim next, the least recently wanted last, with the sequence that they had.
-    candidates: Vec<(u64, SlotIndex)>,
+    candidates: Vec<(Sequence, SlotIndex)>,
     /// The completed sequence of that look.
-    looked_at: u64,
+    looked_at: Sequence,
 }
 
 /// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other threads.
@@ -92,9 +92,9 @@ impl PoolWriter {
             place,
             slot_of,
             node_of,
-            expected_at: vec![0; capacity],
+            expected_at: vec![Sequence::NONE; capacity],
             candidates: Vec::with_capacity(capacity),
-            looked_at: 0,
+            looked_at: Sequence::NONE,
         })
     }
 
@@ -146,25 +146,36 @@ impl PoolWriter {
     /// ([`PoolWriter::residency`] tells which).
     ///
     /// Allocates no memory. The guard may be filled and published on any thread.
-    pub fn allocate(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
-        self.fill(node, sequence, completed_sequence, u64::MAX)
+    pub fn allocate(&mut self, node: NodeId, sequence: Sequence, completed_sequence: Sequence) -> Option<FillGuard> {
+        self.fill(node, sequence, completed_sequence, None)
     }
 
     /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`. Takes a free slot,
     /// else one that was neither wanted nor expected since before `sequence`. Nothing but that order protects the tile.
-    pub fn allocate_expected(&mut self, node: NodeId, sequence: u64, completed_sequence: u64) -> Option<FillGuard> {
-        let guard = self.fill(node, 0, completed_sequence, sequence)?;
+    pub fn allocate_expected(
+        &mut self,
+        node: NodeId,
+        sequence: Sequence,
+        completed_sequence: Sequence,
+    ) -> Option<FillGuard> {
+        let guard = self.fill(node, Sequence::NONE, completed_sequence, Some(sequence))?;
         self.expected_at[guard.key.slot.index()] = sequence;
         Some(guard)
     }
 
-    fn fill(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<FillGuard> {
+    fn fill(
+        &mut self,
+        node: NodeId,
+        sequence: Sequence,
+        completed: Sequence,
+        limit: Option<Sequence>,
+    ) -> Option<FillGuard> {
         if self.residency(node) != Residency::Absent {
             return None;
         }
         let key = self.claim(node, sequence, completed, limit)?;
         let slot = key.slot;
-        self.expected_at[slot.index()] = 0;
+        self.expected_at[slot.index()] = Sequence::NONE;
         let before = self.node_of.get_mut(slot.index())?.replace(node);
         if let Some(before) = before
             && self.slot_of.get(&before.pack()) == Some(&slot)
@@ -177,7 +188,7 @@ impl PoolWriter {
 
     /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that frame had wanted it.
     /// Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing. Returns what it found.
-    pub fn expect(&mut self, node: NodeId, sequence: u64) -> Residency {
+    pub fn expect(&mut self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
             let at = &mut self.expected_at[slot.index()];
@@ -188,7 +199,7 @@ impl PoolWriter {
 
     /// Slots that [`PoolWriter::allocate_expected`] would take. Looks through the whole table.
     #[must_use]
-    pub fn unexpected_slots(&self, sequence: u64, completed_sequence: u64) -> u32 {
+    pub fn unexpected_slots(&self, sequence: Sequence, completed_sequence: Sequence) -> u32 {
         let slots = numbered(&self.place.segment);
         slots.filter(|(slot, words)| self.rank(*slot, words, completed_sequence).is_some_and(|r| r < sequence)).count()
             as u32
@@ -200,19 +211,27 @@ impl PoolWriter {
         table(&self.place.segment).iter().filter(|words| words.usage().state.is_readable()).count() as u32
     }
 
-    /// The frame as of which a reusable slot's tile was last wanted or expected; 0 for a free slot.
-    fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: u64) -> Option<u64> {
+    /// The frame as of which a reusable slot's tile was last wanted or expected; none for a free slot.
+    fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: Sequence) -> Option<Sequence> {
         let usage = words.usage();
         match usage.state {
-            super::SlotState::Free => Some(0),
-            // Never 0: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
+            super::SlotState::Free => Some(Sequence::NONE),
+            // Never none: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
             // room only when no slot is free.
-            _ if usage.is_reusable(completed) => Some(usage.sequence.max(self.expected_at[slot.index()]).max(1)),
+            _ if usage.is_reusable(completed) => {
+                Some(usage.sequence.max(self.expected_at[slot.index()]).max(Sequence::FIRST))
+            }
             _ => None,
         }
     }
 
-    fn claim(&mut self, node: NodeId, sequence: u64, completed: u64, limit: u64) -> Option<SlotKey> {
+    fn claim(
+        &mut self,
+        node: NodeId,
+        sequence: Sequence,
+        completed: Sequence,
+        limit: Option<Sequence>,
+    ) -> Option<SlotKey> {
         let mut looks = 0;
         loop {
             if self.candidates.is_empty() {
@@ -234,7 +253,7 @@ impl PoolWriter {
                 self.candidates.clear();
                 continue;
             }
-            if seen >= limit {
+            if limit.is_some_and(|limit| seen >= limit) {
                 // So are all others; but this one may be taken for a tile that is wanted.
                 self.candidates.push((seen, slot));
                 return None;
@@ -247,7 +266,7 @@ impl PoolWriter {
 
     /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these
     /// (but for the expected, of which `claim` takes care), so the order over several looks is the order of one.
-    fn find_candidates(&mut self, completed: u64) {
+    fn find_candidates(&mut self, completed: Sequence) {
         self.looked_at = completed;
         let mut candidates = std::mem::take(&mut self.candidates);
         for (slot, words) in numbered(&self.place.segment) {
@@ -256,7 +275,7 @@ impl PoolWriter {
             }
         }
         self.candidates = candidates;
-        let newest_first = |a: &(u64, SlotIndex), b: &(u64, SlotIndex)| b.cmp(a);
+        let newest_first = |a: &(Sequence, SlotIndex), b: &(Sequence, SlotIndex)| b.cmp(a);
         let surplus = self.candidates.len().saturating_sub(CANDIDATES);
         if surplus > 0 {
             self.candidates.select_nth_unstable_by(surplus, newest_first);
@@ -267,12 +286,12 @@ impl PoolWriter {
 
     /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it stays until that frame
     /// is completed. `false` when the slot holds nothing or does not exist.
-    pub fn touch(&self, slot: SlotIndex, sequence: u64) -> bool {
+    pub fn touch(&self, slot: SlotIndex, sequence: Sequence) -> bool {
         self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
     }
 
     /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what it found.
-    pub fn touch_node(&self, node: NodeId, sequence: u64) -> Residency {
+    pub fn touch_node(&self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if residency != Residency::Absent
             && let Some(&slot) = self.slot_of.get(&node.pack())

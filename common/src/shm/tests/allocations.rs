@@ -2,6 +2,7 @@
 
 use super::within_deadline;
 use crate::camera::Camera;
+use crate::ids::Sequence;
 use crate::node::NodeId;
 use crate::shm::pool::Residency;
 use crate::shm::{Counter, Stage, memory};
@@ -53,7 +54,8 @@ fn frames_pass_without_an_allocation() {
         let before = allocations();
         assert!(before > 0, "the counter counts");
         let mut node = 0;
-        for sequence in 1..2000u64 {
+        for number in 1..2000u64 {
+            let sequence = Sequence::new(number);
             trees.write(&control, |_| TreeHeader::zeroed()).unwrap();
             drop(halves.next(&control).unwrap());
             // Eight new tiles a frame: every one evicts another, after the first four frames.
@@ -73,7 +75,7 @@ fn frames_pass_without_an_allocation() {
             for _ in 0..16 {
                 slots.pop(&control).unwrap();
             }
-            read.released(4 * sequence).unwrap();
+            read.released(4 * number).unwrap();
             control.publish_camera(&Camera::zeroed());
             control.heartbeat(Stage::Preparer);
             control.count(Counter::FramesPrepared, 1);

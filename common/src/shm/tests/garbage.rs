@@ -1,7 +1,7 @@
 //! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor hang.
 
 use crate::database::{Layer, Tile};
-use crate::ids::{SlotIndex, SlotKey};
+use crate::ids::{Sequence, SlotIndex, SlotKey};
 use crate::shm::control::{Control, Counter};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
@@ -151,6 +151,7 @@ proptest! {
         scribble(&segment, segment.geometry().table_offset, &table);
         let reader = PoolReader::attach(&segment).unwrap();
         let node = crate::node::NodeId::new(node, 0, 0).unwrap();
+        let completed = Sequence::new(completed);
         for info in reader.slots() {
             if let Some(tile) = reader.bytes(info.key()) {
                 prop_assert_eq!(tile.bytes().len(), 100);
@@ -172,7 +173,7 @@ proptest! {
         }
         scribble(&segment, segment.geometry().table_offset, &table);
         black_box(writer.residency(node));
-        drop(writer.allocate(node, 1, completed));
+        drop(writer.allocate(node, Sequence::FIRST, completed));
     }
 
     #[test]
@@ -186,6 +187,7 @@ proptest! {
             let node = crate::node::NodeId::new(number, 0, 0).unwrap();
             let is_there = index.note(node, SlotKey::new(slot, generation));
             prop_assert!(!is_there || slot < 4);
+            let sequence = Sequence::new(sequence);
             index.keep(node, sequence);
             if let Some(tile) = index.bytes(node, sequence) {
                 prop_assert_eq!(tile.len(), 100);
@@ -203,17 +205,17 @@ proptest! {
         segment.words::<WantWords>().overwrite(version, head);
         let mut tiles = Vec::new();
         match reader.read(&mut tiles) {
-            Ok(Some(found)) => prop_assert!(head[3] <= 8 && tiles.len() <= 8 && found.sequence == head[0]),
+            Ok(Some(found)) => prop_assert!(head[3] <= 8 && tiles.len() <= 8 && found.sequence.get() == head[0]),
             Ok(None) => prop_assert!(tiles.is_empty()),
             Err(error) => prop_assert!(head[3] > 8, "{}", error),
         }
         // A writer that takes it over is understood.
         let tile = Tile { layer: Layer::Color, node: crate::node::NodeId::new(1, 0, 0).unwrap() };
         let mut writer = WantListWriter::attach(&segment).unwrap();
-        for sequence in 1..3 {
+        for sequence in [1, 2].map(Sequence::new) {
             writer.publish(WantHead { sequence, ..WantHead::default() }, &[tile; 9]);
         }
-        prop_assert_eq!(reader.read(&mut tiles).unwrap().map(|head| head.sequence), Some(2));
+        prop_assert_eq!(reader.read(&mut tiles).unwrap().map(|head| head.sequence.get()), Some(2));
         prop_assert_eq!(tiles, vec![tile; 8]);
     }
 
@@ -232,7 +234,7 @@ proptest! {
         control.set_state(crate::shm::RunState::Failed);
         prop_assert!(control.check_running().is_err());
         // A wait ends, whatever the words say: at once, or because the run has failed.
-        control.wait_completed(u64::MAX).ok();
+        control.wait_completed(Sequence::new(u64::MAX)).ok();
     }
 }
 

@@ -1,7 +1,7 @@
 //! The pool against a simple model, and what its writer and readers are promised.
 
 use super::within_deadline;
-use crate::ids::{Generation, SlotIndex, SlotKey};
+use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
 use crate::shm::kind::SegmentKind;
 use crate::shm::memory::{self, segment};
@@ -11,6 +11,10 @@ use std::collections::HashMap;
 
 fn node(number: u32) -> NodeId {
     NodeId::new(number, 3, 1).unwrap()
+}
+
+fn at(sequence: u64) -> Sequence {
+    Sequence::new(sequence)
 }
 
 #[derive(Debug, Clone)]
@@ -41,7 +45,7 @@ fn step() -> impl Strategy<Value = Step> {
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     key: SlotKey,
-    last_used: u64,
+    last_used: Sequence,
     is_locked: bool,
 }
 
@@ -52,10 +56,10 @@ proptest! {
         const SLOTS: usize = 8;
         let (mut writer, reader) = memory::pool(SLOTS as u32, 64).unwrap();
         let mut model: HashMap<u32, Entry> = HashMap::new();
-        let (mut sequence, mut completed) = (1u64, 0u64);
+        let (mut sequence, mut completed) = (Sequence::FIRST, Sequence::NONE);
         for step in steps {
             match step {
-                Step::NextFrame => sequence += 1,
+                Step::NextFrame => sequence = sequence.next(),
                 Step::Complete { behind } => completed = completed.max(sequence.saturating_sub(behind + 1)),
                 Step::Lock { node: number } => {
                     if let Some(key) = writer.find(node(number)) {
@@ -112,10 +116,10 @@ proptest! {
 #[test]
 fn a_slot_given_up_is_found_again_even_when_all_others_are_wanted() {
     let (mut writer, _) = memory::pool(2, 64).unwrap();
-    writer.allocate(node(1), 1, 0).unwrap().publish();
-    drop(writer.allocate(node(2), 1, 0).unwrap());
-    let key = writer.allocate(node(3), 1, 0).unwrap().publish();
-    assert!(writer.allocate(node(4), 1, 0).is_none(), "both slots are wanted by frame 1");
+    writer.allocate(node(1), at(1), at(0)).unwrap().publish();
+    drop(writer.allocate(node(2), at(1), at(0)).unwrap());
+    let key = writer.allocate(node(3), at(1), at(0)).unwrap().publish();
+    assert!(writer.allocate(node(4), at(1), at(0)).is_none(), "both slots are wanted by frame 1");
     assert_eq!(writer.find(node(2)), None);
     assert_eq!(writer.find(node(3)).map(|found| found.slot), Some(key.slot));
 }
@@ -123,40 +127,40 @@ fn a_slot_given_up_is_found_again_even_when_all_others_are_wanted() {
 #[test]
 fn a_tile_that_is_being_loaded_is_neither_evicted_nor_loaded_twice() {
     let (mut writer, reader) = memory::pool(1, 64).unwrap();
-    let guard = writer.allocate(node(1), 1, 0).unwrap();
+    let guard = writer.allocate(node(1), at(1), at(0)).unwrap();
     assert_eq!(writer.residency(node(1)), Residency::Filling);
-    assert!(writer.allocate(node(1), 1, u64::MAX).is_none());
-    assert!(writer.allocate(node(2), 9, u64::MAX).is_none());
+    assert!(writer.allocate(node(1), at(1), at(u64::MAX)).is_none());
+    assert!(writer.allocate(node(2), at(9), at(u64::MAX)).is_none());
     assert!(reader.bytes(guard.key()).is_none());
     // Wanted by a later frame while it loads: it stays for that frame.
-    assert_eq!(writer.touch_node(node(1), 5), Residency::Filling);
+    assert_eq!(writer.touch_node(node(1), at(5)), Residency::Filling);
     let key = guard.publish();
-    assert!(writer.allocate(node(2), 6, 4).is_none());
+    assert!(writer.allocate(node(2), at(6), at(4)).is_none());
     assert!(reader.bytes(key).is_some_and(|tile| tile.is_still_valid()));
-    assert!(writer.allocate(node(2), 6, 5).is_some());
+    assert!(writer.allocate(node(2), at(6), at(5)).is_some());
 }
 
 #[test]
 fn generations_tell_a_tile_from_the_one_before_it() {
     let (mut writer, reader) = memory::pool(1, 64).unwrap();
-    let first = writer.allocate(node(1), 1, 0).unwrap().publish();
-    let second = writer.allocate(node(2), 2, 1).unwrap().publish();
+    let first = writer.allocate(node(1), at(1), at(0)).unwrap().publish();
+    let second = writer.allocate(node(2), at(2), at(1)).unwrap().publish();
     assert!(first.slot == second.slot && first.generation != second.generation);
     assert!(reader.bytes(first).is_none());
-    assert!(!reader.touch(first, 9) && reader.touch(second, 9));
+    assert!(!reader.touch(first, at(9)) && reader.touch(second, at(9)));
     assert!(reader.bytes(second).is_some());
     let [elsewhere, empty] =
         [SlotKey { slot: SlotIndex::new(1), ..second }, SlotKey { generation: Generation::NEVER_FILLED, ..second }];
     assert!(reader.bytes(elsewhere).is_none() && reader.bytes(empty).is_none());
-    assert_eq!(reader.info(second.slot).unwrap().last_used, 9);
+    assert_eq!(reader.info(second.slot).unwrap().last_used, at(9));
 }
 
 #[test]
 fn a_writer_that_takes_over_keeps_published_tiles_and_frees_half_filled_slots() {
     let segment = segment(SegmentKind::ColorPool, 3, 64).unwrap();
     let mut first = PoolWriter::attach(&segment).unwrap();
-    let kept = first.allocate(node(1), 1, 0).unwrap().publish();
-    let mut guard = first.allocate(node(2), 1, 0).unwrap();
+    let kept = first.allocate(node(1), at(1), at(0)).unwrap().publish();
+    let mut guard = first.allocate(node(2), at(1), at(0)).unwrap();
     guard.bytes_mut().fill(1);
     let half_filled = guard.key().slot;
     // A guard on another thread still has the writer's place.
@@ -176,16 +180,16 @@ fn a_writer_that_takes_over_takes_free_slots_before_tiles_that_were_expected() {
     let segment = segment(SegmentKind::ColorPool, 8, 64).unwrap();
     let mut first = PoolWriter::attach(&segment).unwrap();
     for number in 0..4 {
-        first.allocate_expected(node(number), 9, 8).unwrap().publish();
+        first.allocate_expected(node(number), at(9), at(8)).unwrap().publish();
     }
     drop(first);
     // It knows not what was expected; nothing of it has to go before all slots are full.
     let mut second = PoolWriter::attach(&segment).unwrap();
     for number in 4..8 {
-        second.allocate(node(number), 20, 19).unwrap().publish();
+        second.allocate(node(number), at(20), at(19)).unwrap().publish();
     }
     assert!((0..8).all(|number| second.find(node(number)).is_some()));
-    assert!(second.allocate(node(8), 21, 20).is_some(), "then the oldest goes");
+    assert!(second.allocate(node(8), at(21), at(20)).is_some(), "then the oldest goes");
 }
 
 #[test]
@@ -194,12 +198,12 @@ fn decoding_threads_fill_slots_while_the_writer_goes_on() {
         let (mut writer, reader) = memory::pool(64, 4096).unwrap();
         std::thread::scope(|scope| {
             for number in 0..64 {
-                let mut guard = writer.allocate(node(number), 1, 0).unwrap();
+                let mut guard = writer.allocate(node(number), at(1), at(0)).unwrap();
                 scope.spawn(move || {
                     guard.bytes_mut().fill(number as u8);
                     guard.publish();
                 });
-                writer.touch_node(node(number / 2), 1);
+                writer.touch_node(node(number / 2), at(1));
             }
         });
         for number in 0..64 {
@@ -213,50 +217,50 @@ fn decoding_threads_fill_slots_while_the_writer_goes_on() {
 fn expected_tiles_take_only_what_nobody_wants_or_expects_and_are_evicted_in_one_order_with_the_wanted() {
     let (mut writer, _) = memory::pool(4, 64).unwrap();
     for number in 1..=3 {
-        writer.allocate(node(number), u64::from(number), 0).unwrap().publish();
+        writer.allocate(node(number), at(number.into()), at(0)).unwrap().publish();
     }
     let locked = writer.find(node(1)).unwrap().slot;
     assert!(writer.lock(locked));
     // A free slot first.
-    assert_eq!(writer.unexpected_slots(5, 3), 3);
-    writer.allocate_expected(node(10), 5, 3).unwrap().publish();
+    assert_eq!(writer.unexpected_slots(at(5), at(3)), 3);
+    writer.allocate_expected(node(10), at(5), at(3)).unwrap().publish();
     // Tile 2 is expected at 5 too; tile 3 was last wanted by frame 3.
-    assert!(matches!(writer.expect(node(2), 5), Residency::Resident { .. }));
-    assert_eq!(writer.unexpected_slots(5, 3), 1);
-    assert!(writer.allocate_expected(node(11), 5, 2).is_none(), "frame 3 is not completed");
-    writer.allocate_expected(node(11), 5, 3).unwrap().publish();
+    assert!(matches!(writer.expect(node(2), at(5)), Residency::Resident { .. }));
+    assert_eq!(writer.unexpected_slots(at(5), at(3)), 1);
+    assert!(writer.allocate_expected(node(11), at(5), at(2)).is_none(), "frame 3 is not completed");
+    writer.allocate_expected(node(11), at(5), at(3)).unwrap().publish();
     assert_eq!(writer.find(node(3)), None);
-    assert!(writer.allocate_expected(node(12), 5, 9).is_none(), "all others are as much expected");
+    assert!(writer.allocate_expected(node(12), at(5), at(9)).is_none(), "all others are as much expected");
     // A tile that is wanted now takes one of them, and expectation is no protection from it.
-    writer.allocate(node(20), 6, 5).unwrap().publish();
+    writer.allocate(node(20), at(6), at(5)).unwrap().publish();
     assert!(writer.find(node(1)).is_some());
     assert_eq!([2, 10, 11].iter().filter(|number| writer.find(node(**number)).is_none()).count(), 1);
     // What is expected later goes later than what was wanted before.
     let left: Vec<u32> = [2, 10, 11].into_iter().filter(|number| writer.find(node(*number)).is_some()).collect();
-    writer.expect(node(left[0]), 8);
-    writer.allocate(node(21), 7, 6).unwrap().publish();
+    writer.expect(node(left[0]), at(8));
+    writer.allocate(node(21), at(7), at(6)).unwrap().publish();
     assert!(writer.find(node(left[0])).is_some() && writer.find(node(left[1])).is_none());
 }
 
 #[test]
 fn an_index_keeps_what_is_there_and_forgets_what_has_gone() {
     let (mut writer, reader) = memory::pool(2, 64).unwrap();
-    writer.allocate(node(1), 1, 0).unwrap().publish();
+    writer.allocate(node(1), at(1), at(0)).unwrap().publish();
     let mut index = PoolIndex::new(reader);
     // What was there before it; and for the frames that want it alone.
-    assert!(index.keep(node(1), 2));
-    assert!(index.kept(node(1), 2).is_some() && index.kept(node(1), 3).is_none());
-    let guard = writer.allocate(node(2), 2, 0).unwrap();
+    assert!(index.keep(node(1), at(2)));
+    assert!(index.kept(node(1), at(2)).is_some() && index.kept(node(1), at(3)).is_none());
+    let guard = writer.allocate(node(2), at(2), at(0)).unwrap();
     let key = guard.key();
     assert!(!index.note(node(2), key), "it is being filled");
     guard.publish();
     assert!(!index.note(node(3), key) && !index.note(node(2), SlotKey { generation: key.generation.next(), ..key }));
-    assert!(!index.note(node(2), SlotKey { slot: SlotIndex::new(7), ..key }) && !index.keep(node(2), 2));
-    assert!(index.note(node(2), key) && index.keep(node(2), 2));
-    assert!(index.bytes(node(2), 2).is_some());
+    assert!(!index.note(node(2), SlotKey { slot: SlotIndex::new(7), ..key }) && !index.keep(node(2), at(2)));
+    assert!(index.note(node(2), key) && index.keep(node(2), at(2)));
+    assert!(index.bytes(node(2), at(2)).is_some());
     // Kept for frame 2, both of them: nothing is evicted before it is completed.
-    assert!(writer.allocate(node(4), 3, 1).is_none());
-    let other = writer.allocate(node(4), 3, 2).unwrap().publish();
-    assert!(!index.keep(node(1), 3) || !index.keep(node(2), 3));
-    assert!(index.note(node(4), other) && index.keep(node(4), 3));
+    assert!(writer.allocate(node(4), at(3), at(1)).is_none());
+    let other = writer.allocate(node(4), at(3), at(2)).unwrap().publish();
+    assert!(!index.keep(node(1), at(3)) || !index.keep(node(2), at(3)));
+    assert!(index.note(node(4), other) && index.keep(node(4), at(3)));
 }

@@ -1,6 +1,7 @@
 //! Two processes: the test, and this very binary started again to run one of the parts below.
 
 use super::{DEADLINE, within_deadline};
+use crate::ids::Sequence;
 use crate::node::NodeId;
 use crate::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, Layout, PoolReader, PoolWriter, Producer, RunId,
@@ -97,10 +98,10 @@ fn generate_and_prepare(run: &RunId) {
         array.fill(frame as f32);
         let elevation_position = array.publish();
         let mut guard = loop {
-            if let Some(guard) = pool.allocate(node(frame), sequence, control.completed_sequence()) {
+            if let Some(guard) = pool.allocate(node(frame), Sequence::new(sequence), control.completed_sequence()) {
                 break guard;
             }
-            control.wait_completed(control.completed_sequence() + 1).unwrap();
+            control.wait_completed(control.completed_sequence().next()).unwrap();
         };
         guard.bytes_mut().fill(frame as u8);
         let key = guard.publish();
@@ -109,7 +110,7 @@ fn generate_and_prepare(run: &RunId) {
         ring.push_all(&[Slot::new(&SlotContent::Tile(tile)), Slot::new(&SlotContent::End(end))], &control).unwrap();
     }
     // The pools and rings are read until the last frame is drawn.
-    control.wait_completed(FRAMES).unwrap();
+    control.wait_completed(Sequence::new(FRAMES)).unwrap();
 }
 
 #[test]
@@ -144,7 +145,7 @@ fn frames_pass_from_process_to_process_through_every_segment() {
                 let Some(SlotContent::End(end)) = ring.pop(&control).unwrap().read() else { panic!("no end") };
                 assert_eq!(end.frame, frame);
                 arrays.released(end.elevation_end).unwrap();
-                control.set_completed_sequence(sequence);
+                control.set_completed_sequence(Sequence::new(sequence));
             }
         });
         part.wait();
@@ -209,7 +210,7 @@ fn hold_everything(run: &RunId) {
     let tree = trees.next(&control).unwrap();
     let mut array = arrays.begin(&control).unwrap();
     array.fill(1.0);
-    let mut guard = pool.allocate(node(1), 1, 0).unwrap();
+    let mut guard = pool.allocate(node(1), Sequence::FIRST, Sequence::NONE).unwrap();
     guard.bytes_mut().fill(1);
     control.set_written_frames(1);
     std::thread::sleep(DEADLINE);
@@ -234,7 +235,7 @@ fn what_a_killed_process_held_is_free_for_its_successor() {
         assert_eq!(ElevationWriter::open(&run).unwrap().begin(&control).unwrap().position(), 0);
         let mut pool = PoolWriter::open(&run, SegmentKind::ColorPool).unwrap();
         assert_eq!(pool.find(node(1)), None);
-        let guards: Vec<_> = (0..8).map_while(|i| pool.allocate(node(i), 1, 0)).collect();
+        let guards: Vec<_> = (0..8).map_while(|i| pool.allocate(node(i), Sequence::FIRST, Sequence::NONE)).collect();
         assert_eq!(guards.len(), 8, "a slot is lost");
     });
 }
@@ -258,7 +259,7 @@ fn stages_notice_a_killed_launcher_and_the_next_one_cleans_up_behind_it() {
         assert!(control.is_launcher_alive());
         assert!(reap_dead_runs().iter().all(|name| !name.starts_with(&run.to_string())), "a live run was removed");
         std::thread::scope(|scope| {
-            let waiting = scope.spawn(|| control.wait_completed(1));
+            let waiting = scope.spawn(|| control.wait_completed(Sequence::FIRST));
             std::thread::sleep(Duration::from_millis(150));
             assert!(!waiting.is_finished());
             part.kill();

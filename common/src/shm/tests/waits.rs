@@ -2,6 +2,7 @@
 
 use super::within_deadline;
 use crate::camera::Camera;
+use crate::ids::Sequence;
 use crate::shm::control::{Control, RunState};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
@@ -32,7 +33,7 @@ fn every_wait_ends_when_the_run_is_stopped_or_has_failed() {
                     scope.spawn(move || full.push(&2, control)),
                     scope.spawn(move || trees.next(control).map(|_| ())),
                     scope.spawn(move || arrays.begin(control).map(|_| ())),
-                    scope.spawn(move || control.wait_completed(1).map(|_| ())),
+                    scope.spawn(move || control.wait_completed(Sequence::FIRST).map(|_| ())),
                     scope.spawn(move || control.wait_written(1).map(|_| ())),
                 ];
                 std::thread::sleep(Duration::from_millis(20));
@@ -65,7 +66,7 @@ fn a_wait_notices_a_launcher_that_is_gone() {
         let gone = ProcessId { start_time: own.start_time + 1, ..own };
         let control = Control::attach(&segment(SegmentKind::Control, 1, 0).unwrap(), gone).unwrap();
         assert!(!control.is_launcher_alive());
-        assert!(matches!(control.wait_completed(1), Err(WaitError::LauncherGone)));
+        assert!(matches!(control.wait_completed(Sequence::FIRST), Err(WaitError::LauncherGone)));
     });
 }
 
@@ -129,9 +130,9 @@ fn numbers_of_the_control_block_read_back() {
     assert_eq!((control.r_z_px(), control.r_c_px()), (Some(10.0), Some(1.5)));
     control.set_resolutions(f64::NAN, -1.0);
     assert_eq!((control.r_z_px(), control.r_c_px()), (None, None));
-    control.set_completed_sequence(7);
-    control.set_completed_sequence(6);
-    assert_eq!((control.completed_sequence(), control.wait_completed(7).unwrap()), (7, 7));
+    control.set_completed_sequence(Sequence::new(7));
+    control.set_completed_sequence(Sequence::new(6));
+    assert_eq!((control.completed_sequence().get(), control.wait_completed(Sequence::new(7)).unwrap().get()), (7, 7));
     control.set_written_frames(3);
     assert_eq!(control.wait_written(2).unwrap(), 3);
     for (by, counter) in (1..).zip(super::super::control_words::Counter::ALL) {

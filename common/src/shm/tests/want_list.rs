@@ -2,6 +2,7 @@
 
 use super::within_deadline;
 use crate::database::{Layer, Tile};
+use crate::ids::{FrameNumber, Sequence};
 use crate::node::NodeId;
 use crate::shm::kind::SegmentKind;
 use crate::shm::memory::{self, segment};
@@ -16,7 +17,7 @@ fn tile(number: u32) -> Tile {
 }
 
 fn head(sequence: u64) -> WantHead {
-    WantHead { sequence, frame: 100 + sequence, is_last: false }
+    WantHead { sequence: Sequence::new(sequence), frame: FrameNumber::new(100 + sequence), is_last: false }
 }
 
 #[test]

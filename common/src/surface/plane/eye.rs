@@ -1,7 +1,6 @@
 //! A plane from an eye: distances and depths of points, and vertices relative to it.
 
 use super::{Column, Row};
-use crate::camera::Camera;
 use crate::surface::{Sight, WorldBox};
 use glam::{DVec3, Vec3};
 
@@ -20,8 +19,8 @@ pub struct EyeRow {
 }
 
 impl EyeFrame {
-    pub(super) fn new(camera: &Camera) -> Self {
-        Self { eye: camera.eye(), forward: camera.axes_in_world()[2] }
+    pub(super) fn new(eye: DVec3, forward: DVec3) -> Self {
+        Self { eye, forward }
     }
 
     /// The eye, world coordinates.

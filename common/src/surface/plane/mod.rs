@@ -1,11 +1,12 @@
 //! The plane: a foot is metres east and north of the world's origin, height is z.
 
+mod crs;
 mod eye;
 
+pub use crs::CrsFrame;
 pub use eye::{EyeFrame, EyeRow};
 
 use super::{LatticePoint, WorldBox};
-use crate::camera::Camera;
 use crate::node::NodeId;
 use glam::{DVec2, DVec3};
 
@@ -66,6 +67,13 @@ impl Plane {
     #[must_use]
     pub const fn extent(&self) -> [u32; 2] {
         self.extent
+    }
+
+    /// Cells along the side of a tile: Nz.
+    #[inline]
+    #[must_use]
+    pub const fn cells(&self) -> u32 {
+        self.side
     }
 
     /// Side of a node of level `q`, lattice units.
@@ -195,6 +203,20 @@ impl Plane {
         foot / self.unit_m
     }
 
+    /// Where a place on the lattice, in lattice units, lies from the foot of an eye.
+    #[inline(always)]
+    #[must_use]
+    pub fn lattice_from_eye(&self, lattice: DVec2, eye: DVec3) -> DVec2 {
+        self.foot_of_lattice(lattice) - self.foot(eye)
+    }
+
+    /// Where a point that lies so from the foot of an eye is on the lattice, in lattice units.
+    #[inline(always)]
+    #[must_use]
+    pub fn lattice_of_way(&self, way: DVec2, eye: DVec3) -> DVec2 {
+        self.lattice_of_foot(way + self.foot(eye))
+    }
+
     /// The point of the surface under (or over) a position.
     #[inline(always)]
     #[must_use]
@@ -297,10 +319,10 @@ impl Plane {
         (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= end[axis])
     }
 
-    /// The surface as a valid camera sees it.
+    /// The surface as an eye sees it that looks along a unit vector.
     #[must_use]
-    pub fn seen_by(&self, camera: &Camera) -> EyeFrame {
-        EyeFrame::new(camera)
+    pub fn seen_by(&self, eye: DVec3, forward: DVec3) -> EyeFrame {
+        EyeFrame::new(eye, forward)
     }
 
     /// The lattice cell that an eye is over.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::camera::Camera;
 use crate::surface::{SIDES, Vertices};
 use glam::Vec3;
 use proptest::prelude::*;
@@ -99,7 +100,9 @@ proptest! {
         (plane, node) in node(), eye in prop::array::uniform3(-500f64..500.0), angles in prop::array::uniform3(-3.0f64..3.0),
         heights in prop::collection::vec(-100f64..100.0, 81),
     ) {
-        let frame = plane.seen_by(&camera(eye, angles));
+        let camera = camera(eye, angles);
+        let forward = camera.axes_in_world()[2];
+        let frame = plane.seen_by(camera.eye(), forward);
         let lattice = [0, 1].map(|axis| plane.posts(node, axis).take(9).collect::<Vec<u64>>());
         let columns: Vec<f32> = lattice[0].iter().map(|x| frame.column_from_eye(plane.column(*x))).collect();
         let rows: Vec<f32> = lattice[1].iter().map(|y| frame.row_from_eye(plane.row(*y))).collect();
@@ -114,7 +117,6 @@ proptest! {
                 prop_assert_eq!(vertex, frame.from_eye(exact));
                 let sight = frame.sight(frame.row(plane.row(point.y)), plane.column(point.x), exact.z);
                 let way = exact - frame.eye();
-                let forward = camera(eye, angles).axes_in_world()[2];
                 prop_assert!((sight.depth - way.dot(forward)).abs() < 1e-7);
                 prop_assert!((sight.distance2 - way.length_squared()).abs() <= 1e-9 * (1.0 + sight.distance2));
                 prop_assert!(bound.depth <= sight.depth + 1e-7 && bound.distance2 <= sight.distance2);
@@ -128,9 +130,9 @@ proptest! {
     #[test]
     fn an_eye_is_in_its_cell(plane in plane(), eye in prop::array::uniform3(-1e5f64..1e5)) {
         let cell = plane.eye_cell(DVec3::from_array(eye));
-        for axis in 0..2 {
-            let again = cell.corner[axis] as f64 * plane.unit_m() + f64::from(cell.eye_m[axis]);
-            prop_assert!((again - eye[axis]).abs() < 1e-4 && (0.0..=plane.unit_m() as f32 + 1e-4).contains(&cell.eye_m[axis]));
+        for ((eye, corner), within) in eye.iter().zip(cell.corner).zip(cell.eye_m) {
+            let again = corner as f64 * plane.unit_m() + f64::from(within);
+            prop_assert!((again - eye).abs() < 1e-4 && (0.0..=plane.unit_m() as f32 + 1e-4).contains(&within));
         }
         prop_assert_eq!(i64::from(cell.count(0, 0)), -cell.corner[0]);
     }

@@ -2,11 +2,10 @@
 //!
 //! Tiles and elevation arrays have `(cells + 1)²` numbers, row 0 the southern one.
 
-use super::LatticePoint;
 use super::facet::facet_linear;
+use super::{LatticePoint, Surface};
 use crate::node::NodeId;
-use crate::validity::{GROUND_PLANE, MEASURED_PLANE, Validity};
-use crate::world::World;
+use crate::validity::{GROUND_PLANE, MEASURED_PLANE, PLANES, Validity};
 use glam::DVec2;
 
 mod sampler;
@@ -58,9 +57,8 @@ pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPositio
 /// southern one. A point outside of the node is taken to its border.
 #[inline]
 #[must_use]
-pub fn node_elevation(world: &World, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
-    let cells = world.elevation_tile();
-    let [x0, y0] = world.node_origin(node);
+pub fn node_elevation(surface: &Surface, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
+    let (cells, [x0, y0]) = (surface.cells(), surface.node_origin(node));
     let (x, y) = (CellPosition::new(point.x, x0, node.q(), cells), CellPosition::new(point.y, y0, node.q(), cells));
     tile_elevation(posts, cells, x, y)
 }
@@ -74,15 +72,16 @@ pub struct GroundPoint {
     pub validity: Validity,
 }
 
-/// The ground at a foot in the tile of `node`, which has [`World::elevation_values`] `values`. A foot outside of the
-/// node is taken to its border.
+/// The ground at a foot in the tile of `node`, which has these `values`: heights, and behind them the planes of validity of a
+/// world that has them. A foot outside of the node is taken to its border.
 #[must_use]
-pub fn node_ground(world: &World, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
-    let (cells, posts) = (world.elevation_tile(), world.elevation_posts() as usize);
-    let place = world.surface().place_in_node(foot, node);
+pub fn node_ground(surface: &Surface, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
+    let cells = surface.cells();
+    let plane = (cells as usize + 1).pow(2);
+    let place = surface.place_in_node(foot, node);
     let [x, y] = [place.x, place.y].map(|at| CellPosition::within(at, cells));
-    let at = |plane: usize| tile_elevation(&values[plane * posts * posts..], cells, x, y);
-    let validity = match world.has_validity() {
+    let at = |index: usize| tile_elevation(&values[index * plane..], cells, x, y);
+    let validity = match values.len() >= PLANES * plane {
         true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
         false => Validity::Measured,
     };

@@ -1,4 +1,5 @@
-//! What went wrong while the database was read, as the prefetcher tells it: messages by cause, each for one place.
+//! What went wrong while the database was read, as the prefetcher tells it: messages by cause, each
+//! for one place.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +15,8 @@ pub struct Failures {
 }
 
 impl Failures {
-    /// Takes a message, which begins with the name of its cause; `None` when it does not, or when there are too many.
+    /// Takes a message, which begins with the name of its cause; `None` when it does not, or when
+    /// there are too many.
     pub(super) fn take(&mut self, text: &str) -> Option<()> {
         let (cause, message) = text.split_once(' ').filter(|_| self.by_cause.len() < MOST_FAILURES)?;
         let messages = self.by_cause.entry(cause.to_owned()).or_default();

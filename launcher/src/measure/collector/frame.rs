@@ -1,11 +1,12 @@
 //! What is known of one frame.
 
-use terravision_common::event::{Event, EventKind, SpanName};
+use terravision_common::event::{Event, EventContent, SpanName};
 
 /// Spans of which each frame has a sum: all names.
 pub const SPANS: usize = SpanName::ALL.len();
 
-/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not come.
+/// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not
+/// come.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FrameStats {
     /// Sum of durations by [`SpanName`] (its number less one).
@@ -39,50 +40,36 @@ pub struct FrameStats {
 }
 
 impl FrameStats {
-    /// Takes an event about this frame; `None` when the event is malformed.
-    pub(super) fn take(&mut self, kind: EventKind, event: &Event) -> Option<()> {
-        match kind {
-            EventKind::Span => self.take_span(event)?,
-            EventKind::FrameDone => {
+    /// Takes an event about this frame.
+    pub(super) fn take(&mut self, content: EventContent, event: &Event) {
+        match content {
+            EventContent::Span { name, .. } => self.take_span(name, event),
+            EventContent::FrameDone { triangles } => {
                 self.done_nanos = event.start_nanos;
-                self.triangles = event.value;
+                self.triangles = triangles;
             }
-            EventKind::FrameWritten => {
+            EventContent::FrameWritten { is_settled } => {
                 self.written_nanos = event.start_nanos.saturating_add(event.duration_nanos);
-                self.is_settled = event.value == 1;
+                self.is_settled = is_settled;
             }
-            EventKind::FrameWanted => {
-                self.wanted = event.value as u32;
-                self.nodes = (event.value >> 32) as u32;
-            }
-            EventKind::FrameUploaded => self.uploaded = self.uploaded.saturating_add(event.value),
-            EventKind::FrameCamera => {
+            EventContent::FrameWanted { tiles, nodes } => (self.wanted, self.nodes) = (tiles, nodes),
+            EventContent::FrameUploaded { tiles } => self.uploaded = self.uploaded.saturating_add(tiles),
+            EventContent::FrameCamera { r_z_px, r_c_px } => {
                 self.camera_nanos = event.start_nanos;
-                self.r_px = [event.value as u32, (event.value >> 32) as u32].map(f32::from_bits);
+                self.r_px = [r_z_px, r_c_px];
             }
-            EventKind::FrameLacked => {
-                self.lacked = event.value as u32;
-                self.sharp = f32::from_bits((event.value >> 32) as u32);
-            }
+            EventContent::FrameLacked { tiles, sharp_share } => (self.lacked, self.sharp) = (tiles, sharp_share),
             // About the run, not about a frame.
-            EventKind::DeviceName
-            | EventKind::DriverName
-            | EventKind::TechniqueName
-            | EventKind::TileUnavailable
-            | EventKind::TileCame
-            | EventKind::Failure => {}
+            EventContent::Text { .. } | EventContent::TileUnavailable { .. } | EventContent::TileCame { .. } => {}
         }
-        Some(())
     }
 
-    fn take_span(&mut self, event: &Event) -> Option<()> {
-        let name = SpanName::from_number(event.value)?;
+    fn take_span(&mut self, name: SpanName, event: &Event) {
         let sum = &mut self.span_nanos[name as usize - 1];
         *sum = sum.saturating_add(event.duration_nanos);
         let is_drawing = matches!(name, SpanName::Record | SpanName::Upload | SpanName::Draw);
         if is_drawing && (self.draw_started_nanos == 0 || event.start_nanos < self.draw_started_nanos) {
             self.draw_started_nanos = event.start_nanos;
         }
-        Some(())
     }
 }

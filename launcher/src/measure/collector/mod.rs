@@ -1,6 +1,8 @@
-//! Collects what the stages tell of their work, by frame; and keeps all of it when a trace is wanted.
+//! Collects what the stages tell of their work, by frame; and keeps all of it when a trace is
+//! wanted.
 //!
-//! * [`frame`]: what is known of one frame. [`failures`]: what went wrong while the database was read.
+//! * [`frame`]: what is known of one frame. [`failures`]: what went wrong while the database was
+//!   read.
 
 pub mod failures;
 pub mod frame;
@@ -10,22 +12,14 @@ use crate::path::MAX_FRAMES;
 use failures::Failures;
 use frame::FrameStats;
 use std::collections::BTreeMap;
-use terravision_common::event::{Event, EventKind, SpanName};
-use terravision_common::node::NodeId;
+use terravision_common::database::Tile;
+use terravision_common::event::{Event, EventContent, SpanName, TextKind};
+use terravision_common::outcome::TileFailure;
 use terravision_common::run::{TechniqueChoice, UNDECIDED_RAYS};
 use terravision_common::shm::Stage;
 
 /// More frames than this are never under way: the camera ring and the ring hold less.
 const FRAMES_UNDER_WAY: usize = 8192;
-
-/// A tile that could not be had.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct UnavailableTile {
-    /// Whether it is a colour tile (else elevation).
-    pub is_color: bool,
-    /// The node.
-    pub node: NodeId,
-}
 
 /// How rays are cast.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,8 +55,8 @@ pub struct Collector {
     most_frames: usize,
     /// By frame, from the first.
     pub frames: Vec<FrameStats>,
-    /// Cause by tile: 1 missing, 2 corrupt, 3 read error, 4 refused, 5 not in the cache.
-    pub unavailable: BTreeMap<UnavailableTile, u64>,
+    /// Tiles that could not be had, and why.
+    pub unavailable: BTreeMap<Tile, TileFailure>,
     /// Tiles that could not be had at first, and came later.
     pub came_later: u64,
     /// What went wrong while the database was read.
@@ -166,41 +160,46 @@ impl Collector {
 
     /// `None` when the event is malformed.
     fn apply(&mut self, event: &Event) -> Option<()> {
-        let kind = EventKind::from_number(event.kind)?;
-        match kind {
-            EventKind::DeviceName => self.device.take(event),
-            EventKind::DriverName => self.driver.take(event),
-            EventKind::TechniqueName => {
+        let content = event.content()?;
+        match content {
+            EventContent::Text { kind: TextKind::Device } => self.device.take(event),
+            EventContent::Text { kind: TextKind::Driver } => self.driver.take(event),
+            EventContent::Text { kind: TextKind::Technique } => {
                 self.technique.take(event);
                 self.is_technique_known |= self.technique.is_complete;
             }
-            EventKind::Failure => {
+            EventContent::Text { kind: TextKind::Failure } => {
                 self.failure.take(event);
                 if self.failure.is_complete {
                     self.failures.take(&self.failure.text())?;
                 }
             }
-            EventKind::TileUnavailable => {
-                self.unavailable.insert(tile_of(event)?, event.value >> 8);
+            EventContent::TileUnavailable { tile, failure } => {
+                self.unavailable.insert(tile, failure);
             }
-            EventKind::TileCame => {
-                self.unavailable.remove(&tile_of(event)?);
+            EventContent::TileCame { tile } => {
+                self.unavailable.remove(&tile);
                 self.came_later += 1;
             }
-            kind => self.apply_to_frame(kind, event)?,
+            content => self.apply_to_frame(content, event)?,
         }
         Some(())
     }
 
-    fn apply_to_frame(&mut self, kind: EventKind, event: &Event) -> Option<()> {
-        if kind == EventKind::Span && event.value == SpanName::FetchTile as u64 {
+    fn apply_to_frame(&mut self, content: EventContent, event: &Event) -> Option<()> {
+        let span = match content {
+            EventContent::Span { name, .. } => Some(name),
+            _ => None,
+        };
+        if span == Some(SpanName::FetchTile) {
             self.round_trips_ms.push((event.duration_nanos as f64 / 1e6) as f32);
         }
         match self.frame_mut(event.frame) {
-            Some(frame) => frame.take(kind, event),
+            Some(frame) => frame.take(content, event),
             // Loading of the locked top levels belongs to no frame.
-            None => (kind == EventKind::Span).then_some(()),
+            None => return span.map(|_| ()),
         }
+        Some(())
     }
 
     /// A frame of this run; of a flight without a known end also one that is new.
@@ -212,12 +211,6 @@ impl Collector {
         }
         self.frames.get_mut(index)
     }
-}
-
-/// The tile that an event is about.
-fn tile_of(event: &Event) -> Option<UnavailableTile> {
-    let node = NodeId::unpack(event.node)?;
-    Some(UnavailableTile { is_color: event.value & 0xFF == 1, node })
 }
 
 #[cfg(test)]

@@ -2,21 +2,27 @@
 
 use super::*;
 use proptest::prelude::*;
+use terravision_common::database::Layer;
+use terravision_common::node::NodeId;
 
-fn event(kind: EventKind, frame: u64, start: u64, duration: u64, value: u64) -> Event {
-    Event { kind: kind as u32, thread: 0, frame, start_nanos: start, duration_nanos: duration, value, node: 0 }
+fn event(content: EventContent, frame: u64, start: u64, duration: u64) -> Event {
+    Event::new(content).of_frame(frame).at(start).lasting(duration)
+}
+
+fn span(name: SpanName) -> EventContent {
+    EventContent::Span { name, node: None }
 }
 
 #[test]
-fn events_become_figures_of_their_frame() {
+fn events_become_stats_of_their_frame() {
     let mut collector = Collector::new(10, 2, true);
-    collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 5, 7, SpanName::LoadTile as u64));
-    collector.take(Stage::Prefetcher, event(EventKind::Span, 11, 9, 3, SpanName::LoadTile as u64));
-    collector.take(Stage::Renderer, event(EventKind::Span, 11, 20, 3, SpanName::Record as u64));
-    collector.take(Stage::Renderer, event(EventKind::FrameDone, 11, 40, 0, 1234));
-    collector.take(Stage::Renderer, event(EventKind::FrameWritten, 11, 50, 2, 1));
-    collector.take(Stage::Preparer, event(EventKind::FrameWanted, 11, 0, 0, 7 << 32 | 99));
-    for piece in Event::text(EventKind::DeviceName, "llvmpipe (LLVM 15.0.6, 256 bits) and more than one piece") {
+    collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 5, 7));
+    collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 9, 3));
+    collector.take(Stage::Renderer, event(span(SpanName::Record), 11, 20, 3));
+    collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1234 }, 11, 40, 0));
+    collector.take(Stage::Renderer, event(EventContent::FrameWritten { is_settled: true }, 11, 50, 2));
+    collector.take(Stage::Preparer, event(EventContent::FrameWanted { tiles: 99, nodes: 7 }, 11, 0, 0));
+    for piece in Event::text(TextKind::Device, "llvmpipe (LLVM 15.0.6, 256 bits) and more than one piece") {
         collector.take(Stage::Renderer, piece);
     }
     let frame = collector.frames[1];
@@ -29,14 +35,14 @@ fn events_become_figures_of_their_frame() {
 }
 
 #[test]
-fn a_flight_without_a_known_end_has_figures_of_the_frames_that_came() {
+fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
     let mut collector = Collector::new(0, 0, false).open_ended(true);
     for frame in 0..3 {
-        collector.take(Stage::Renderer, event(EventKind::FrameDone, frame, 7, 0, 1));
+        collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, frame, 7, 0));
     }
     // No healthy stage is so far ahead.
-    collector.take(Stage::Renderer, event(EventKind::FrameDone, 1 << 40, 7, 0, 1));
-    collector.take(Stage::Renderer, event(EventKind::FrameDone, 100_000, 7, 0, 1));
+    collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, 1 << 40, 7, 0));
+    collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, 100_000, 7, 0));
     assert_eq!((collector.frames.len(), collector.malformed_events), (3, 2));
 }
 
@@ -44,25 +50,28 @@ fn a_flight_without_a_known_end_has_figures_of_the_frames_that_came() {
 fn a_tile_is_listed_once_with_its_cause() {
     let mut collector = Collector::new(0, 1, false);
     let node = NodeId::new(3, 4, 1).unwrap();
+    let [elevation, color] = [Layer::Elevation, Layer::Color].map(|layer| Tile { layer, node });
+    let unavailable = EventContent::TileUnavailable { tile: color, failure: TileFailure::Damaged };
     for _ in 0..2 {
-        let mut event = event(EventKind::TileUnavailable, 0, 0, 0, 1 + 256 * 2);
-        event.node = node.pack();
-        collector.take(Stage::Preparer, event);
+        collector.take(Stage::Preparer, event(unavailable, 0, 0, 0));
     }
     let listed: Vec<_> = collector.unavailable.iter().collect();
-    assert_eq!(listed, [(&UnavailableTile { is_color: true, node }, &2)]);
+    assert_eq!(listed, [(&color, &TileFailure::Damaged)]);
     // The elevation tile of the same node is another one.
-    for (is_color, left) in [(0, 1), (1, 0)] {
-        collector.take(Stage::Prefetcher, Event { node: node.pack(), ..event(EventKind::TileCame, 0, 0, 0, is_color) });
+    for (tile, left) in [(elevation, 1), (color, 0)] {
+        collector.take(Stage::Prefetcher, event(EventContent::TileCame { tile }, 0, 0, 0));
         assert_eq!(collector.unavailable.len(), left);
     }
 }
 
 proptest! {
     #[test]
-    fn any_event_is_taken(kind in 0u32..20, thread: u32, frame in 0u64..4, value: u64, node: u64, start: u64, duration: u64) {
+    fn any_event_is_taken(words in prop::array::uniform6(any::<u64>()), kind in 0u32..20, frame in 0u64..4) {
         let mut collector = Collector::new(1, 2, false);
-        let event = Event { kind, thread, frame, start_nanos: start, duration_nanos: duration, value, node };
+        // The kind is the first number of an event, the frame begins eight bytes later.
+        let mut words = words;
+        (words[0], words[1]) = (words[0] << 32 | u64::from(kind), frame);
+        let event: Event = bytemuck::cast(words);
         collector.take(Stage::Renderer, event);
         collector.take(Stage::Renderer, event);
         prop_assert_eq!(collector.frames.len(), 2);

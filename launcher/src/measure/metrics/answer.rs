@@ -1,5 +1,6 @@
-//! As much of HTTP as a scrape needs (RFC 9112): one request, one answer, and the connection is closed. One thread serves all
-//! clients and waits for none of them: one that says nothing keeps a place, for a moment, and nobody waiting.
+//! As much of HTTP as a scrape needs (RFC 9112): one request, one answer, and the connection is
+//! closed. One thread serves all clients and waits for none of them: an idle client keeps a place
+//! for a moment and delays no other.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, ErrorKind, Read, Write};
@@ -29,13 +30,14 @@ struct Client {
 }
 
 impl Clients {
-    /// Waits until there is something to do, `bound` at most, and does it. `page` is asked for with every request.
+    /// Waits until there is something to do, `bound` at most, and does it. `page` is asked for with
+    /// every request.
     pub(super) fn serve(&mut self, listener: &TcpListener, bound: Duration, page: &mut dyn FnMut() -> String) {
         let ready = self.wait(listener, bound);
         let [is_called, is_ready @ ..] = ready.as_slice() else { return };
         let now = Instant::now();
         let mut is_ready = is_ready.iter();
-        // A client that goes away, or sends nonsense, gets nothing.
+        // A client that disconnects, or sends no valid request, gets no answer.
         self.clients.retain_mut(|client| {
             let is_ready = is_ready.next().is_some_and(|is_ready| *is_ready);
             let is_done = is_ready && client.go_on(page).unwrap_or(true);
@@ -46,7 +48,7 @@ impl Clients {
         }
     }
 
-    /// Whether somebody calls, and which of the clients have something to say or take something in.
+    /// Whether a client connects, and which clients can be read from or written to.
     fn wait(&self, listener: &TcpListener, bound: Duration) -> Vec<bool> {
         let mut fds = vec![PollFd::new(listener, PollFlags::IN)];
         fds.extend(self.clients.iter().map(|client| {
@@ -69,7 +71,7 @@ impl Clients {
                 self.clients.push(Client { stream, since: now, head: Vec::new(), answer: None });
             }
             Ok(_) => {}
-            // Without a place for another open file those that are here have to go first; nobody runs in circles.
+            // Out of file descriptors: close the clients, and do not spin.
             Err(error) if error.kind() != ErrorKind::WouldBlock => {
                 self.clients.clear();
                 std::thread::sleep(Duration::from_millis(50));
@@ -99,7 +101,8 @@ impl Client {
         Ok(true)
     }
 
-    /// Reads until the empty line that ends a request's head; whether it has come. Its body, if it has one, is not read.
+    /// Reads until the empty line that ends a request's head; whether it has come. Its body, if it
+    /// has one, is not read.
     fn read_head(&mut self) -> io::Result<bool> {
         let mut part = [0; 1024];
         loop {
@@ -126,8 +129,8 @@ fn answer(head: &str, page: &mut dyn FnMut() -> String) -> Vec<u8> {
     let path = target.split('?').next().unwrap_or_default();
     let (status, body) = match (method, path) {
         ("GET" | "HEAD", "/metrics" | "/") => ("200 OK", page()),
-        ("GET" | "HEAD", _) => ("404 Not Found", "figures are at /metrics\n".to_owned()),
-        _ => ("405 Method Not Allowed", "figures are read with GET\n".to_owned()),
+        ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
+        _ => ("405 Method Not Allowed", "metrics are read with GET\n".to_owned()),
     };
     let allow = if status.starts_with("405") { "Allow: GET, HEAD\r\n" } else { "" };
     let head = format!(
@@ -143,7 +146,7 @@ fn answer(head: &str, page: &mut dyn FnMut() -> String) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// Serves until so many pages were asked for, or nobody is left.
+    /// Serves until this many pages were asked for, or time is up.
     fn serve(clients: &mut Clients, listener: &TcpListener, pages: u32) {
         let (mut asked, end) = (0, Instant::now() + Duration::from_secs(60));
         while asked < pages && Instant::now() < end {

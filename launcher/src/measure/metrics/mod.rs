@@ -1,5 +1,6 @@
-//! Figures of a run while it goes on, for Prometheus: plain HTTP, by default on loopback, from a thread that reads the
-//! control block and what the launcher knows of frames. Nothing in the flight waits for it.
+//! Metrics of a run while it goes on, for Prometheus: plain HTTP, by default on loopback, from a
+//! thread that reads the control block and what the launcher knows of frames. Nothing in the flight
+//! waits for it.
 
 mod answer;
 mod tally;
@@ -25,11 +26,11 @@ use text::Facts;
 /// How often the thread looks whether the run is over.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Where figures are served: a port of loopback, or an address with a port.
+/// Where metrics are served: a port of loopback, or an address with a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MetricsAddress(pub SocketAddr);
 
-/// It is neither.
+/// A text is neither.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "expected a port of this machine, e.g. 9464, or an address with a port, e.g. 127.0.0.1:9464 (0: any free port)"
@@ -44,7 +45,7 @@ impl FromStr for MetricsAddress {
     }
 }
 
-/// A socket that listens, and nobody yet who answers.
+/// A socket that listens; nothing answers yet.
 #[derive(Debug)]
 pub struct MetricsSocket {
     listener: TcpListener,
@@ -72,7 +73,7 @@ impl MetricsSocket {
         let address = self.address;
         (!address.ip().is_loopback()).then(|| {
             format!(
-                "--metrics {address}: everybody who reaches this machine can read the figures of the run; --metrics {} is for \
+                "--metrics {address}: everybody who can reach this machine can read the metrics of the run; --metrics {} is for \
                  this machine alone",
                 address.port()
             )
@@ -108,12 +109,12 @@ impl Metrics {
         };
         let tally = Arc::new(Mutex::new(FrameTally::new(config)));
         let ends = Arc::new(AtomicBool::new(false));
-        let (is_over, figures) = (Arc::clone(&ends), Arc::clone(&tally));
+        let (is_over, frames) = (Arc::clone(&ends), Arc::clone(&tally));
         let serve = move || {
-            let mut desk = Clients::default();
+            let mut clients = Clients::default();
             // Relaxed: a flag.
             while !is_over.load(Ordering::Relaxed) {
-                desk.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&figures)));
+                clients.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&frames)));
             }
         };
         Ok(Self { ends, tally, thread: Some(in_thread("metrics", serve)?) })
@@ -148,7 +149,7 @@ mod tests {
         let warning = |text: &str| MetricsSocket::open(text.parse().unwrap()).unwrap().warning();
         assert_eq!((warning("0"), warning("127.0.0.1:0")), (None, None));
         let told = warning("0.0.0.0:0").unwrap();
-        assert!(told.contains("everybody who reaches this machine"), "{told}");
+        assert!(told.contains("everybody who can reach this machine"), "{told}");
     }
 
     #[test]

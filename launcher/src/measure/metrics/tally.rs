@@ -1,15 +1,13 @@
 //! What is known of the frames of a run so far, added up from events.
 
 use crate::measure::timing::ON_TIME_PERIODS;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::event::{Event, EventContent};
+use terravision_common::outcome::TileFailure;
 use terravision_common::run::RunConfig;
 
-/// Upper bounds of the histogram of frame times, seconds: from a tenth of a frame at 60 Hz to what nobody waits for.
+/// Upper bounds of the histogram of frame times, seconds: from a tenth of a frame at 60 Hz to 10 s.
 pub(super) const BOUNDS_S: [f64; 14] =
     [0.002, 0.005, 0.01, 0.0167, 0.02, 0.0334, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
-
-/// Why tiles could not be had, by the code of the event less one.
-pub(super) const CAUSES: [&str; 5] = ["missing", "corrupt", "read_error", "refused", "not_cached"];
 
 /// What is known of frames.
 #[derive(Debug, Clone, Default)]
@@ -28,7 +26,8 @@ pub struct FrameTally {
     /// Of the newest frame.
     pub(super) wanted: u64,
     pub(super) lacked: u64,
-    pub(super) unavailable: [u64; CAUSES.len()],
+    /// By [`TileFailure`], in the order of all of them.
+    pub(super) unavailable: [u64; TileFailure::ALL.len()],
 }
 
 impl FrameTally {
@@ -39,22 +38,21 @@ impl FrameTally {
         Self { first_frame: config.frames[0], period_nanos, ..Self::default() }
     }
 
-    /// Takes an event of any stage. `clock_start`: moment of the first frame of a flight against the clock.
+    /// Takes an event of any stage. `clock_start`: moment of the first frame of a flight against
+    /// the clock.
     pub fn take(&mut self, event: &Event, clock_start: Option<u64>) {
-        match EventKind::from_number(event.kind) {
-            Some(EventKind::FrameDone) => self.frame_done(event, clock_start),
-            Some(EventKind::FrameWanted) => {
-                self.wanted = event.value & 0xFFFF_FFFF;
+        match event.content() {
+            Some(EventContent::FrameDone { .. }) => self.frame_done(event, clock_start),
+            Some(EventContent::FrameWanted { tiles, .. }) => {
+                self.wanted = tiles.into();
                 if self.period_nanos.is_none() {
                     // It is prepared when nothing is lacking, or what lacks cannot be had.
                     self.lacked = 0;
                 }
             }
-            Some(EventKind::FrameLacked) => self.lacked = event.value & 0xFFFF_FFFF,
-            Some(EventKind::TileUnavailable) => {
-                let cause = usize::try_from((event.value >> 8).saturating_sub(1)).unwrap_or(usize::MAX);
-                // What has no name here is an error of reading.
-                self.unavailable[if cause < CAUSES.len() { cause } else { 2 }] += 1;
+            Some(EventContent::FrameLacked { tiles, .. }) => self.lacked = tiles.into(),
+            Some(EventContent::TileUnavailable { failure, .. }) => {
+                self.unavailable[usize::from(failure.number() - 1)] += 1;
             }
             _ => {}
         }
@@ -69,7 +67,7 @@ impl FrameTally {
         if let (Some(period), Some(start)) = (self.period_nanos, clock_start) {
             let due = start as f64 + (index as f64 + ON_TIME_PERIODS) * period;
             self.late += u64::from(index > 0 && event.start_nanos as f64 > due);
-            // A frame number that cannot be is no reason to count for ever.
+            // A wrong frame number must not make it count for ever.
             let before = self.last.map_or(index, |last| last + 1);
             self.skipped = self.skipped.saturating_add(index.saturating_sub(before));
         }
@@ -81,7 +79,8 @@ impl FrameTally {
 mod tests {
     use super::*;
     use crate::measure::report::tests::config;
-    use bytemuck::Zeroable;
+    use terravision_common::database::{Layer, Tile};
+    use terravision_common::node::NodeId;
     use terravision_common::run::RealtimeConfig;
 
     const MS: u64 = 1_000_000;
@@ -91,20 +90,17 @@ mod tests {
         let realtime = RealtimeConfig { has_feedback: true, coarsest_px: [40.0, 4.0], rest_px: [3.0, 1.0] };
         let config = RunConfig { realtime: Some(realtime), fps: 100.0, ..config() };
         let mut tally = FrameTally::new(&config);
-        let mut take = |kind: EventKind, frame: u64, at: u64, took: u64, value: u64| {
-            let (start_nanos, duration_nanos) = (at * MS, took * MS);
-            tally.take(
-                &Event { kind: kind as u32, frame, start_nanos, duration_nanos, value, ..Event::zeroed() },
-                Some(100 * MS),
-            );
+        let mut take = |content: EventContent, frame: u64, at: u64, took: u64| {
+            tally.take(&Event::new(content).of_frame(frame).at(at * MS).lasting(took * MS), Some(100 * MS));
         };
         // Moments are 100, 110, 120...; a frame has 20 ms. The first frame is number 5.
         for (frame, at, took) in [(5, 100, 60), (6, 130, 30), (8, 151, 21), (9, 154, 3)] {
-            take(EventKind::FrameDone, frame, at, took, 1);
+            take(EventContent::FrameDone { triangles: 1 }, frame, at, took);
         }
-        take(EventKind::FrameWanted, 9, 0, 0, 7 << 32 | 99);
-        take(EventKind::FrameLacked, 9, 0, 0, u64::from(0.5f32.to_bits()) << 32 | 12);
-        take(EventKind::TileUnavailable, 9, 0, 0, 1 + 256 * 2);
+        take(EventContent::FrameWanted { tiles: 99, nodes: 7 }, 9, 0, 0);
+        take(EventContent::FrameLacked { tiles: 12, sharp_share: 0.5 }, 9, 0, 0);
+        let tile = Tile { layer: Layer::Color, node: NodeId::new(3, 4, 1).unwrap() };
+        take(EventContent::TileUnavailable { tile, failure: TileFailure::Damaged }, 9, 0, 0);
         assert_eq!((tally.drawn, tally.late, tally.skipped), (4, 1, 1));
         assert_eq!(tally.by_time.iter().sum::<u64>(), 4);
         assert!((tally.time_s - 0.114).abs() < 1e-9);

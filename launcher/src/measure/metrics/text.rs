@@ -1,17 +1,18 @@
-//! The figures as text (Prometheus exposition format 0.0.4).
+//! The metrics as text (Prometheus exposition format 0.0.4).
 
-use super::tally::{BOUNDS_S, CAUSES, FrameTally};
+use super::tally::{BOUNDS_S, FrameTally};
 use std::fmt::{Display, Write};
+use terravision_common::outcome::TileFailure;
 use terravision_common::shm::{Control, Counter, Gauge, Stage};
 use terravision_store::Cause;
 
-/// Where figures come from beside the tally of frames.
+/// Where metrics come from beside the tally of frames.
 #[derive(Debug)]
 pub(super) struct Facts {
     pub(super) control: Control,
     /// Of the elevation and the colour pool.
     pub(super) pool_slots: [u32; 2],
-    /// 0 when nobody knows how many there will be.
+    /// 0 when it is not known how many there will be.
     pub(super) asked_frames: u64,
 }
 
@@ -21,7 +22,8 @@ const POOLS: [&str; 2] = ["elevation", "color"];
 struct Page(String);
 
 impl Page {
-    /// One metric: its name (without the program's), kind and help, and a value for each set of labels.
+    /// One metric: its name (without the program's), kind and help, and a value for each set of
+    /// labels.
     fn put<V: Display>(&mut self, name: &str, kind: &str, help: &str, values: impl IntoIterator<Item = (String, V)>) {
         let mut text = format!("# HELP terravision_{name} {help}\n# TYPE terravision_{name} {kind}\n");
         for (labels, value) in values {
@@ -51,7 +53,7 @@ pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
     let gauge = |gauge| control.gauge(gauge) as f64;
     let mut page = Page(String::new());
     histogram(&mut page, frames);
-    page.gauge("frames", "Frames of the flight; 0 when nobody knows.", facts.asked_frames as f64);
+    page.gauge("frames", "Frames of the flight; 0 when their number is not known.", facts.asked_frames as f64);
     page.count("frames_written_total", "Frames that have left the sink.", control.written_frames());
     page.count("frames_late_total", "Frames that came too late (realtime).", frames.late);
     page.count("frames_skipped_total", "Frames that were left out (realtime).", frames.skipped);
@@ -69,7 +71,8 @@ pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
     page.count("tiles_loaded_total", "Tiles decoded into the pools.", counter(Counter::TilesLoaded));
     page.count("tiles_evicted_total", "Tiles that made room for others.", counter(Counter::TilesEvicted));
     page.count("tiles_uploaded_total", "Colour tiles copied to the device.", counter(Counter::TilesUploaded));
-    let unavailable = CAUSES.iter().zip(frames.unavailable).map(|(cause, count)| (label("cause", cause), count));
+    let unavailable =
+        TileFailure::ALL.iter().zip(frames.unavailable).map(|(failure, count)| (label("cause", failure.name()), count));
     page.put("tiles_unavailable_total", "counter", "Tiles that could not be had.", unavailable);
     page.put(
         "pool_slots",

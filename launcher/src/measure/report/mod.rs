@@ -1,19 +1,22 @@
-//! From what a run measured to its report (docs/report.md; the fields are those of [`terravision_common::report`]).
+//! From what a run measured to its report (docs/report.md; the fields are those of
+//! [`terravision_common::report`]).
 //!
-//! * [`realtime`]: the part about a flight against the clock. [`network`]: the parts about where tiles came from.
+//! * [`realtime`]: the part about a flight against the clock. [`network`]: the parts about where
+//!   tiles came from.
 //! * [`summary`]: a report in one line, and what could not be had.
 
 pub mod network;
 pub mod realtime;
 pub mod summary;
 
-use super::collector::UnavailableTile;
 use super::collector::frame::FrameStats;
 use super::stats::RunStats;
 use super::timing::{NANOS_PER_MS, frame_ms, frame_times, frames_per_second, median, renderer_ms, seconds};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use terravision_common::database::{Layer, Tile};
 use terravision_common::event::SpanName;
+use terravision_common::outcome::TileFailure;
 use terravision_common::report::{self as schema, FrameTimes, Report, SCHEMA, Settings, TilesReport};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Stage;
@@ -111,7 +114,7 @@ fn median_of(frames: &[FrameStats], value: fn(&FrameStats) -> f64) -> f64 {
 fn tiles(stats: &RunStats) -> TilesReport {
     let collector = &stats.collector;
     let unavailable: Vec<schema::UnavailableTile> =
-        collector.unavailable.iter().map(|(tile, cause)| unavailable_tile(tile, *cause)).collect();
+        collector.unavailable.iter().map(|(tile, failure)| unavailable_tile(*tile, *failure)).collect();
     let counted = stats.tiles.unavailable.saturating_sub(collector.came_later);
     TilesReport {
         wanted: stats.tiles.wanted,
@@ -123,19 +126,16 @@ fn tiles(stats: &RunStats) -> TilesReport {
     }
 }
 
-fn unavailable_tile(tile: &UnavailableTile, cause: u64) -> schema::UnavailableTile {
-    let cause = match cause {
-        1 => "missing",
-        2 => "corrupt",
-        4 => "refused",
-        5 => "not in the cache",
-        _ => "read error",
-    };
+fn unavailable_tile(tile: Tile, failure: TileFailure) -> schema::UnavailableTile {
     schema::UnavailableTile {
-        layer: if tile.is_color { "color" } else { "elevation" }.to_owned(),
+        layer: match tile.layer {
+            Layer::Elevation => "elevation",
+            Layer::Color => "color",
+        }
+        .to_owned(),
         node: [tile.node.m(), tile.node.n()],
         level: tile.node.q(),
-        cause: cause.to_owned(),
+        cause: failure.words().to_owned(),
     }
 }
 

@@ -1,4 +1,5 @@
-//! The parts of a report that are about where tiles came from: the prefetcher, and a database on a server.
+//! The parts of a report that are about where tiles came from: the prefetcher, and a database on a
+//! server.
 
 use crate::measure::stats::{PrefetchStats, RunStats};
 use terravision_common::report::{CacheReport, FailureReport, NetworkReport, Percentiles, PrefetchReport};
@@ -56,7 +57,8 @@ pub fn main_failure(stats: &RunStats) -> Option<String> {
     told.max_by_key(|failure| failure.count).and_then(|failure| failure.told.into_iter().next())
 }
 
-/// What went wrong while the database was read, a message for each cause: how often, why, and where.
+/// What went wrong while the database was read, a message for each cause: how often, why, and
+/// where.
 #[must_use]
 pub fn failure_messages(stats: &RunStats) -> Vec<String> {
     let is_told = |failure: &FailureReport| stats.collector.failures.is_told(&failure.cause);
@@ -81,7 +83,7 @@ mod tests {
     use crate::measure::report::report;
     use crate::measure::report::summary::network_summary;
     use crate::measure::report::tests::{config, stats};
-    use terravision_common::event::{Event, EventKind};
+    use terravision_common::event::{Event, TextKind};
     use terravision_common::run::DatabaseConfig;
     use terravision_common::shm::Stage;
 
@@ -99,7 +101,7 @@ mod tests {
             "damaged what came is wrong: http://h/a",
         ];
         for sentence in told {
-            for event in Event::text(EventKind::Failure, sentence) {
+            for event in Event::text(TextKind::Failure, sentence) {
                 stats.collector.take(Stage::Prefetcher, event);
             }
         }
@@ -119,7 +121,7 @@ mod tests {
         assert_eq!((stats.collector.failures.take_untold().len(), failure_messages(&stats).len()), (0, 2));
         // What was told before the flight is no news either.
         stats.collector.failures.note_told(&["2 times: the cache is broken: /c".to_owned()]);
-        for event in Event::text(EventKind::Failure, "cache the cache is broken: /c") {
+        for event in Event::text(TextKind::Failure, "cache the cache is broken: /c") {
             stats.collector.take(Stage::Prefetcher, event);
         }
         assert!(stats.collector.failures.take_untold().is_empty());

@@ -7,9 +7,11 @@ use crate::measure::memory::MemoryPeaks;
 use crate::measure::stats::{PrefetchStats, TileStats};
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
-use terravision_common::event::{Event, EventKind};
+use terravision_common::database::{Layer, Tile};
+use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
+use terravision_common::outcome::TileFailure;
 use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice};
 
 pub(crate) fn config() -> RunConfig {
@@ -53,16 +55,15 @@ pub(crate) fn stats() -> RunStats {
     let mut collector = Collector::new(5, 3, true);
     const MS: u64 = 1_000_000;
     for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
-        let mut event = |stage, kind: EventKind, start, duration, value| {
-            let (start_nanos, duration_nanos) = (start * MS, duration * MS);
-            let kind = kind as u32;
-            collector.take(stage, Event { kind, thread: 0, frame, start_nanos, duration_nanos, value, node: 0 });
+        let mut event = |stage, content, start, duration| {
+            collector.take(stage, Event::new(content).of_frame(frame).at(start * MS).lasting(duration * MS));
         };
-        event(Stage::Generator, EventKind::Span, started - 50, 1, SpanName::Generate as u64);
-        event(Stage::Preparer, EventKind::Span, started - 20, frame - 4, SpanName::Prepare as u64);
-        event(Stage::Renderer, EventKind::Span, started, 1, SpanName::Record as u64);
-        event(Stage::Renderer, EventKind::FrameDone, done, 10, 1000 + frame);
-        event(Stage::Renderer, EventKind::FrameWritten, done + 5, 0, 1);
+        let span = |name| EventContent::Span { name, node: None };
+        event(Stage::Generator, span(SpanName::Generate), started - 50, 1);
+        event(Stage::Preparer, span(SpanName::Prepare), started - 20, frame - 4);
+        event(Stage::Renderer, span(SpanName::Record), started, 1);
+        event(Stage::Renderer, EventContent::FrameDone { triangles: 1000 + frame }, done, 10);
+        event(Stage::Renderer, EventContent::FrameWritten { is_settled: true }, done + 5, 0);
     }
     RunStats {
         started_nanos: 15 * MS,
@@ -85,8 +86,8 @@ pub(crate) fn stats() -> RunStats {
     }
 }
 
-/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the third while the second was
-/// drawn.
+/// Frames that were done at 110, 120 and 130 ms; the pose of the second came at 117, that of the
+/// third while the second was drawn.
 #[test]
 fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
     let mut stats = stats();
@@ -128,10 +129,9 @@ fn the_report_has_the_schema_and_the_stats() {
 #[test]
 fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
     let mut stats = stats();
-    let node = NodeId::new(3, 4, 1).unwrap().pack();
-    let kind = EventKind::TileUnavailable as u32;
-    let event = Event { kind, thread: 0, frame: 6, start_nanos: 0, duration_nanos: 0, value: 256 * 2, node };
-    stats.collector.take(Stage::Preparer, event);
+    let tile = Tile { layer: Layer::Elevation, node: NodeId::new(3, 4, 1).unwrap() };
+    let content = EventContent::TileUnavailable { tile, failure: TileFailure::Damaged };
+    stats.collector.take(Stage::Preparer, Event::new(content).of_frame(6));
     let report = report(&config(), &stats);
     assert!(!report.settled && !report.is_as_promised());
     let told = summary::unavailable(&report).unwrap();

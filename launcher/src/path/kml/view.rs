@@ -42,7 +42,7 @@ impl<'a> ViewReader<'a> {
         Self { path, lonlat, ground, field: None, other_fields: 0, mended: 0, first_mended: 0 }
     }
 
-    /// The number in a child element; `absent` where there is none, or nothing in it.
+    /// The number in a child element; `absent` where there is no such element, or it is empty.
     pub(super) fn number(
         &self,
         node: Node<'_>,
@@ -76,7 +76,7 @@ impl<'a> ViewReader<'a> {
         value.clamp(low, high)
     }
 
-    /// One of some words; the first of them where there is none.
+    /// One of some words; the first of them where the element is missing.
     pub(super) fn word(&mut self, node: Node<'_>, key: &str, words: &[&'static str]) -> &'static str {
         let found = node.child(key).map_or("", Node::text);
         let known = words.iter().find(|word| **word == found);

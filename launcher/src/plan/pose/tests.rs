@@ -76,8 +76,8 @@ fn an_eye_looks_at_its_target() {
 
 #[test]
 fn longitude_and_latitude_are_those_of_proj_and_north_is_true() {
-    // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77, true north is 0.707 degrees west of
-    // grid north there.
+    // echo -122 45 | proj +proj=utm +zone=10 +datum=WGS84 gives 578815.30 4983436.77, true north is
+    // 0.707 degrees west of grid north there.
     let args = PoseArgs {
         eye: place("-122,45,3000"),
         heading: Some(90.0),
@@ -119,13 +119,13 @@ fn what_is_missing_or_too_much_is_said() {
     let eye = place("580000,4980000,900");
     for (args, expected) in [
         (PoseArgs::default(), "no pose is given"),
-        (PoseArgs { eye, ..PoseArgs::default() }, "where does the camera look?"),
-        (PoseArgs { eye, heading: Some(1.0), ..PoseArgs::default() }, "where does the camera look?"),
-        (PoseArgs { eye, look_at: eye, ..PoseArgs::default() }, "cannot look at itself"),
-        (PoseArgs { eye, look_at: eye, pitch: Some(1.0), ..PoseArgs::default() }, "--pitch: --look-at says"),
-        (PoseArgs { look_at: eye, ..PoseArgs::default() }, "from where?"),
+        (PoseArgs { eye, ..PoseArgs::default() }, "but not where it looks"),
+        (PoseArgs { eye, heading: Some(1.0), ..PoseArgs::default() }, "but not where it looks"),
+        (PoseArgs { eye, look_at: eye, ..PoseArgs::default() }, "are the same place"),
+        (PoseArgs { eye, look_at: eye, pitch: Some(1.0), ..PoseArgs::default() }, "--pitch and --look-at both"),
+        (PoseArgs { look_at: eye, ..PoseArgs::default() }, "but not where it is"),
         (PoseArgs { eye, from: Some(Triple([0.0; 3])), ..PoseArgs::default() }, "--from and --eye both"),
-        (PoseArgs { look_at: eye, from: Some(Triple([0.0; 3])), ..PoseArgs::default() }, "metres, more than 0"),
+        (PoseArgs { look_at: eye, from: Some(Triple([0.0; 3])), ..PoseArgs::default() }, "metres, from 0.001"),
         (PoseArgs { eye, heading: Some(0.0), pitch: Some(91.0), ..PoseArgs::default() }, "--pitch 91"),
         (
             PoseArgs {

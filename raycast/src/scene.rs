@@ -1,10 +1,7 @@
-//! One frame's ground as seen from its eye: what all rays of the frame share.
+//! A frame's ground as seen from its eye: what the rays of every technique share.
 
-use crate::exact::projected::Projected;
-use crate::model::color::Mip;
-use crate::model::{Found, Ground, Tile};
-use crate::picture::Picture;
-use crate::view::{Planes, Ray, View};
+use crate::model::{Found, Ground};
+use crate::view::{Ray, View};
 use glam::{DVec2, Vec2, Vec3};
 
 /// A tile relative to the eye.
@@ -14,7 +11,7 @@ pub(crate) struct Placed {
     pub(crate) corner: Vec3,
     /// Voxels per metre.
     pub(crate) per_m: f32,
-    /// North west corner of its colours, metres from the eye.
+    /// North west corner of its colors, metres from the eye.
     pub(crate) color_corner: Vec2,
     pub(crate) texels_per_m: f32,
 }
@@ -26,35 +23,41 @@ pub(crate) struct Bounds {
     pub(crate) max: Vec2,
 }
 
-/// What a frame is drawn with.
+/// Where everything lies, seen from the eye.
 #[derive(Debug)]
-pub(crate) struct Frame<'a> {
+pub(crate) struct Scene<'a> {
     pub(crate) ground: &'a Ground,
+    /// Its tiles.
     pub(crate) placed: &'a [Placed],
-    /// Of exact rays that follow the ground; else empty.
-    pub(crate) projected: &'a Projected,
+    /// Of all tiles.
     pub(crate) bounds: Bounds,
     pub(crate) view: View,
-    pub(crate) planes: &'a Planes,
-    /// Layers of colour.
-    pub(crate) colors: &'a [&'a [u8]],
-    pub(crate) picture: &'a Picture,
-    pub(crate) sky: u32,
-    /// Highest ground, metres from the eye.
+    /// The eye, metres above the ground's datum.
+    pub(crate) eye_height: f32,
+    /// Highest ground, metres above the eye; minus infinity without ground.
     pub(crate) highest: f32,
-    /// The ground's datum, metres above the eye.
-    pub(crate) datum: f32,
-    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is looked for.
-    pub(crate) fall: f32,
+    /// No ground is further away, metres; 0 without ground.
+    pub(crate) far: f32,
     /// Whether facets are seen from below: an eye beside the world may look under its edge.
     pub(crate) has_undersides: bool,
 }
 
-/// Whether an eye is beside the world, not over it.
-pub(crate) fn is_beside_world(ground: &Ground, view: &View) -> bool {
-    let (eye, unit) = (view.eye_in_world(), ground.shape().lattice_unit_m);
-    (0..2).any(|axis| !(0.0..=f64::from(ground.shape().extent[axis]) * unit).contains(&eye[axis]))
+/// What lies at a point of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Place {
+    Tile(u32),
+    /// Nothing here before this parameter of the ray.
+    HoleUntil(f32),
+    /// Nothing here or further on.
+    Left,
 }
+
+/// A point that is no further outside of the ground's bounds than this share of a lattice unit is on
+/// them: rounding of metres from the eye, which is an eighth of a millimetre per kilometre.
+const NEAR_BOUNDS: f32 = 0.01;
+/// A point on the outer border belongs to the cell before it: so many lattice units are taken off,
+/// which a double of any lattice coordinate still tells apart.
+const JUST_INSIDE: f64 = 1e-3;
 
 /// Places all tiles; returns their bounds.
 pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> Bounds {
@@ -65,7 +68,7 @@ pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> B
     for tile in ground.tiles() {
         let corner = DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1])) * unit - eye.truncate();
         let spacing = f64::from(1u32 << tile.log_spacing) * unit;
-        let height = f64::from(tile.lowest_layer) * spacing - eye.z;
+        let height = f64::from(tile.voxels.lowest_layer) * spacing - eye.z;
         placed.push(Placed {
             corner: corner.extend(height).as_vec3(),
             per_m: (1.0 / spacing) as f32,
@@ -81,17 +84,42 @@ pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> B
     bounds
 }
 
-/// Where a point without a tile leads.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Place {
-    Tile(u32),
-    /// Nothing here before this parameter of the ray.
-    HoleUntil(f32),
-    /// Nothing here or further on.
-    Left,
-}
+impl<'a> Scene<'a> {
+    /// Places a ground before an eye. `placed`: memory for its tiles.
+    pub(crate) fn new(ground: &'a Ground, view: View, placed: &'a mut Vec<Placed>, has_undersides: bool) -> Self {
+        let bounds = place(ground, &view, placed);
+        let eye_height = (view.eye_in_world().z - ground.datum_m()) as f32;
+        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        let [lowest, highest] = ground.range_m().map(|height| (height - eye_height).abs());
+        let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
+        let has_ground = ground.tile_count() > 0 && far.is_finite();
+        let mut scene = Self {
+            ground,
+            placed,
+            bounds,
+            view,
+            eye_height,
+            highest: if has_ground { ground.top_m() - eye_height } else { f32::NEG_INFINITY },
+            far: if has_ground { far } else { 0.0 },
+            has_undersides,
+        };
+        scene.has_undersides |= scene.is_eye_beside_world();
+        scene
+    }
 
-impl Frame<'_> {
+    /// Whether the eye is beside the world, not over it.
+    fn is_eye_beside_world(&self) -> bool {
+        let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
+        let extent = self.ground.shape().extent;
+        (0..2).any(|axis| !(0.0..=f64::from(extent[axis]) * unit).contains(&eye[axis]))
+    }
+
+    /// Whether the eye is beside the tiles that are drawn.
+    pub(crate) fn is_eye_beside_tiles(&self) -> bool {
+        let (min, max) = (self.bounds.min, self.bounds.max);
+        min.x > 0.0 || min.y > 0.0 || max.x < 0.0 || max.y < 0.0
+    }
+
     /// What is at parameter `s` of a ray.
     #[inline]
     pub(crate) fn find(&self, ray: &Ray, s: f32) -> Place {
@@ -106,15 +134,12 @@ impl Frame<'_> {
         }
         let unit = self.ground.shape().lattice_unit_m;
         let inside = at.clamp(min, max);
-        if (inside - at).abs().max_element() > 0.01 * unit as f32 {
+        if (inside - at).abs().max_element() > NEAR_BOUNDS * unit as f32 {
             return Place::HoleUntil(s);
         }
         let eye = self.view.eye_in_world().truncate();
-        // Rounding takes a sample on the outer border out of it.
-        let end = self.ground.end().map(|end| f64::from(end) - 1e-3);
         let from_eye = |lattice: u64, axis: usize| (lattice as f64 * unit - eye[axis]) as f32;
-        let inside = inside.as_dvec2();
-        let point = [0, 1].map(|axis| ((inside[axis] + eye[axis]) / unit).clamp(0.0, end[axis]));
+        let point = self.lattice_point(inside);
         match self.ground.tree().find(point) {
             Found::Tile(tile) if self.ground.tiles()[tile as usize].holds(point) => Place::Tile(tile),
             Found::Hole(corner, log) => {
@@ -124,6 +149,25 @@ impl Frame<'_> {
             }
             Found::Tile(_) | Found::Outside => Place::HoleUntil(s),
         }
+    }
+
+    /// The tile at a point of the ground, metres from the eye; a point outside is taken to the border.
+    pub(crate) fn tile_at_point(&self, point: Vec2) -> Option<u32> {
+        match self.ground.tree().find(self.lattice_point(point)) {
+            Found::Tile(tile) => Some(tile),
+            Found::Hole(..) | Found::Outside => None,
+        }
+    }
+
+    /// A point, metres from the eye, in lattice units, within the ground's end.
+    #[inline]
+    fn lattice_point(&self, point: Vec2) -> [f64; 2] {
+        let unit = self.ground.shape().lattice_unit_m;
+        let eye = self.view.eye_in_world().truncate();
+        // Rounding takes a point on the outer border out of it.
+        let end = self.ground.end().map(|end| f64::from(end) - JUST_INSIDE);
+        let point = point.as_dvec2();
+        [0, 1].map(|axis| ((point[axis] + eye[axis]) / unit).clamp(0.0, end[axis]))
     }
 
     /// The parameter at which a ray comes over the ground's bounds.
@@ -149,7 +193,7 @@ impl Frame<'_> {
 
     /// A parameter at which no ray between two is over the ground's bounds any more.
     #[inline]
-    pub(crate) fn last_exit(&self, rays: [&Ray; 2]) -> f32 {
+    pub(crate) fn last_departure(&self, rays: [&Ray; 2]) -> f32 {
         let of = |axis: usize| {
             let exits = rays.map(|ray| match ray.direction[axis] {
                 d if d > 0.0 => [self.bounds.max[axis] / d, 1.0],
@@ -161,35 +205,7 @@ impl Frame<'_> {
         };
         of(0).min(of(1))
     }
-
-    /// Colour of a tile at parameter `s` of a ray.
-    #[inline(always)]
-    pub(crate) fn shade(&self, tile: u32, ray: &Ray, s: f32) -> u32 {
-        let (placed, tile) = (&self.placed[tile as usize], &self.ground.tiles()[tile as usize]);
-        let layout = self.ground.shape().color;
-        let footprint_m = s * ray.depth / self.view.focal_px();
-        let level = log2_rounded(footprint_m * placed.texels_per_m).min(layout.mips - 1);
-        let at = self.texel(placed, ray.direction.truncate() * s);
-        let layer = self.layer(tile);
-        let scale = 1.0 / (1u32 << level) as f32;
-        Mip::new(layer, layout, level).map_or(OPAQUE_BLACK, |mip| mip.bilinear(at * scale) | OPAQUE_BLACK)
-    }
-
-    /// The colours of a tile; none where there are none.
-    #[inline(always)]
-    pub(crate) fn layer(&self, tile: &Tile) -> &[u8] {
-        self.colors.get(tile.color.layer as usize).copied().unwrap_or_default()
-    }
-
-    /// Place of a point in a tile's finest colours, texels from their north west corner.
-    #[inline(always)]
-    pub(crate) fn texel(&self, placed: &Placed, point: Vec2) -> Vec2 {
-        let from_corner = (point - placed.color_corner) * placed.texels_per_m;
-        Vec2::new(from_corner.x, -from_corner.y)
-    }
 }
-
-const OPAQUE_BLACK: u32 = 0xff00_0000;
 
 /// Parameter at which a ray from the origin leaves a rectangle that it is in.
 #[inline(always)]
@@ -200,33 +216,4 @@ pub(crate) fn exit(direction: Vec2, low: Vec2, high: Vec2) -> f32 {
         _ => f32::INFINITY,
     };
     of(direction.x, low.x, high.x).min(of(direction.y, low.y, high.y))
-}
-
-/// log2 of a number, rounded to a whole one; 0 for less than 1.
-#[inline(always)]
-pub(crate) fn log2_rounded(x: f32) -> u32 {
-    let scaled = (x * std::f32::consts::SQRT_2).max(1.0);
-    (scaled.to_bits() >> 23) - 127
-}
-
-impl Tile {
-    /// Whether a point, lattice units, lies over its cells.
-    #[inline]
-    pub(crate) fn holds(&self, point: [f64; 2]) -> bool {
-        (0..2).all(|axis| {
-            let end = u64::from(self.origin[axis]) + (u64::from(self.cells[axis]) << self.log_spacing);
-            point[axis] <= end as f64
-        })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn logarithms_round_to_the_nearest_level() {
-        let found = [0.0, 0.3, 1.0, 1.41, 1.42, 2.0, 2.82, 2.84, 64.0].map(log2_rounded);
-        assert_eq!(found, [0, 0, 0, 0, 1, 1, 1, 2, 6]);
-    }
 }

@@ -2,9 +2,9 @@
 //! wrong answers of every kind. For tests and benches: it is no server for others.
 //!
 //! ```no_run
-//! use terravision_limited_server::{Fault, LimitedServer, Rule};
+//! use terravision_testkit::fault_server::{Fault, FaultServer, Rule};
 //!
-//! let server = LimitedServer::serve("/data".as_ref());
+//! let server = FaultServer::serve("/data".as_ref());
 //! let url = server.url("world.tv");
 //! // Three requests in ten, for tiles alone, are dropped.
 //! server.misbehave([Rule::new(Fault::Drop).of("color.pmtiles").percent(30)]);
@@ -61,7 +61,7 @@ pub(crate) struct Shared {
 
 /// A server on loopback. Dropped, it ends.
 #[derive(Debug)]
-pub struct LimitedServer {
+pub struct FaultServer {
     address: SocketAddr,
     shared: Arc<Shared>,
     acceptor: Option<JoinHandle<()>>,
@@ -71,7 +71,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl LimitedServer {
+impl FaultServer {
     /// Serves the files below a folder, on a port that the system chooses.
     ///
     /// # Panics
@@ -153,7 +153,7 @@ impl LimitedServer {
     }
 }
 
-impl Drop for LimitedServer {
+impl Drop for FaultServer {
     fn drop(&mut self) {
         self.shared.ends.store(true, Ordering::Relaxed);
         if let Some(acceptor) = self.acceptor.take() {

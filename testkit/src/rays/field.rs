@@ -1,12 +1,5 @@
 //! Grounds to cast rays on.
 
-#![allow(
-    dead_code,
-    unreachable_pub,
-    clippy::unwrap_used,
-    reason = "each test uses a part of it, helpers fail by panicking"
-)]
-
 use glam::DVec2;
 use terravision_common::camera::Camera;
 use terravision_common::surface::facet::facet_linear;
@@ -17,12 +10,16 @@ use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
 pub const UNIT_M: f64 = 10.0;
 
 /// Heights of `cells + 1` posts a side.
+#[derive(Debug, Clone)]
 pub struct Field {
+    /// Cells along a side.
     pub cells: usize,
+    /// Heights of posts, metres, rows from south to north.
     pub heights: Vec<f32>,
 }
 
 /// White noise from 0 to 1.
+#[must_use]
 pub fn noise(x: u64, y: u64, seed: u64) -> f64 {
     let mut h = x.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F) ^ (seed << 32 | seed);
     h = (h ^ (h >> 33)).wrapping_mul(0xFF51_AFD7_ED55_8CCD);
@@ -31,12 +28,15 @@ pub fn noise(x: u64, y: u64, seed: u64) -> f64 {
 }
 
 impl Field {
+    /// The heights that a function of column and row gives.
+    #[must_use]
     pub fn of(cells: usize, height_m: impl Fn(usize, usize) -> f64) -> Self {
         let posts = cells + 1;
         Self { cells, heights: (0..posts * posts).map(|k| height_m(k % posts, k / posts) as f32).collect() }
     }
 
     /// Hills with detail down to the post: natural ground.
+    #[must_use]
     pub fn hills(cells: usize, relief_m: f64, seed: u64) -> Self {
         let octave = |x: usize, y: usize, log: u32| {
             let (i, j) = (x >> log, y >> log);
@@ -55,6 +55,7 @@ impl Field {
     }
 
     /// A plain with towers of one to four posts: cliffs on all sides.
+    #[must_use]
     pub fn towers(cells: usize, height_m: f64, seed: u64) -> Self {
         Self::of(cells, |x, y| {
             let (i, j) = (x / 9, y / 9);
@@ -69,6 +70,7 @@ impl Field {
     }
 
     /// The ground of this field in one tile, or in tiles of `side` cells; without a filter it has no voxels.
+    #[must_use]
     pub fn ground(&self, side: usize, filter: impl Into<Option<Filter>>) -> Ground {
         let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
         let shape = GroundShape {
@@ -112,6 +114,7 @@ impl Field {
 
     /// The ground of this field in tiles of 16 cells of several levels, some of them thinned, drawn with voxels where `is_accurate`
     /// says so of a tile's origin.
+    #[must_use]
     pub fn mixed(&self, seed: u64, filter: Filter, is_accurate: impl Fn([u32; 2]) -> bool) -> Ground {
         const SIDE: usize = 16;
         let shape = GroundShape {
@@ -169,12 +172,14 @@ impl Field {
     }
 
     /// One layer of colour, a texel per cell: every one of its own.
+    #[must_use]
     pub fn colors(&self) -> Vec<u8> {
         let texel = |k: usize| [(k % self.cells) as u8, (k / self.cells) as u8, (k % 7 * 30) as u8, 255];
         (0..self.cells * self.cells).flat_map(texel).collect()
     }
 
     /// Height at a point, linear on facets, metres.
+    #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<f64> {
         let (u, v) = (x / UNIT_M, y / UNIT_M);
         let end = self.cells as f64;
@@ -189,6 +194,7 @@ impl Field {
 }
 
 /// A camera, angles in degrees.
+#[must_use]
 pub fn camera(eye: [f64; 3], [heading, pitch, roll]: [f64; 3], vfov_deg: f64, [width, height]: [u32; 2]) -> Camera {
     Camera {
         eye_in_world: eye,

@@ -5,10 +5,11 @@
 //! under the surface until the ray comes out of it, or above it again. A point is in a hole where the share of ground,
 //! linear over its facet, is less than a half: the same rule as the mesh's.
 
-use crate::coherent::cast::Counts;
-use crate::exact::facets::{LEAST_BELOW, LEAST_BELOW_M};
-use crate::exact::mipmap::{Side, past};
-use crate::frame::{Frame, Place};
+use super::entered::{LEAST_BELOW, LEAST_BELOW_M};
+use super::walk::{Side, past};
+use crate::counts::Counts;
+use crate::scene::Place;
+use crate::shade::Canvas;
 use crate::view::Ray;
 use crate::workers::Workers;
 use glam::Vec2;
@@ -32,7 +33,7 @@ struct Met {
     beyond: Side,
 }
 
-impl Frame<'_> {
+impl Canvas<'_> {
     /// Sends the rays on that met a hole, and marks pixels whose ground was made up.
     pub(crate) fn look_at_shares(&self, workers: &Workers) {
         let rows = self.picture.size()[1] as usize;
@@ -53,7 +54,7 @@ impl Frame<'_> {
                 continue;
             }
             let pixel = [x, row as u32];
-            let ray = self.view.ray(pixel);
+            let ray = self.scene.view.ray(pixel);
             let s = depth / ray.depth;
             let Some(met) = self.met(&ray, s) else { continue };
             let mark = |met: &Met| if met.measured < HALF { MARK } else { 0 };
@@ -68,17 +69,17 @@ impl Frame<'_> {
                     let color = self.shade(met.tile, &ray, s) & !mark(&met);
                     self.picture.put(pixel, color, s * ray.depth);
                 }
-                None => self.picture.put(pixel, self.sky, f32::NAN),
+                None => self.put_sky(pixel),
             }
         }
     }
 
     /// Where a ray that passes the surface at a hole meets ground, if it does.
     fn beyond_hole(&self, ray: &Ray, mut s: f32, mut met: Met, counts: &mut Counts) -> Option<(f32, Met)> {
-        let border = self.departure(ray);
+        let border = self.scene.departure(ray);
         for _ in 0..MOST_HOLES {
-            let mut current = self.enter_exact(met.tile)?;
-            s = self.next_hit(ray, met.beyond, [past(s), border], &mut current, counts)?.s;
+            let mut current = self.scene.enter(met.tile)?;
+            s = self.scene.next_hit(ray, met.beyond, [past(s), border], &mut current, counts)?.s;
             met = self.met_in(current.index, ray, s)?;
             if met.ground >= HALF {
                 return Some((s, met));
@@ -88,7 +89,7 @@ impl Frame<'_> {
     }
 
     fn met(&self, ray: &Ray, s: f32) -> Option<Met> {
-        match self.find(ray, s) {
+        match self.scene.find(ray, s) {
             Place::Tile(tile) => self.met_in(tile, ray, s),
             Place::HoleUntil(_) | Place::Left => None,
         }
@@ -96,7 +97,7 @@ impl Frame<'_> {
 
     /// What a ray meets where it passes the surface of this tile at `s`.
     fn met_in(&self, tile: u32, ray: &Ray, s: f32) -> Option<Met> {
-        let current = self.enter_exact(tile)?;
+        let current = self.scene.enter(tile)?;
         let along = current.along(ray);
         let [columns, rows] = current.tile.cells;
         let at = current.at(&along, s).clamp(Vec2::ZERO, Vec2::new(columns as f32, rows as f32));
@@ -107,7 +108,7 @@ impl Frame<'_> {
             true => Vec2::new(se - sw, ne - se),
             false => Vec2::new(ne - nw, nw - sw),
         };
-        let shares = self.ground.shares_of_cell(current.tile, cell);
+        let shares = self.scene.ground.shares_of_cell(current.tile, cell);
         let share = |plane: usize| {
             let corners = shares.map(|share| share[plane]);
             corners[0] + slope(corners).dot(by)

@@ -1,13 +1,12 @@
 //! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
 
-use crate::exact::trace::CHUNK;
 use crate::lines::Lines;
-use crate::shade::paint::{Footprint, Scratch};
 use glam::Vec2;
 
-/// log2 of the pixels of a line within which a facet is measured once.
+/// log2 of the pixels of a line within which a facet is measured once: within 32 x 16 pixels footprints are
+/// as good as equal.
 const LOG_LONGEST_RUN: u32 = 4;
-/// log2 of the entries by which runs are found again.
+/// log2 of the entries by which runs are found again: 64 KiB, so that they stay in a core's second cache.
 const LOG_ENTRIES: u32 = 12;
 
 /// Neighbouring lines, which are painted together: what is beside each other in the picture is so in colour tiles as well, is seen on
@@ -16,29 +15,6 @@ const LOG_ENTRIES: u32 = 12;
 pub(crate) struct Strips {
     pub(crate) lines: Vec<Line>,
     pub(crate) runs: Runs,
-    /// Of each run, where its pixels have their colours from.
-    pub(crate) footprints: Vec<Footprint>,
-    pub(crate) scratch: Scratch,
-    seen: Vec<Seen>,
-}
-
-/// A rectangle of ground, lattice units, and its highest point, metres above the datum.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
-    pub(crate) low: [f64; 2],
-    pub(crate) high: [f64; 2],
-    pub(crate) highest: f32,
-}
-
-impl Seen {
-    /// Of no ground.
-    const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], highest: f32::NEG_INFINITY };
-
-    /// Whether another rectangle is part of it.
-    #[inline(always)]
-    pub(crate) fn holds(&self, low: [f64; 2], high: [f64; 2]) -> bool {
-        (0..2).all(|axis| self.low[axis] <= low[axis] && high[axis] <= self.high[axis])
-    }
 }
 
 /// Pixels of a line, bottom up.
@@ -77,17 +53,14 @@ pub(crate) struct Strip<'a> {
     pub(crate) nearness: &'a mut [f32],
     run_of: &'a mut [u32],
     runs: &'a mut Runs,
-    /// For each chunk of pixels two rectangles of ground that the lines before have asked for.
-    pub(crate) seen: &'a mut [Seen],
 }
 
 impl Strips {
     /// Most lines.
     pub(crate) const MOST: usize = 32;
 
-    /// Takes memory for the lines of pictures of a size, if it is not there.
-    pub(crate) fn reserve(&mut self, size: [u32; 2]) {
-        let longest = size[0].max(size[1]) as usize;
+    /// Forgets the lines before, and takes memory for lines of so many pixels, if it is not there.
+    pub(crate) fn begin(&mut self, longest: usize) {
         self.lines.resize_with(Self::MOST, Line::default);
         for line in &mut self.lines {
             line.pixels.clear();
@@ -95,27 +68,17 @@ impl Strips {
             line.nearness.resize(longest, 0.0);
             line.run_of.resize(longest, Line::SKY);
         }
-        self.seen.resize(2 * (longest / CHUNK + 2), Seen::NOTHING);
         self.runs.list.clear();
         self.runs.list.reserve(Self::MOST * longest);
-        self.footprints.clear();
-        self.footprints.reserve(Self::MOST * longest);
-        self.scratch.reserve(Self::MOST * longest);
-    }
-
-    /// Begins with lines from `first` on.
-    pub(crate) fn begin(&mut self) {
-        self.seen.fill(Seen::NOTHING);
-        self.runs.list.clear();
         self.runs.found.clear();
         self.runs.found.resize(1 << LOG_ENTRIES, (u64::MAX, 0));
     }
 
-    /// Begins line `n`, the so many-th of these.
+    /// Begins line `n` of a picture, as number `at` of these.
     pub(crate) fn strip(&mut self, at: usize, lines: &Lines, n: usize) -> Strip<'_> {
         let Line { pixels, nearness, run_of } = &mut self.lines[at];
         lines.fill(n, pixels);
-        Strip { pixels, nearness, run_of, runs: &mut self.runs, seen: &mut self.seen }
+        Strip { pixels, nearness, run_of, runs: &mut self.runs }
     }
 }
 

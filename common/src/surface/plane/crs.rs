@@ -1,0 +1,47 @@
+//! The edge of the system: from places in a database's CRS to world coordinates.
+
+use glam::{DVec2, DVec3};
+
+/// Where a world lies in its database's CRS. A place there is easting, northing and height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CrsFrame {
+    /// Of the world's origin.
+    origin: DVec2,
+}
+
+impl CrsFrame {
+    /// Of a world whose origin has this easting and northing.
+    #[inline]
+    #[must_use]
+    pub const fn new([easting, northing]: [f64; 2]) -> Self {
+        Self { origin: DVec2::new(easting, northing) }
+    }
+
+    /// The foot of a place.
+    #[inline]
+    #[must_use]
+    pub fn foot(&self, place: DVec2) -> DVec2 {
+        place - self.origin
+    }
+
+    /// The place of a foot.
+    #[inline]
+    #[must_use]
+    pub fn place_of_foot(&self, foot: DVec2) -> DVec2 {
+        self.origin + foot
+    }
+
+    /// The position of a place with its height.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, place: DVec3) -> DVec3 {
+        place - self.origin.extend(0.0)
+    }
+
+    /// The place of a position, with its height.
+    #[inline]
+    #[must_use]
+    pub fn place(&self, position: DVec3) -> DVec3 {
+        self.origin.extend(0.0) + position
+    }
+}

@@ -1,0 +1,87 @@
+//! Whether rays pass above all ground of a stretch, by the highest ground there.
+
+use crate::scene::Scene;
+use crate::view::Ray;
+use glam::Vec3;
+
+/// The highest ground is looked up for so much more around, as a share of the distance: the lines beside
+/// are likely to ask for it. (Measured; see `docs/techniques.md`, *Thresholds*.)
+const SEEN_AROUND: f32 = 1.0 / 16.0;
+/// A stretch is widened by this share of its distance and so many metres on all sides: rounding of
+/// metres from the eye, a hundred times what it can be.
+const WIDER: f32 = 1e-5;
+const WIDER_M: f32 = 0.01;
+
+/// A rectangle of ground, lattice units, and its highest point, metres above the datum.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct HighestSeen {
+    low: [f64; 2],
+    high: [f64; 2],
+    highest: f32,
+}
+
+impl HighestSeen {
+    /// Of no ground.
+    pub(crate) const NOTHING: Self =
+        Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], highest: f32::NEG_INFINITY };
+
+    /// Whether another rectangle is part of it.
+    #[inline(always)]
+    fn holds(&self, low: [f64; 2], high: [f64; 2]) -> bool {
+        (0..2).all(|axis| self.low[axis] <= low[axis] && high[axis] <= self.high[axis])
+    }
+}
+
+impl Scene<'_> {
+    /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
+    /// not: there those that have not prove nothing.
+    pub(super) fn is_entered_above(&self, rays: [&Ray; 2], seen: &mut HighestSeen) -> bool {
+        if !self.is_eye_beside_tiles() {
+            return true;
+        }
+        let (mut first, mut last) = (0.0f32, 0.0f32);
+        for axis in 0..2 {
+            let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
+            let border = if min > 0.0 {
+                min
+            } else if max < 0.0 {
+                max
+            } else {
+                continue;
+            };
+            let entries = rays.map(|ray| border / ray.direction[axis]);
+            // Some never come over it.
+            if !entries.iter().all(|entry| *entry > 0.0 && entry.is_finite()) {
+                return false;
+            }
+            first = first.max(entries[0].min(entries[1]));
+            last = last.max(entries[0].max(entries[1]));
+        }
+        self.is_above(rays, [first, last], seen)
+    }
+
+    /// Whether rays between two, in one plane, are above the ground from one parameter to another.
+    pub(super) fn is_above(&self, rays: [&Ray; 2], [first, last]: [f32; 2], seen: &mut HighestSeen) -> bool {
+        let corners = rays.map(|ray| [ray.direction * first, ray.direction * last]);
+        let corners = [corners[0][0], corners[0][1], corners[1][0], corners[1][1]];
+        let low = corners.into_iter().fold(Vec3::INFINITY, Vec3::min);
+        let high = corners.into_iter().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let furthest = high.abs().max(low.abs()).max_element();
+        let margin = WIDER * furthest + WIDER_M;
+        if low.z - margin > self.highest {
+            return true;
+        }
+        let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
+        let lattice = |at: Vec3, by: f32| [0, 1].map(|axis| (f64::from(at[axis] + by) + eye[axis]) / unit);
+        let top = |tile: u32| self.ground.tiles()[tile as usize].top_m;
+        let highest_in = |by: f32| {
+            let (low, high) = (lattice(low, -by), lattice(high, by));
+            HighestSeen { low, high, highest: self.ground.tree().highest_in(low, high, &top) }
+        };
+        let is_below = |highest: f32| f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest);
+        if !seen.holds(lattice(low, -margin), lattice(high, margin)) {
+            *seen = highest_in(margin + furthest * SEEN_AROUND);
+        }
+        is_below(seen.highest) || is_below(highest_in(margin).highest)
+    }
+}

@@ -1,0 +1,172 @@
+//! The way of one exact ray: over nodes that lie below it as a whole, from tile to tile, above the
+//! ground and under it.
+
+use super::cross::Crossing;
+use super::entered::{Entered, Hit};
+use crate::counts::Counts;
+use crate::model::Link;
+use crate::scene::{Place, Scene, exit};
+use crate::view::Ray;
+use glam::Vec2;
+
+/// Where a ray is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Side {
+    /// Over no tile: nothing is known.
+    Outside,
+    Above,
+    Below,
+}
+
+/// A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
+const MOST_TILES: u32 = 1 << 16;
+
+impl Scene<'_> {
+    /// Where, from `from` on and before `until`, a ray meets the ground. Up to `from` it is in the air,
+    /// but for what is before its `entry` into the ground's bounds. `current` is the tile that it is
+    /// likely in, and that it hit.
+    pub(crate) fn first_hit<'f>(
+        &'f self,
+        ray: &Ray,
+        entry: f32,
+        [from, until]: [f32; 2],
+        current: &mut Entered<'f>,
+        counts: &mut Counts,
+    ) -> Option<Hit> {
+        let side = if from <= entry { Side::Outside } else { Side::Above };
+        self.next_hit(ray, side, [from, until], current, counts)
+    }
+
+    /// The same from where a ray is known to be.
+    pub(crate) fn next_hit<'f>(
+        &'f self,
+        ray: &Ray,
+        mut side: Side,
+        [from, until]: [f32; 2],
+        current: &mut Entered<'f>,
+        counts: &mut Counts,
+    ) -> Option<Hit> {
+        let mut s = from;
+        let mut is_here = current.is_under(&current.along(ray), s);
+        for _ in 0..MOST_TILES {
+            if !s.is_finite() || s >= until || ray.direction.z >= 0.0 && ray.direction.z * s > self.highest {
+                return None;
+            }
+            if !is_here {
+                match self.find(ray, s) {
+                    Place::Tile(tile) if tile == current.index => {}
+                    Place::Tile(tile) => *current = self.enter(tile)?,
+                    Place::HoleUntil(until) => {
+                        s = past(until.max(s));
+                        side = Side::Outside;
+                        continue;
+                    }
+                    Place::Left => return None,
+                }
+                if let Some(skip) = self.skip_nodes(ray, s) {
+                    side = Side::Above;
+                    s = past(skip);
+                    continue;
+                }
+            }
+            is_here = false;
+            let along = current.along(ray);
+            if side == Side::Outside {
+                side = if current.is_below(&along, s) { Side::Below } else { Side::Above };
+                counts.under += u64::from(side == Side::Below);
+            }
+            let crossing = match side {
+                Side::Below => current.emerge(&along, s, until, &mut counts.samples),
+                Side::Above | Side::Outside => current.cross(&along, s, until, &mut counts.samples),
+            };
+            s = match crossing {
+                Crossing::Hit(hit) if side == Side::Above || self.has_undersides => return Some(hit),
+                // It comes out of the ground, whose undersides are not seen.
+                Crossing::Hit(hit) => {
+                    side = Side::Above;
+                    past(hit.s)
+                }
+                Crossing::Left(out) => past(out.max(s)),
+            };
+        }
+        None
+    }
+
+    /// What a ray sees that comes over the ground lower than its edge, if it does: a tile and a
+    /// parameter, or sky.
+    pub(crate) fn seen_from_below(&self, ray: &Ray, counts: &mut Counts) -> Option<Option<(u32, f32)>> {
+        let (entry, border) = (self.entry(ray), self.departure(ray));
+        let mut s = entry;
+        for _ in 0..MOST_TILES {
+            match self.find(ray, s) {
+                Place::Tile(tile) => {
+                    let mut current = self.enter(tile)?;
+                    if !current.is_below(&current.along(ray), s) {
+                        return None;
+                    }
+                    let hit = self.first_hit(ray, s, [s, border], &mut current, counts);
+                    return Some(hit.map(|hit| (current.index, hit.s)));
+                }
+                Place::HoleUntil(until) if until < border => s = past(until.max(s)),
+                Place::HoleUntil(_) | Place::Left => return None,
+            }
+        }
+        None
+    }
+
+    /// Descends the tree at a point of a ray; where the ray leaves the largest node that it passes
+    /// above, if there is one.
+    #[inline]
+    pub(crate) fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
+        let tree = self.ground.tree();
+        let unit = self.ground.shape().lattice_unit_m;
+        let eye = self.view.eye_in_world();
+        let at = (ray.direction * s).as_dvec3() + eye;
+        let size = (1u64 << (tree.log_side() + tree.root_level())) as f64;
+        let point = [at.x, at.y].map(|v| (v / unit).clamp(0.0, size - 1.0) as u32);
+        let direction = ray.direction.truncate();
+        let mut log = tree.log_side() + tree.root_level();
+        let mut link = tree.root();
+        loop {
+            let highest = match link {
+                Link::Empty => return None,
+                Link::Tile(tile) => self.ground.tiles()[tile as usize].top_m,
+                Link::Node(node) => tree.node(node).highest_m,
+            };
+            let low = [0, 1].map(|axis| (f64::from((point[axis] >> log) << log) * unit - eye[axis]) as f32);
+            let side = ((1u64 << log) as f64 * unit) as f32;
+            let low = Vec2::from_array(low);
+            let out = exit(direction, low, low + Vec2::splat(side)).max(s);
+            let lowest = self.eye_height + (ray.direction.z * s).min(ray.direction.z * out);
+            if lowest > highest {
+                return Some(out);
+            }
+            let Link::Node(node) = link else { return None };
+            log -= 1;
+            link = tree.child(node, point, log);
+        }
+    }
+
+    /// A tile, ready for exact rays.
+    #[inline]
+    pub(crate) fn enter(&self, index: u32) -> Option<Entered<'_>> {
+        let tile = self.ground.tiles().get(index as usize)?;
+        let placed = self.placed.get(index as usize)?;
+        Some(Entered {
+            index,
+            tile,
+            heights: self.ground.heights(tile),
+            maxima: self.ground.maxima(tile),
+            per_m: placed.per_m,
+            at_0: -placed.corner.truncate() * placed.per_m,
+            eye_height: self.eye_height,
+        })
+    }
+}
+
+/// A little further, by a few of the last bits of a parameter: a point on a border belongs to what lies
+/// behind it.
+#[inline(always)]
+pub(crate) fn past(s: f32) -> f32 {
+    s + s.abs() * 2e-6 + 1e-6
+}

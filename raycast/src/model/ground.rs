@@ -1,0 +1,287 @@
+//! The ground: tiles side by side, and what is known of all of them.
+
+use super::maxima::{self, Scratch};
+use super::spec::{Detail, GroundError, GroundShape, TileSpec};
+use super::steep::SteepBlock;
+use super::tile::Tile;
+use super::tree::Tree;
+use super::voxels::{TileVoxels, Voxels};
+use glam::DVec3;
+
+/// Boundary cells reach no more voxels above the highest post: their upper faces lie within a voxel
+/// of it, or within the radius of the Gaussian, two voxels; one more for rounding.
+const VOXELS_ABOVE: f32 = 3.0;
+
+/// Tiles side by side. All memory is kept from frame to frame: a ground of the size of the last one
+/// allocates nothing.
+#[derive(Debug)]
+pub struct Ground {
+    pub(super) shape: GroundShape,
+    pub(super) datum_m: f64,
+    pub(super) tiles: Vec<Tile>,
+    pub(super) tree: Tree,
+    pub(super) heights: Vec<f32>,
+    /// Shares of ground, and that were measured, of the tiles that need them.
+    pub(super) shares: Vec<[f32; 2]>,
+    pub(super) maxima: Vec<f32>,
+    pub(super) steep: Vec<SteepBlock>,
+    /// Of tiles that have some.
+    pub(super) voxels: Voxels,
+    pub(super) scratch: Scratch,
+    /// Tiles by their distance from the eye, the nearest first.
+    order: Vec<(f64, u32)>,
+    lowest_m: f32,
+    highest_m: f32,
+    end: [u32; 2],
+    is_cut: bool,
+}
+
+impl Ground {
+    /// An empty ground.
+    #[must_use]
+    pub fn new(shape: GroundShape) -> Self {
+        let mut ground = Self {
+            shape,
+            datum_m: 0.0,
+            tiles: Vec::new(),
+            tree: Tree::default(),
+            heights: Vec::new(),
+            shares: Vec::new(),
+            maxima: Vec::new(),
+            steep: Vec::new(),
+            voxels: Voxels::default(),
+            scratch: Scratch::default(),
+            order: Vec::new(),
+            lowest_m: 0.0,
+            highest_m: 0.0,
+            end: [0; 2],
+            is_cut: false,
+        };
+        ground.clear(0.0);
+        ground
+    }
+
+    /// Takes all tiles away. Those that come are kept as metres above `datum_m`, which is best near
+    /// the eye's height.
+    pub fn clear(&mut self, datum_m: f64) {
+        self.datum_m = datum_m;
+        self.tiles.clear();
+        self.tree.clear(self.shape.side.ilog2(), u32::from(self.shape.levels.max(1)) - 1);
+        self.heights.clear();
+        self.shares.clear();
+        self.maxima.clear();
+        self.steep.clear();
+        self.voxels.clear();
+        self.lowest_m = f32::INFINITY;
+        self.highest_m = f32::NEG_INFINITY;
+        self.end = [0; 2];
+        self.is_cut = false;
+    }
+
+    /// Adds a tile. [`Ground::finish`] makes rays see it.
+    ///
+    /// # Errors
+    /// [`GroundError`]; the ground is as before.
+    pub fn add(&mut self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
+        let TileSpec { origin, level, log_spacing, cells, .. } = *spec;
+        self.shape.check(spec)?;
+        let heights_at = self.heights.len();
+        self.add_heights(spec);
+        let added = &self.heights[heights_at..];
+        let Some([lowest_m, highest_m]) = maxima::range(added, cells[0] as usize + 1, &mut self.scratch) else {
+            let index = added.iter().position(|height| !height.is_finite()).unwrap_or_default();
+            self.heights.truncate(heights_at);
+            return Err(GroundError::Height { origin, index });
+        };
+        let spacing_m = (self.shape.lattice_unit_m * f64::from(1u32 << log_spacing)) as f32;
+        let top_m = if self.has_voxels() { highest_m + VOXELS_ABOVE * spacing_m } else { highest_m };
+        if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, top_m).is_err() {
+            self.heights.truncate(heights_at);
+            return Err(GroundError::Occupied { origin });
+        }
+        let shares_at = self.add_shares(spec);
+        self.lowest_m = self.lowest_m.min(lowest_m);
+        self.highest_m = self.highest_m.max(highest_m);
+        for (axis, end) in self.end.iter_mut().enumerate() {
+            let reach = origin[axis].saturating_add(cells[axis] << log_spacing);
+            self.is_cut |= reach > self.shape.extent[axis];
+            *end = (*end).max(reach.min(self.shape.extent[axis]));
+        }
+        self.tiles.push(Tile {
+            origin,
+            log_spacing,
+            spacing_m,
+            cells,
+            heights_at,
+            maxima_at: 0,
+            shares_at,
+            voxels: TileVoxels { is_accurate: spec.is_accurate, ..TileVoxels::default() },
+            lowest_m,
+            top_m,
+            color: spec.color,
+        });
+        Ok(())
+    }
+
+    /// Appends the heights of a tile, row by row, above this ground's datum.
+    fn add_heights(&mut self, spec: &TileSpec<'_>) {
+        let offset = spec.datum_m - self.datum_m;
+        for row in 0..=spec.cells[1] as usize {
+            let row = &spec.heights[row * spec.stride..][..=spec.cells[0] as usize];
+            if offset == 0.0 {
+                self.heights.extend_from_slice(row);
+            } else {
+                self.heights.extend(row.iter().map(|height| (f64::from(*height) + offset) as f32));
+            }
+        }
+    }
+
+    /// Keeps the shares of a tile, if some of it is not measured ground; where they begin.
+    fn add_shares(&mut self, spec: &TileSpec<'_>) -> Option<usize> {
+        let planes = spec.shares?;
+        let (columns, rows) = (spec.cells[0] as usize + 1, spec.cells[1] as usize + 1);
+        let posts = (0..rows).flat_map(|row| row * spec.stride..row * spec.stride + columns);
+        let start = self.shares.len();
+        self.shares.extend(posts.map(|at| planes.map(|plane| plane[at])));
+        let is_needed = self.shares[start..].iter().flatten().any(|share| *share < 1.0);
+        if !is_needed {
+            self.shares.truncate(start);
+        }
+        is_needed.then_some(start)
+    }
+
+    /// Makes the models of all tiles that were added: densities, boundary arrays, maxima.
+    pub fn finish(&mut self) {
+        self.finish_for(&Detail::ALL);
+    }
+
+    /// As [`Ground::finish`], with voxels for the nearest tiles alone. Which those are depends on the
+    /// tiles and `detail` alone.
+    pub fn finish_for(&mut self, detail: &Detail) {
+        let Some(filter) = self.shape.filter else {
+            for index in 0..self.tiles.len() {
+                self.make_maxima(index);
+                self.push_steep_heights(index);
+            }
+            return;
+        };
+        self.voxels.most_bytes = detail.most_bytes;
+        self.order.clear();
+        for (tile, index) in self.tiles.iter().zip(0..) {
+            self.order.push((self.distance_m(tile, detail.eye_in_world), index));
+        }
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let limit = self.order.first().map_or(0.0, |(nearest, index)| {
+            let tile = &self.tiles[*index as usize];
+            let side = f64::from(tile.cells[0].max(tile.cells[1])) * f64::from(tile.spacing_m);
+            (detail.reach * nearest).max(side)
+        });
+        for at in 0..self.order.len() {
+            let (distance, index) = self.order[at];
+            let index = index as usize;
+            // An endless reach times no distance is NaN: everything is within.
+            self.tiles[index].voxels.is_accurate &= detail.reach.is_infinite() || distance <= limit;
+            self.make_maxima(index);
+            self.make_voxels(index, filter);
+        }
+    }
+
+    /// How far a tile's ground is from the eye at least, metres.
+    fn distance_m(&self, tile: &Tile, eye: DVec3) -> f64 {
+        let unit = self.shape.lattice_unit_m;
+        let beside = |axis: usize| {
+            let low = f64::from(tile.origin[axis]) * unit;
+            let high = low + f64::from(tile.cells[axis]) * f64::from(tile.spacing_m);
+            (low - eye[axis]).max(eye[axis] - high).max(0.0)
+        };
+        let above = (eye.z - self.datum_m - f64::from(tile.top_m)).max(0.0);
+        DVec3::new(beside(0), beside(1), above).length()
+    }
+
+    /// Its geometry.
+    #[must_use]
+    #[inline]
+    pub fn shape(&self) -> &GroundShape {
+        &self.shape
+    }
+
+    /// Whether it has voxels.
+    #[must_use]
+    pub fn has_voxels(&self) -> bool {
+        self.shape.filter.is_some()
+    }
+
+    /// Number of tiles.
+    #[must_use]
+    pub fn tile_count(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// Tiles that have voxels of their own.
+    #[must_use]
+    pub fn accurate_count(&self) -> usize {
+        self.tiles.iter().filter(|tile| tile.voxels.is_accurate).count()
+    }
+
+    /// Bytes of all voxels.
+    #[must_use]
+    pub fn voxel_bytes(&self) -> usize {
+        self.voxels.densities.len()
+    }
+
+    /// Bytes of all models.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.voxel_bytes() + size_of_val(&self.voxels.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
+    }
+
+    /// What heights are above, world coordinates.
+    #[must_use]
+    #[inline]
+    pub fn datum_m(&self) -> f64 {
+        self.datum_m
+    }
+
+    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there are
+    /// no tiles.
+    #[must_use]
+    pub fn range_m(&self) -> [f32; 2] {
+        [self.lowest_m, self.highest_m]
+    }
+
+    /// The top of the highest boundary cell, or the highest post of a ground without voxels, metres
+    /// above the datum.
+    pub(crate) fn top_m(&self) -> f32 {
+        if self.has_voxels() { self.voxels.highest_m } else { self.highest_m }
+    }
+
+    /// One past the tiles, east and north, lattice units.
+    pub(crate) fn end(&self) -> [u32; 2] {
+        self.end
+    }
+
+    /// Whether cells reach beyond its end.
+    pub(crate) fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
+    /// Whether some of what was added is not measured ground.
+    pub(crate) fn is_partly_unmeasured(&self) -> bool {
+        !self.shares.is_empty()
+    }
+
+    /// Blocks of cells that are steeper than [`super::SLOPE_BOUND`]; no other ground is.
+    pub(crate) fn steep_blocks(&self) -> &[SteepBlock] {
+        &self.steep
+    }
+
+    #[inline]
+    pub(crate) fn tiles(&self) -> &[Tile] {
+        &self.tiles
+    }
+
+    #[inline]
+    pub(crate) fn tree(&self) -> &Tree {
+        &self.tree
+    }
+}

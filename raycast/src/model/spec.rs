@@ -1,0 +1,131 @@
+//! What a ground is made of: its shape, the tiles that are added to it, and how much of it gets voxels.
+
+use super::color::{ColorLayout, ColorPlace};
+use super::density::Filter;
+use glam::DVec3;
+
+/// Geometry that all tiles of a ground share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundShape {
+    /// Side of a node of level 0, lattice units (elevation posts of level 0): a power of two.
+    pub side: u32,
+    /// Distance of two lattice points, metres.
+    pub lattice_unit_m: f64,
+    /// Levels of the quad tree.
+    pub levels: u8,
+    /// Where the ground ends east and north, lattice units; `u32::MAX` where tiles end it. Cells may
+    /// reach beyond.
+    pub extent: [u32; 2],
+    /// Layers of color.
+    pub color: ColorLayout,
+    /// How densities are made. `None`: the ground has heights alone, no voxels.
+    pub filter: Option<Filter>,
+}
+
+/// A tile to be added to a ground.
+#[derive(Debug, Clone, Copy)]
+pub struct TileSpec<'a> {
+    /// Lower left corner of its node, lattice units.
+    pub origin: [u32; 2],
+    /// Level of the node: its side is `side << level`.
+    pub level: u8,
+    /// log2 of the distance of its posts, lattice units.
+    pub log_spacing: u8,
+    /// Cells that it has east and north, at most those that fill its node.
+    pub cells: [u32; 2],
+    /// Heights of its posts, metres above `datum_m`, rows from south to north.
+    pub heights: &'a [f32],
+    /// Of its posts, in the same order, the share that is ground and the share that was measured
+    /// (`terravision_common::validity`), where that is known of any.
+    pub shares: Option<[&'a [f32]; 2]>,
+    /// Heights from row to row, at least `cells[0] + 1`.
+    pub stride: usize,
+    /// What heights are above, metres in world coordinates (the eye's height for elevation arrays of
+    /// the ring).
+    pub datum_m: f64,
+    /// Its colors.
+    pub color: ColorPlace,
+    /// Whether it may get voxels of its own. Without, the boundary array and its heights alone say
+    /// where ground is.
+    pub is_accurate: bool,
+}
+
+/// Why a tile is not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GroundError {
+    /// No node of the quad tree lies there.
+    #[error("no node of level {level} begins at {origin:?} in a quad tree of {levels} levels")]
+    Place {
+        /// Lower left corner.
+        origin: [u32; 2],
+        /// Level.
+        level: u8,
+        /// How many there are.
+        levels: u8,
+    },
+    /// It has no cells, or more than fill its node, or fewer heights than cells.
+    #[error("a tile of {}x{} cells with {heights} heights does not fill its node", .cells[0], .cells[1])]
+    Cells {
+        /// Cells.
+        cells: [u32; 2],
+        /// Heights.
+        heights: usize,
+    },
+    /// A height is NaN or infinite.
+    #[error("height {index} of the tile at {origin:?} is not a finite number")]
+    Height {
+        /// Lower left corner.
+        origin: [u32; 2],
+        /// Which.
+        index: usize,
+    },
+    /// Another tile is there.
+    #[error("the tile at {origin:?} covers another one")]
+    Occupied {
+        /// Lower left corner.
+        origin: [u32; 2],
+    },
+}
+
+impl GroundShape {
+    /// Checks that a tile lies on a node of the quad tree and has the heights that its cells need.
+    pub(super) fn check(&self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
+        let TileSpec { origin, level, cells, stride, .. } = *spec;
+        let levels = self.levels;
+        let log_node = self.side.ilog2() + u32::from(level);
+        let log_root = self.side.ilog2() + u32::from(levels) - 1;
+        let is_place = level < levels
+            && log_root < 32
+            && origin.iter().all(|v| v % (1 << log_node) == 0)
+            && origin.iter().all(|v| u64::from(*v) < 1 << log_root);
+        if !is_place {
+            return Err(GroundError::Place { origin, level, levels });
+        }
+        let is_filled = |n: u32| n > 0 && u64::from(n) << spec.log_spacing <= 1 << log_node;
+        let needed = cells[1] as usize * stride + cells[0] as usize + 1;
+        let is_short = |plane: &[f32]| plane.len() < needed;
+        let are_short = is_short(spec.heights) || spec.shares.is_some_and(|planes| planes.into_iter().any(is_short));
+        if !cells.iter().all(|n| is_filled(*n)) || stride <= cells[0] as usize || are_short {
+            return Err(GroundError::Cells { cells, heights: spec.heights.len() });
+        }
+        Ok(())
+    }
+}
+
+/// Which tiles of a ground get voxels of those that may.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detail {
+    /// The eye, world coordinates.
+    pub eye_in_world: DVec3,
+    /// Tiles that are more than this many times as far from the eye as the nearest one, and further
+    /// than it is wide, get none.
+    pub reach: f64,
+    /// Bytes of all voxels at most: where they are spent, further tiles get none.
+    pub most_bytes: usize,
+}
+
+impl Detail {
+    /// All tiles that may.
+    pub const ALL: Self = Self { eye_in_world: DVec3::ZERO, reach: f64::INFINITY, most_bytes: usize::MAX };
+}

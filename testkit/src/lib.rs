@@ -1,0 +1,11 @@
+//! What tests and benches of several crates share. No program depends on it, but in its tests; it depends on
+//! libraries alone.
+//!
+//! * [`fault_server`]: a static web server on loopback that misbehaves on demand;
+//! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds for them.
+
+#![forbid(unsafe_code)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+pub mod fault_server;
+pub mod rays;
