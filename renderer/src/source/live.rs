@@ -1,6 +1,6 @@
 //! Frames from the shared memory of a run.
 
-use super::{Done, FrameSource, SourceError, SourceShape};
+use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
@@ -109,15 +109,9 @@ impl FrameSource for LiveSource {
             has_gaps: self.has_gaps,
         }
     }
+}
 
-    fn elevation_memory(&self) -> Option<HostMemory> {
-        HostMemory::of_segment(self.elevation.memory())
-    }
-
-    fn color_memory(&self) -> Option<HostMemory> {
-        HostMemory::of_segment(self.colors.memory())
-    }
-
+impl Slots for LiveSource {
     fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
         Ok(self.ring.try_take()?)
     }
@@ -128,6 +122,25 @@ impl FrameSource for LiveSource {
         let control = Arc::clone(&self.control);
         let taken = self.ring.take_unless(&control, || control.is_all_completed())?;
         taken.ok_or_else(|| WaitError::Finished.into())
+    }
+
+    fn position(&self) -> u64 {
+        self.ring.position()
+    }
+
+    fn rewind(&mut self) -> Done {
+        self.ring.put_back();
+        self.done()
+    }
+}
+
+impl Pools for LiveSource {
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.elevation.memory())
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.colors.memory())
     }
 
     fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
@@ -158,11 +171,9 @@ impl FrameSource for LiveSource {
         out[..bytes.len()].copy_from_slice(bytes);
         tile.is_still_valid()
     }
+}
 
-    fn position(&self) -> u64 {
-        self.ring.position()
-    }
-
+impl Completion for LiveSource {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
         self.control.set_completed_sequence(done.sequence);
@@ -174,11 +185,6 @@ impl FrameSource for LiveSource {
         Ok(self.elevation.released(upto)?)
     }
 
-    fn rewind(&mut self) -> Done {
-        self.ring.put_back();
-        self.done()
-    }
-
     fn is_over(&self) -> bool {
         self.control.is_all_completed()
     }
@@ -187,6 +193,14 @@ impl FrameSource for LiveSource {
         self.control.is_supervised()
     }
 
+    fn check(&mut self) -> Result<(), SourceError> {
+        self.control.heartbeat(Stage::Renderer);
+        self.control.check_running()?;
+        if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
+    }
+}
+
+impl Telemetry for LiveSource {
     fn timed(&mut self, timing: &FrameTiming) {
         self.control.publish_timing(timing);
     }
@@ -205,12 +219,6 @@ impl FrameSource for LiveSource {
 
     fn count(&mut self, counter: Counter, by: u64) {
         self.control.count(counter, by);
-    }
-
-    fn check(&mut self) -> Result<(), SourceError> {
-        self.control.heartbeat(Stage::Renderer);
-        self.control.check_running()?;
-        if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
     }
 
     fn awaits(&mut self, activity: Activity) {
