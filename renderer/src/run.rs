@@ -1,6 +1,6 @@
 //! The frame loop: from a source through the engine to the sinks.
 
-use crate::engine::{Engine, EngineError, EngineOptions, Finished, Submitted};
+use crate::engine::{self, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{FrameError, FrameReader};
 use crate::gpu::{GpuError, Missing};
 use crate::pixels::Pixels;
@@ -117,11 +117,11 @@ pub fn run(
     options: EngineOptions,
     source: &mut dyn FrameSource,
     lanes: Lanes,
-    on_device: &mut dyn FnMut(&Engine, &mut dyn FrameSource),
+    on_device: &mut dyn FnMut(&dyn Engine, &mut dyn FrameSource),
     observe: &mut dyn FnMut(&Finished),
 ) -> Result<RunSummary, RunError> {
     let mut looped = FrameLoop::new(options, source, lanes)?;
-    on_device(&looped.engine, looped.source);
+    on_device(&*looped.engine, looped.source);
     let mut losses = Losses::default();
     while let Err(error) = looped.fly(observe) {
         if !error.is_device_lost() || !losses.may_go_on(looped.summary.frames) {
@@ -162,7 +162,7 @@ impl Losses {
 struct FrameLoop<'a> {
     // The lanes first: they hold read-back buffers.
     lanes: Lanes,
-    engine: Engine,
+    engine: Box<dyn Engine>,
     options: EngineOptions,
     shape: SourceShape,
     source: &'a mut dyn FrameSource,
@@ -191,7 +191,7 @@ impl<'a> FrameLoop<'a> {
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
         let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
-        let engine = Engine::new(options.clone(), source)?;
+        let engine = engine::open(options.clone(), source)?;
         let shape = source.shape();
         let skirt = options.skirt_low_m.map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
@@ -231,7 +231,7 @@ impl<'a> FrameLoop<'a> {
         // The old one goes first: there may be no room for both.
         drop(self.free);
         drop(engine);
-        let engine = Engine::new(options.clone(), source)?;
+        let engine = engine::open(options.clone(), source)?;
         let free = (0..self.buffers).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         reader.resume(source.rewind());
         Ok(Self {
@@ -462,6 +462,9 @@ impl<'a> FrameLoop<'a> {
             node: 0,
         };
         self.source.event(&span(SpanName::Record, started, now.saturating_sub(started)));
+        for event in submitted.decided.iter().flat_map(|driver| Event::text(EventKind::DriverName, driver)) {
+            self.source.event(&event);
+        }
         if submitted.uploads > 0 {
             self.source.event(&span(SpanName::Upload, submitted.upload_started_nanos, submitted.upload_nanos));
             self.source.count(Counter::TilesUploaded, submitted.uploads.into());

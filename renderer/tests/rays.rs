@@ -9,7 +9,7 @@ use support::{Scene, camera, draw, keep, node, options, pixel, sky_pixels, world
 use terravision_common::camera::Camera;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
-use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
+use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
 use terravision_renderer::run::run;
 use terravision_renderer::sink::NullSink;
 use terravision_renderer::sink::lanes::Lanes;
@@ -248,14 +248,14 @@ fn rays_refuse_what_only_the_mesh_does() {
     for options in
         [EngineOptions { samples: 4, ..usual.clone() }, EngineOptions { size: [60_000, 10], ..usual.clone() }]
     {
-        let error = Engine::new(options, &source).unwrap_err();
+        let error = engine::open(options, &source).unwrap_err();
         assert!(matches!(error, EngineError::MeshOnly { .. } | EngineError::PictureSize { .. }), "{error}");
     }
-    let error = Engine::new(EngineOptions { samples: 4, ..compute() }, &source).unwrap_err();
+    let error = engine::open(EngineOptions { samples: 4, ..compute() }, &source).unwrap_err();
     assert!(matches!(error, EngineError::MeshOnly { .. }), "{error}");
-    let described = Engine::new(compute(), &source).unwrap().describe();
+    let described = engine::open(compute(), &source).unwrap().describe();
     assert!(described.technique == "rays" && described.driver.contains("compute"), "{described:?}");
-    let described = Engine::new(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
+    let described = engine::open(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
     assert_eq!((described.technique, described.device.as_str()), ("rays", "CPU, 2 workers"));
 }
 

@@ -1,6 +1,9 @@
 //! Records the frames of another source as they pass.
 
-use super::{Completion, Done, FrameSource, Pools, RecordedFrame, Recording, RecordingBuilder, Slots, SourceError, SourceShape, Telemetry};
+use super::{
+    Completion, Done, FrameSource, Pools, RecordedFrame, Recording, RecordingBuilder, Slots, SourceError, SourceShape,
+    Telemetry,
+};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
 use terravision_common::ids::SlotKey;
