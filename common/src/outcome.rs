@@ -15,7 +15,7 @@ const NO_ROOM: u32 = u32::MAX;
 pub struct TileOutcome {
     /// [`Tile::pack`].
     tile: u64,
-    /// 0 resident, else a cause; the highest number for no room.
+    /// 0 resident, else the number of a [`TileFailure`]; the highest number for no room.
     code: u32,
     /// Slot of the pool.
     slot: u32,
@@ -28,6 +28,70 @@ pub struct TileOutcome {
 
 const _: () = assert!(size_of::<TileOutcome>() == 32);
 
+/// Why a tile cannot be had: the one list of causes, for outcomes, events, reports and metrics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum TileFailure {
+    /// The database has no such tile.
+    Missing = 1,
+    /// What there is of it is damaged.
+    Damaged = 2,
+    /// It could not be read.
+    Unreadable = 3,
+    /// The server refuses it, and will do so again.
+    Refused = 4,
+    /// It is not in the disk cache, and no server is to be asked.
+    NotCached = 5,
+}
+
+impl TileFailure {
+    /// All of them, by their numbers.
+    pub const ALL: [Self; 5] = [Self::Missing, Self::Damaged, Self::Unreadable, Self::Refused, Self::NotCached];
+
+    /// Its number, in outcomes and events.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// The failure of this number; `None` for a number of none (it came from shared memory).
+    #[must_use]
+    pub fn from_number(number: u64) -> Option<Self> {
+        Self::ALL.into_iter().find(|failure| u64::from(failure.number()) == number)
+    }
+
+    /// Its name in metrics.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Missing => "missing",
+            Self::Damaged => "corrupt",
+            Self::Unreadable => "read_error",
+            Self::Refused => "refused",
+            Self::NotCached => "not_cached",
+        }
+    }
+
+    /// In reports and messages: the tile is …
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Missing => "missing",
+            Self::Damaged => "corrupt",
+            Self::Unreadable => "read error",
+            Self::Refused => "refused",
+            Self::NotCached => "not in the cache",
+        }
+    }
+
+    /// Whether the tile may come soon, when the server answers again: it could not be read, or what came was damaged. A
+    /// server that has no such tile, or refuses it, will do so again.
+    #[must_use]
+    pub const fn may_pass(self) -> bool {
+        matches!(self, Self::Damaged | Self::Unreadable)
+    }
+}
+
 /// What became of a tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -38,8 +102,8 @@ pub enum Outcome {
     },
     /// It cannot be had.
     Unavailable {
-        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused, 5 not in the cache.
-        code: u8,
+        /// Why.
+        failure: TileFailure,
     },
     /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.
     NoRoom {
@@ -57,7 +121,7 @@ impl TileOutcome {
             Outcome::Resident { key } => {
                 Self { code: RESIDENT, slot: key.slot.get(), generation: key.generation.get(), ..record }
             }
-            Outcome::Unavailable { code } => Self { code: u32::from(code).max(1), ..record },
+            Outcome::Unavailable { failure } => Self { code: u32::from(failure.number()), ..record },
             Outcome::NoRoom { completed } => Self { code: NO_ROOM, completed, ..record },
         }
     }
@@ -70,17 +134,10 @@ impl TileOutcome {
         let outcome = match self.code {
             RESIDENT => Outcome::Resident { key: SlotKey::new(self.slot, self.generation) },
             NO_ROOM => Outcome::NoRoom { completed: self.completed },
-            code => Outcome::Unavailable { code: u8::try_from(code).ok()? },
+            number => Outcome::Unavailable { failure: TileFailure::from_number(number.into())? },
         };
         Some((tile, outcome))
     }
-}
-
-/// Whether a tile that could not be had for this cause may come soon, when the server answers again: it could not be read, or what
-/// came was damaged. A server that has no such tile, or refuses it, will do so again.
-#[must_use]
-pub const fn may_come(code: u8) -> bool {
-    matches!(code, 2 | 3)
 }
 
 /// The number of a layer in events: 0 elevation, 1 colour.
@@ -100,11 +157,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_outcome_is_read_as_it_was_written(m in 0u32..100, code in 1u8.., slot: u32, generation: u32, completed: u64) {
+        fn an_outcome_is_read_as_it_was_written(m in 0u32..100, number in 1u64..=5, slot: u32, generation: u32, completed: u64) {
             let tile = Tile { layer: Layer::Color, node: NodeId::new(m, 3, 2).unwrap() };
             for outcome in [
                 Outcome::Resident { key: SlotKey::new(slot, generation) },
-                Outcome::Unavailable { code },
+                Outcome::Unavailable { failure: TileFailure::from_number(number).unwrap() },
                 Outcome::NoRoom { completed },
             ] {
                 prop_assert_eq!(TileOutcome::new(tile, outcome).read(), Some((tile, outcome)));
@@ -119,5 +176,15 @@ mod tests {
                 prop_assert_eq!((tile_again, outcome_again), (tile, outcome));
             }
         }
+    }
+
+    #[test]
+    fn each_failure_has_a_number_and_a_name_of_its_own() {
+        for failure in TileFailure::ALL {
+            let has_name = |other: &&TileFailure| other.name() == failure.name() || other.words() == failure.words();
+            assert_eq!(TileFailure::ALL.iter().filter(has_name).count(), 1);
+            assert_eq!(TileFailure::from_number(failure.number().into()), Some(failure));
+        }
+        assert!([0, 6, 255, 256, u64::MAX].into_iter().all(|number| TileFailure::from_number(number).is_none()));
     }
 }

@@ -158,13 +158,14 @@ fn a_database_reads_back() {
         let mut out = vec![0; color_tile_bytes(database.world())];
         let color = database.read_color(node, &mut out, &mut scratch);
         match node.q() {
-            0 => assert_eq!(color.unwrap_err().code(), 1),
+            0 => assert!(matches!(color, Err(TileError::Missing { .. }))),
             _ => assert!(color.is_ok() && out.chunks_exact(4).all(|texel| texel[3] == 255)),
         }
         assert_eq!(database.ranges().range(node), Some([90.0, 120.0]));
     }
     let outside = NodeId::new(4, 0, 0).unwrap();
-    assert_eq!(database.read_elevation(outside, &mut [0.0; 25], &mut scratch).unwrap_err().code(), 1);
+    let found = database.read_elevation(outside, &mut [0.0; 25], &mut scratch);
+    assert!(matches!(found, Err(TileError::Missing { .. })));
     assert_eq!(database.ranges().range(outside), None);
     fs::remove_dir_all(&folder).unwrap();
 }
@@ -179,9 +180,7 @@ fn check(files: &[Vec<u8>]) {
             for (found, expected) in content(&database).into_iter().zip(&good().1) {
                 match found {
                     Ok(bytes) => assert_eq!(Some(&bytes), expected.as_ref()),
-                    Err(error) => {
-                        assert!((1..=3).contains(&error.code()) && error.to_string().contains("tile of node"))
-                    }
+                    Err(error) => assert!(error.to_string().contains("tile of node"), "{error}"),
                 }
             }
         }

@@ -123,9 +123,9 @@ pub struct IngestArgs {
     /// Bands that show red, green and blue, counted from 1 (Landsat 7: 3,2,1)
     #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
     bands: Option<Bands>,
-    /// Ground without data. fill: all of it is filled from around it. keep: it stays without ground, a hole. clip: what reaches a
-    /// corner of the world (the rim of a warped or rotated raster) has no ground, the rest is filled. Depth and ground pictures tell
-    /// what was made up from what was measured
+    /// Ground without data. fill: all of it is filled from around it. keep: it stays without ground, a hole. clip: what lies beyond
+    /// all files, or is joined to an outer corner of one (the rim of a warped or rotated raster), has no ground; gaps within files
+    /// are filled. Depth and ground pictures tell what was made up from what was measured
     #[arg(long, default_value = Voids::default().name(), value_name = "HOW", value_parser = voids_parser())]
     voids: Voids,
     /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load

@@ -246,6 +246,14 @@ fn a_file_that_is_a_list_of_others_is_opened_only_by_that_name() {
     refused(&write("link.vrt", &raw_vrt("link.bin", true)));
     refused(&write("inline.vrt", &simple_vrt("&lt;VRTDataset rasterXSize=&quot;1&quot;/&gt;")));
     refused(&raw_vrt(&secret, false));
+    // Names that readers of XML could read differently, and XML that is none.
+    refused(&write("comment.vrt", &raw_vrt("tiles<!-- -->/../link.bin", true)));
+    refused(&write("cdata.vrt", &raw_vrt(&format!("<![CDATA[{secret}]]>"), false)));
+    let entity = format!("<!DOCTYPE a [<!ENTITY s \"{secret}\">]>{}", raw_vrt("&s;", false));
+    refused(&write("entity.vrt", &entity));
+    refused(&write("unknown.vrt", &raw_vrt("&s;", false)));
+    refused(&write("twice.vrt", &raw_vrt("tile.bin", true).replace("subClass", "band=\"1\" subClass")));
+    refused(&write("cut.vrt", raw_vrt("tile.bin", true).trim_end_matches("</VRTDataset>")));
     // With the user's word it is opened.
     let (text, is_made) = ingest(&folder, inner.join("absolute.vrt").to_str().unwrap(), &["--trust-vrt"]);
     assert!(is_made, "{text}");

@@ -31,6 +31,23 @@ fn assert_range(database: &Database, low: f64, high: f64, by: f64) {
 }
 
 #[test]
+fn the_stretch_of_a_plane_is_judged_where_it_is_worst() {
+    let folder = TestFolder::new();
+    // Web Mercator around the equator: true in the middle, and 1 / cos(29.32°) long at the centres of the outermost pixels.
+    let side_m = 3_503_549.0 / 20.0;
+    let transform = Some([0.0, side_m, 0.0, 20.0 * side_m, 0.0, -side_m]);
+    let wide = Tiff { transform, crs: Some("EPSG:3857"), ..Tiff::utm([40, 40], hills) }.write(&folder.path("wide.tif"));
+    let notes = run(&job(&[wide], &[], folder.path("w.tv"))).unwrap().1;
+    assert!(warned(&notes, &["Mercator", "1.15 times", "wide.tif"]), "{notes:?}");
+    assert!(warned(&notes, &["latitude 29.3"]) || warned(&notes, &["latitude -29.3"]), "{notes:?}");
+    // The same pixels within five degrees of it: no more than 0.4 %.
+    let near = Some([0.0, side_m / 6.0, 0.0, 20.0 * side_m / 6.0, 0.0, -side_m / 6.0]);
+    let near = Tiff { transform: near, crs: Some("EPSG:3857"), ..Tiff::utm([40, 40], hills) };
+    let notes = run(&job(&[near.write(&folder.path("near.tif"))], &[], folder.path("n.tv"))).unwrap().1;
+    assert!(!warned(&notes, &["times those on the ground"]), "{notes:?}");
+}
+
+#[test]
 fn a_globe_from_0_to_360_degrees_has_the_posts_of_one_from_180_west() {
     let folder = TestFolder::new();
     let globe = |west: f64, south: f64, step: f64, name: &str| {

@@ -116,9 +116,10 @@ impl Window {
         Some(number)
     }
 
-    /// A payload came (or the word that there is none, which is an answer too).
-    pub fn came(&mut self, number: CycleNumber, latency_nanos: u64) {
-        if let Some(cycle) = self.cycle(number) {
+    /// A payload came (or the answer that there is none), so long after its request. Of a request that was made anew no
+    /// cycle is named: for the cycle that it was made in it is lost.
+    pub fn came(&mut self, number: Option<CycleNumber>, latency_nanos: u64) {
+        if let Some(cycle) = number.and_then(|number| self.cycle(number)) {
             cycle.came += 1;
         }
         let smoothed = self.latency_nanos.get_or_insert(latency_nanos as f64);

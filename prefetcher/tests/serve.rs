@@ -2,7 +2,6 @@
 
 mod support;
 
-use bytes::Bytes;
 use proptest::test_runner::{Config, TestRunner};
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,7 +11,7 @@ use std::time::Duration;
 use support::{MS, color, elevation, world};
 use terravision_common::database::{Layer, Tile, color_tile_bytes, encode_elevation_tile};
 use terravision_common::event::{Event, EventKind, SpanName};
-use terravision_common::outcome::{Outcome, TileOutcome};
+use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{
     Consumer, Control, Counter, PoolReader, RunState, SlotState, WantHead, WantListWriter, memory,
@@ -20,8 +19,10 @@ use terravision_common::shm::{
 use terravision_common::stage::Events;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::top_levels::top_levels;
-use terravision_prefetcher::source::{FetchError, PayloadSource};
-use terravision_prefetcher::stage::{Ports, PrefetcherError, serve};
+use terravision_prefetcher::ports::Ports;
+use terravision_prefetcher::source::PayloadSource;
+use terravision_prefetcher::stage::{PrefetcherError, serve};
+use terravision_store::Payload;
 
 /// Elevation whose heights name their node; no colour. Some requests are never answered.
 #[derive(Debug, Clone, Default)]
@@ -29,6 +30,7 @@ struct Source {
     dropped: Arc<AtomicU64>,
     asked: Arc<Mutex<Vec<Tile>>>,
     is_stuck: Arc<AtomicBool>,
+    failed: Arc<Mutex<HashMap<Tile, TileFailure>>>,
 }
 
 fn height(tile: Tile) -> f32 {
@@ -45,10 +47,11 @@ impl Drop for Request {
 }
 
 impl PayloadSource for Source {
-    async fn payload(&self, tile: Tile) -> Result<Bytes, FetchError> {
+    async fn payload(&self, tile: Tile) -> Result<Payload, TileFailure> {
         self.asked.lock().expect("no panic").push(tile);
         if tile.layer == Layer::Color {
-            return Err(FetchError::Missing { tile });
+            self.failed.lock().expect("no panic").insert(tile, TileFailure::Missing);
+            return Err(TileFailure::Missing);
         }
         if self.is_stuck.load(Ordering::SeqCst) && tile.node.q() == 2 {
             let _request = Request(Arc::clone(&self.dropped));
@@ -59,7 +62,15 @@ impl PayloadSource for Source {
             // Damaged on its way.
             payload[20] ^= 1;
         }
-        Ok(payload.into())
+        Ok(Payload::new(payload.into()))
+    }
+
+    fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
+        self.failed.lock().expect("no panic").get(&tile).copied()
+    }
+
+    fn reject(&self, tile: Tile) {
+        self.failed.lock().expect("no panic").insert(tile, TileFailure::Damaged);
     }
 }
 
@@ -155,8 +166,8 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
             let bytes = peer.elevation.bytes(key).expect("readable");
             assert_eq!(bytes.f32()[..25], [height(tile); 25]);
         }
-        assert_eq!(outcomes[&elevation(13)], Outcome::Unavailable { code: 2 });
-        assert_eq!(outcomes[&color(3)], Outcome::Unavailable { code: 1 });
+        assert_eq!(outcomes[&elevation(13)], Outcome::Unavailable { failure: TileFailure::Damaged });
+        assert_eq!(outcomes[&color(3)], Outcome::Unavailable { failure: TileFailure::Missing });
         // The top levels come without being asked for, and stay.
         let (top, _) = top_levels(&world());
         peer.want(2, &top);

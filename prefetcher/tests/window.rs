@@ -35,7 +35,7 @@ impl Link {
                 && due <= self.now
             {
                 let (due, cycle) = self.open.pop_front().expect("there is one");
-                self.window.came(cycle, due.saturating_sub(self.now) + self.delay_ms * MS);
+                self.window.came(Some(cycle), due.saturating_sub(self.now) + self.delay_ms * MS);
                 self.came += 1;
             }
             while left > 0

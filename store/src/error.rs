@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use terravision_common::database::{DatabaseError, Layer, ManifestError, TileDamage, TileError};
 use terravision_common::node::NodeId;
+use terravision_common::outcome::TileFailure;
 use terravision_common::world::WorldError;
 
 /// What kind of failure it was: what metrics count by.
@@ -183,13 +184,21 @@ pub enum FetchError {
         reason: Arc<TileDamage>,
     },
     /// It could not be read.
-    #[error("{0}")]
-    Failed(Arc<Fault>),
+    #[error("{fault}")]
+    Failed {
+        /// What happened.
+        fault: Arc<Fault>,
+    },
 }
 
 impl FetchError {
     pub(crate) fn failed(cause: Cause, why: impl Into<String>, place: impl Into<String>) -> Self {
-        Self::Failed(Arc::new(Fault { cause, why: why.into(), place: place.into() }))
+        Self::failed_as(Arc::new(Fault { cause, why: why.into(), place: place.into() }))
+    }
+
+    /// One that others have found out.
+    pub(crate) fn failed_as(fault: Arc<Fault>) -> Self {
+        Self::Failed { fault }
     }
 
     /// What kind of failure it is; `None` for a tile that the database does not have.
@@ -198,7 +207,7 @@ impl FetchError {
         match self {
             Self::Absent => None,
             Self::Damaged { .. } => Some(Cause::Damaged),
-            Self::Failed(fault) => Some(fault.cause),
+            Self::Failed { fault } => Some(fault.cause),
         }
     }
 
@@ -208,13 +217,26 @@ impl FetchError {
         self.cause().is_some_and(Cause::is_passing)
     }
 
+    /// As outcomes, reports and metrics know it.
+    #[must_use]
+    pub fn failure(&self) -> TileFailure {
+        match self.cause() {
+            None => TileFailure::Missing,
+            Some(Cause::Damaged) => TileFailure::Damaged,
+            Some(Cause::Offline) => TileFailure::NotCached,
+            // That the disk fails is nobody's refusal.
+            Some(cause) if cause.is_refusal() => TileFailure::Refused,
+            Some(_) => TileFailure::Unreadable,
+        }
+    }
+
     /// As readers of tiles know it.
     #[must_use]
     pub fn into_tile_error(self, layer: Layer, node: NodeId) -> TileError {
         match self {
             Self::Absent => TileError::Missing { layer, node },
             Self::Damaged { reason } => TileError::Corrupt { layer, node, reason: TileDamage::Shared(reason) },
-            failed @ Self::Failed(_) => TileError::Read { layer, node, source: std::io::Error::other(failed) },
+            failed @ Self::Failed { .. } => TileError::Read { layer, node, source: std::io::Error::other(failed) },
         }
     }
 }
@@ -225,7 +247,11 @@ impl FetchError {
 pub enum StoreError {
     /// One in a folder of this machine, or a mirrored index.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// What is wrong with it.
+        #[from]
+        source: DatabaseError,
+    },
     /// The server has no manifest there.
     #[error("there is no finished terrain database ({why}): {location}")]
     NotADatabase {
@@ -259,8 +285,12 @@ pub enum StoreError {
         location: String,
     },
     /// It cannot be reached or read.
-    #[error("cannot read the terrain database: {0}")]
-    Fetch(#[from] FetchError),
+    #[error("cannot read the terrain database: {source}")]
+    Fetch {
+        /// Why.
+        #[from]
+        source: FetchError,
+    },
     /// The location and the environment give no client.
     #[error("cannot make a client for {location}: {why}")]
     Client {
@@ -306,5 +336,15 @@ mod tests {
         for (number, cause) in Cause::ALL.into_iter().enumerate() {
             assert_eq!((cause.number(), Cause::from_name(cause.name())), (number, Some(cause)));
         }
+    }
+
+    #[test]
+    fn a_failure_that_readers_repeat_is_one_that_frames_wait_for() {
+        for cause in Cause::ALL {
+            let failure = FetchError::failed(cause, "", "").failure();
+            assert!(!cause.is_passing() || failure.may_pass(), "{cause:?}");
+            assert!(!(cause.is_refusal() || cause == Cause::Offline) || !failure.may_pass(), "{cause:?}");
+        }
+        assert_eq!(FetchError::Absent.failure(), TileFailure::Missing);
     }
 }

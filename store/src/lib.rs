@@ -2,8 +2,8 @@
 //!
 //! [`Store::open`] makes a [`Location`] a database; [`Store::payload`] gives tiles as they are stored, to async readers, and
 //! the store is a [`TileSource`](terravision_common::database::TileSource) for threads that may block. What comes over a
-//! network passes a disk cache, is checked by the checksums of manifest and tiles, and is asked for again within limits
-//! ([`StoreOptions`]). Failures are folded by cause ([`ErrorLog`]).
+//! network passes a disk cache and is checked by the checksums of manifest and tiles. The module `retry` alone decides what is
+//! asked for again, and when ([`StoreOptions`], [`Store::recent_failure`]). Failures are folded by cause ([`ErrorLog`]).
 //!
 //! ```no_run
 //! use terravision_common::database::Layer;
@@ -18,27 +18,40 @@
 //! ```
 
 mod cache;
+mod coalescing;
 mod error;
 mod error_log;
 mod etags;
-mod flights;
+mod local;
 mod location;
 mod memory;
 mod mirror;
 mod network;
 mod options;
+mod payload;
 mod redirect;
 mod remote;
-mod resting;
+mod remote_backend;
+mod retry;
 mod store;
 mod tar;
 mod transport;
 mod wire;
+mod wire_error;
 
 pub use cache::CacheFigures;
 pub use error::{Cause, Fault, FetchError, StoreError};
 pub use error_log::{ErrorLog, Folded};
 pub use location::{Location, LocationError};
 pub use mirror::OnProgress;
-pub use options::{DEFAULT_CACHE_BYTES, RetryOptions, StoreOptions, default_cache_dir};
+pub use options::{DEFAULT_CACHE_BYTES, StoreOptions, default_cache_dir};
+pub use payload::Payload;
+pub use retry::{FailedTiles, NegativeCache, RetryOptions, patience};
 pub use store::{Figures, Store};
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Locks. What a panicking thread leaves is still whole: nothing in this crate panics between two writes that belong together.
+fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

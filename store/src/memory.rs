@@ -5,18 +5,26 @@ use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Bytes of an archive that were read together.
 #[derive(Debug)]
 pub(crate) struct Piece {
     pub(crate) bytes: Bytes,
+    /// When it was asked for, if it was asked for anew because the request before took much longer than usual.
+    pub(crate) resent_at: Option<Instant>,
     /// Whether the disk cache has it, or is about to.
     is_on_disk: AtomicBool,
 }
 
 impl Piece {
     pub(crate) fn new(bytes: Bytes, is_on_disk: bool) -> Self {
-        Self { bytes, is_on_disk: AtomicBool::new(is_on_disk) }
+        Self { bytes, resent_at: None, is_on_disk: AtomicBool::new(is_on_disk) }
+    }
+
+    /// One that came over the network.
+    pub(crate) fn fetched(bytes: Bytes, resent_at: Option<Instant>) -> Self {
+        Self { resent_at, ..Self::new(bytes, false) }
     }
 
     /// Whether it was not on disk yet: true for one caller alone.

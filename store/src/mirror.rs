@@ -3,6 +3,7 @@
 use crate::error::{Cause, FetchError, StoreError};
 use crate::location::Location;
 use crate::network::{Network, Request};
+use crate::retry::{Allowance, INDEX_READS, OPEN_RETRIES};
 use bytes::Bytes;
 use futures_util::{StreamExt, stream};
 use ring::digest::{SHA256, digest};
@@ -19,10 +20,6 @@ use terravision_common::world::World;
 /// The file of height ranges is read in pieces of this size, a few at a time.
 const PART_BYTES: u64 = 1 << 20;
 const PARTS_AT_ONCE: usize = 4;
-/// How often the file is read anew when its checksum is wrong.
-const TRIES: u32 = 4;
-/// Requests after the first while a database is opened: somebody waits for the answer.
-pub(crate) const OPEN_RETRIES: u32 = 3;
 
 /// Called with the bytes of the index that have come, and with all that will.
 pub type OnProgress<'a> = &'a mut dyn FnMut(u64, u64);
@@ -90,15 +87,13 @@ pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Res
         file: MANIFEST_FILE,
         range: None,
         most_bytes: MOST_MANIFEST_BYTES,
-        retries: OPEN_RETRIES,
-        is_vital: true,
+        allowance: Allowance { retries: OPEN_RETRIES, is_vital: true, may_be_hasty: false },
     };
-    let mut tried = 0;
+    let mut damages = 0;
     loop {
-        tried += 1;
         let parsed = match network.read(&request, |answer| async move { Ok(answer.bytes) }).await {
             Ok(text) => parse(text, location),
-            Err(FetchError::Failed(fault)) if fault.cause == Cause::NotFound => {
+            Err(FetchError::Failed { fault }) if fault.cause == Cause::NotFound => {
                 return Err(StoreError::NotADatabase { why: fault.why.clone(), location: location.to_string() });
             }
             Err(error) => return Err(error.into()),
@@ -107,14 +102,15 @@ pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Res
         let is_damaged =
             |source: &ManifestError| matches!(source, ManifestError::Checksum { .. } | ManifestError::Content { .. });
         let is_repeated = match &parsed {
-            Err(StoreError::Manifest { source, .. }) if is_damaged(source) && tried < TRIES => {
-                network.again(tried - 1).await
+            Err(StoreError::Manifest { source, .. }) if is_damaged(source) => {
+                network.policy().again_after_damage(damages, INDEX_READS - 1).await
             }
             _ => false,
         };
         if !is_repeated {
             return parsed;
         }
+        damages += 1;
     }
 }
 
@@ -267,22 +263,17 @@ async fn read_nodes(
     let failed =
         |cause, why: String| Unfilled::Network(FetchError::failed(cause, why, network.transport().place(NODES_FILE)));
     let crc32 = open.manifest.nodes.crc32;
-    let mut tried = 0;
+    let mut damages = 0;
     loop {
-        tried += 1;
         file.restart()?;
         let (mut hasher, mut done) = (crc32fast::Hasher::new(), 0);
         let starts = (0..expected).step_by(PART_BYTES as usize);
         let parts = starts.map(|start| {
             let range = start..(start + PART_BYTES).min(expected);
             let most_bytes = range.end - range.start;
-            let request = Request {
-                file: NODES_FILE,
-                range: Some(range),
-                most_bytes,
-                retries: network.most_retries(),
-                is_vital: true,
-            };
+            let retries = network.policy().most_retries();
+            let allowance = Allowance { retries, is_vital: true, may_be_hasty: false };
+            let request = Request { file: NODES_FILE, range: Some(range), most_bytes, allowance };
             async move { network.read(&request, |answer| async move { Ok(answer) }).await }
         });
         let mut parts = stream::iter(parts).buffered(PARTS_AT_ONCE);
@@ -301,9 +292,10 @@ async fn read_nodes(
         if found == crc32 {
             return Ok(());
         }
-        if tried == TRIES || !network.again(tried - 1).await {
+        if !network.policy().again_after_damage(damages, INDEX_READS - 1).await {
             return Err(failed(Cause::Damaged, format!("its checksum is {found:08x}, expected {crc32:08x}")));
         }
+        damages += 1;
     }
 }
 

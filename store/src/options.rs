@@ -1,5 +1,6 @@
 //! How a database that is elsewhere is read.
 
+use crate::retry::{FailedTiles, RetryOptions};
 use std::path::PathBuf;
 use std::time::Duration;
 use terravision_common::run::DatabaseConfig;
@@ -22,37 +23,15 @@ pub struct StoreOptions {
     pub deadline: Duration,
     /// How failed requests are asked again.
     pub retries: RetryOptions,
+    /// Requests for tiles are made anew when their answer takes much longer than usual, before they time out. Better on links
+    /// that lose requests without a word, and more load for a server that is slow.
+    pub is_hasty: bool,
+    /// What becomes of tiles that could not be had.
+    pub failed_tiles: FailedTiles,
     /// Most requests at a time. More use a link of long delay better, and load the server.
     pub parallel_requests: usize,
     /// A folder that has the index already, checked: it is used as it is, and the server is not asked for it.
     pub index: Option<PathBuf>,
-}
-
-/// How failed requests are asked again.
-#[derive(Debug, Clone, Copy)]
-pub struct RetryOptions {
-    /// Most requests after the first, of one read.
-    pub most: u32,
-    /// The wait before the second request, on average; it doubles each time.
-    pub first_wait: Duration,
-    /// The longest wait.
-    pub longest_wait: Duration,
-    /// Requests that may be asked again for each that is asked the first time, on average over all reads...
-    pub share: f64,
-    /// ... and so many more at once, after a while without failures.
-    pub burst: u32,
-}
-
-impl Default for RetryOptions {
-    fn default() -> Self {
-        Self {
-            most: 8,
-            first_wait: Duration::from_millis(200),
-            longest_wait: Duration::from_secs(8),
-            share: 1.0,
-            burst: 64,
-        }
-    }
 }
 
 impl Default for StoreOptions {
@@ -64,6 +43,8 @@ impl Default for StoreOptions {
             request_timeout: Duration::from_secs(20),
             deadline: Duration::from_secs(60),
             retries: RetryOptions::default(),
+            is_hasty: false,
+            failed_tiles: FailedTiles::Rest,
             parallel_requests: 16,
             index: None,
         }

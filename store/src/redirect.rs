@@ -4,7 +4,7 @@
 //! URL it was sent, query and all.)
 
 use crate::error::Cause;
-use crate::wire::WireError;
+use crate::wire_error::WireError;
 use http::header::{ACCEPT, IF_MATCH, IF_MODIFIED_SINCE, IF_NONE_MATCH, IF_UNMODIFIED_SINCE, LOCATION, RANGE};
 use http::{HeaderMap, HeaderName, Method, StatusCode, Uri};
 use object_store::client::{HttpClient, HttpError, HttpErrorKind, HttpRequest, HttpRequestBody, HttpResponse};

@@ -5,7 +5,8 @@ use crate::location::{Kind, Location};
 use crate::options::StoreOptions;
 use crate::redirect::ConnectOptions;
 use crate::tar::{BLOCK, Headers, Next};
-use crate::wire::{Connector, Wire, WireError};
+use crate::wire::{Connector, Wire};
+use crate::wire_error::WireError;
 use bytes::{Bytes, BytesMut};
 use futures_util::TryStreamExt;
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
@@ -36,6 +37,8 @@ pub(crate) struct Answer {
     pub(crate) file_bytes: u64,
     /// The server's mark of this content, if it gives one.
     pub(crate) etag: Option<String>,
+    /// When the request was made, if it was made anew because the one before took much longer than usual.
+    pub(crate) resent_at: Option<std::time::Instant>,
 }
 
 /// How bytes are had.
@@ -239,7 +242,7 @@ impl Transport {
             let why = format!("the answer ended after {} of {expected} bytes", bytes.len());
             return Err(fault(Cause::Interrupted, why));
         }
-        Ok(Answer { bytes: bytes.freeze(), file_bytes, etag })
+        Ok(Answer { bytes: bytes.freeze(), file_bytes, etag, resent_at: None })
     }
 }
 
@@ -255,7 +258,7 @@ fn read_file(path: &std::path::Path, range: Range<u64>) -> io::Result<Answer> {
     let mut bytes = vec![0; (range.end - range.start) as usize];
     file.read_exact_at(&mut bytes, range.start)?;
     let modified = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
-    Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")) })
+    Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")), resent_at: None })
 }
 
 /// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is empty is not set.

@@ -3,6 +3,7 @@
 
 use crate::error::Cause;
 use crate::redirect::{ConnectOptions, Following};
+use crate::wire_error::WireError;
 use async_trait::async_trait;
 use chrono::{DateTime, Utc};
 use futures_util::StreamExt;
@@ -66,20 +67,6 @@ impl Wire {
         let until = Instant::now() + wait.min(LONGEST_HOLD);
         let mut hold = self.hold.lock().unwrap_or_else(PoisonError::into_inner);
         *hold = Some(hold.map_or(until, |held| held.max(until)));
-    }
-}
-
-/// An answer that is none.
-#[derive(Debug, Clone, thiserror::Error)]
-#[error("{why}")]
-pub(crate) struct WireError {
-    pub(crate) cause: Cause,
-    why: String,
-}
-
-impl WireError {
-    pub(crate) fn new(cause: Cause, why: impl Into<String>) -> Self {
-        Self { cause, why: why.into() }
     }
 }
 
@@ -183,7 +170,7 @@ impl HttpService for Counted {
             Cause::Server => format!("the server failed ({status}{code})"),
             _ => format!("the server refused the request ({status}{code})"),
         };
-        Err(HttpError::new(HttpErrorKind::Unknown, WireError { cause, why }))
+        Err(HttpError::new(HttpErrorKind::Unknown, WireError::new(cause, why)))
     }
 }
 
@@ -208,7 +195,7 @@ async fn start_of(body: HttpResponseBody, most: usize) -> Vec<u8> {
 fn no_credentials() -> HttpError {
     let why = "there are no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or \
                AWS_SKIP_SIGNATURE=true for a bucket that anyone may read";
-    HttpError::new(HttpErrorKind::Unknown, WireError { cause: Cause::Credentials, why: why.to_owned() })
+    HttpError::new(HttpErrorKind::Unknown, WireError::new(Cause::Credentials, why))
 }
 
 /// How long the server wants to be left alone (RFC 9110, section 10.2.3): seconds, or a date.

@@ -352,16 +352,17 @@ fn what_cannot_be_opened_is_told_in_a_sentence() {
 }
 
 #[test]
-fn errors_of_tiles_keep_their_codes() {
+fn errors_of_tiles_keep_their_kinds() {
     let node = NodeId::new(0, 0, 0).unwrap();
-    let code = |error: FetchError| error.into_tile_error(Layer::Color, node).code();
-    assert_eq!(code(FetchError::Absent), 1);
+    let absent = FetchError::Absent.into_tile_error(Layer::Color, node);
+    assert!(matches!(absent, TileError::Missing { .. }), "{absent}");
     let (server, folder) = (serve(), TestFolder::new("store-codes"));
     let store = Store::open(&location(&server), &options(&folder)).unwrap();
     server.misbehave([Rule::new(Fault::Garbage)]);
     let damaged = block_on(store.payload(Layer::Color, fine(1))).unwrap_err();
     assert!(matches!(damaged, FetchError::Damaged { .. }), "{damaged}");
-    assert_eq!(code(damaged), 2);
+    let damaged = damaged.into_tile_error(Layer::Color, node);
+    assert!(matches!(damaged, TileError::Corrupt { .. }), "{damaged}");
     server.misbehave([Rule::new(Fault::Status(404, None))]);
     let mut out = vec![0; color_tile_bytes(store.world())];
     let error = store.read_color(fine(2), &mut out, &mut TileScratch::default()).unwrap_err();

@@ -139,7 +139,7 @@ fn what_was_made_up_is_told_from_what_was_measured_and_holes_are_sky() {
     for (voids, said, holes, made_up) in [
         ("fill", "filled", &nothing, &both),
         ("keep", "left without ground", &both, &nothing),
-        ("clip", "corner of the world", &rim, &gap),
+        ("clip", "at their corners", &rim, &gap),
     ] {
         let (world, stderr) = ingest(&folder, voids, plain);
         assert!(stderr.contains(said), "{stderr}");

@@ -225,18 +225,6 @@ pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::
     has_place.then(|| tile_coord(world, node)).flatten().map(Into::into)
 }
 
-impl TileError {
-    /// The cause as events and reports give it: 1 missing, 2 corrupt, 3 read error.
-    #[must_use]
-    pub fn code(&self) -> u8 {
-        match self {
-            Self::Missing { .. } => 1,
-            Self::Corrupt { .. } => 2,
-            Self::Read { .. } => 3,
-        }
-    }
-}
-
 /// Buffers that a thread keeps between tiles, so that reading one allocates (almost) nothing.
 #[derive(Default)]
 pub struct TileScratch {

@@ -189,6 +189,19 @@ impl NodeRanges {
         }
     }
 
+    /// The nodes of a level that exist, by row from the south, then column from the west.
+    pub fn nodes(&self, q: u8) -> Box<dyn Iterator<Item = NodeId> + '_> {
+        match &self.levels {
+            Levels::All(_) => {
+                let [columns, rows] = self.world.nodes_at(q);
+                Box::new((0..rows).flat_map(move |n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))))
+            }
+            Levels::Sparse(levels) => {
+                Box::new(levels.get(usize::from(q)).into_iter().flat_map(move |level| level.nodes(q)).map(|at| at.node))
+            }
+        }
+    }
+
     /// Lowest and highest ground under a node, metres; `None` when the node does not exist.
     #[must_use]
     pub fn range(&self, node: NodeId) -> Option<[f32; 2]> {

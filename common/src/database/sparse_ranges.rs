@@ -67,7 +67,7 @@ impl SparseLevel {
         self.keys.binary_search(&key(node)).ok().map(|at| self.values[at])
     }
 
-    fn nodes(&self, q: u8) -> impl Iterator<Item = NodeRange> + '_ {
+    pub(super) fn nodes(&self, q: u8) -> impl Iterator<Item = NodeRange> + '_ {
         self.keys.iter().zip(&self.values).filter_map(move |(key, (range, layers))| {
             let node = NodeId::new(*key as u32, (*key >> 32) as u32, q)?;
             Some(NodeRange { node, range: *range, layers: *layers })

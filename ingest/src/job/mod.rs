@@ -1,5 +1,6 @@
 //! The whole of an ingest, from files to a database.
 
+mod elevation;
 mod output;
 mod record;
 mod summary;
@@ -10,7 +11,7 @@ use crate::archive;
 use crate::error::IngestError;
 use crate::nested::Sources;
 use crate::plan::{Plan, PlanOptions};
-use crate::pyramid::{self, validity, voids as fill};
+use crate::pyramid;
 use crate::sample;
 use crate::source::inputs::describe_all;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
@@ -18,13 +19,13 @@ use crate::source::{Access, Note, Raster, Region, TargetCrs, area, region};
 use crate::store::{Level, Rgb};
 use crate::tint::{Place, Tint};
 use crate::work::Work;
+use elevation::{Elevation, told_source_range};
 use output::Output;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use terravision_common::database::{
-    ArchiveRecord, COLOR_FILE, ELEVATION_FILE, HEIGHT_STEPS_PER_M, Manifest, NODES_FILE, NodesRecord, Voids,
-    VoidsRecord,
+    ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
 
@@ -200,7 +201,7 @@ impl Job {
             return self.build_nested(&sources, output, note);
         }
         let Elevation { levels, summary, validity, holes } =
-            elevation_levels(plan, target, elevation, self.voids, folder, work)?;
+            elevation::levels(plan, target, elevation, self.voids, folder, work)?;
         let post_area = plan.elevation.step.powi(2);
         let void_area_m2 = summary.voids as f64 * post_area;
         if summary.voids > 0 {
@@ -357,91 +358,6 @@ fn place_of<'a>(plan: &Plan, target: &'a TargetCrs) -> Place<'a> {
 fn tint_note(share: f64) -> String {
     let percent = 100.0 * share;
     format!("colour has no data for {percent:.1} % of the world: a tint of the elevation is shown there")
-}
-
-/// The elevation pyramid.
-struct Elevation {
-    /// All levels, without voids.
-    levels: Vec<Level<f32>>,
-    /// What the finest had.
-    summary: sample::elevation::Summary,
-    /// The shares of all levels' posts; none when the finest had no voids.
-    validity: Vec<Level<validity::Shares>>,
-    /// Posts of the finest level that have no ground.
-    holes: u64,
-}
-
-/// What a summit may lose before it is told, metres.
-const TOLD_LOSS_M: f32 = 3.0;
-
-/// Lowest and highest sample of the sources, when the world's are others; a summit that was lost is told.
-fn told_source_range(
-    summary: &sample::elevation::Summary,
-    plan: &Plan,
-    note: &mut dyn FnMut(Note),
-) -> Option<[f32; 2]> {
-    let (source, world) = (summary.source_range, summary.range);
-    let is_other = (0..2).any(|k| (source[k] - world[k]).abs() > 1.0 / HEIGHT_STEPS_PER_M);
-    if source[1] - world[1] > TOLD_LOSS_M {
-        let spacing = plan.elevation.step;
-        note(Note::Info(format!(
-            "the highest point of the elevation files is {:.0} m, that of the world {:.0} m: posts lie {spacing} m apart; \
-             a smaller --spacing keeps more of the summits",
-            source[1], world[1]
-        )));
-    }
-    is_other.then_some(source)
-}
-
-fn elevation_levels(
-    plan: &Plan,
-    target: &TargetCrs,
-    sources: &[(Raster, ElevationValues)],
-    voids: Voids,
-    folder: &Path,
-    work: &Work,
-) -> Result<Elevation, IngestError> {
-    let world = &plan.world;
-    let (finest, summary) = sample::elevation::sample(plan, target, sources, folder, work)?;
-    if summary.voids == finest.size().iter().product::<u64>() {
-        let file = &sources[0].0.path;
-        return Err(IngestError::source(file, "has no elevation data: every sample is \"no data\""));
-    }
-    let (mut shares, mut holes) = (Vec::new(), 0);
-    if summary.voids > 0 {
-        let finest = validity::finest(&finest, voids, folder, work)?;
-        shares.push(finest.0);
-        holes = finest.1;
-        for q in world.finest_elevation_level() + 1..world.levels() {
-            shares.push(validity::coarser(&shares[shares.len() - 1], plan.elevation_size(q), folder, work)?);
-        }
-    }
-    let mut levels = vec![finest];
-    for q in world.finest_elevation_level() + 1..world.levels() {
-        let coarser = pyramid::elevation::coarser(&levels[levels.len() - 1], plan.elevation_size(q), folder, work)?;
-        levels.push(coarser);
-    }
-    if summary.voids > 0 {
-        let middle = 0.5 * (summary.range[0] + summary.range[1]);
-        let mut filled: Vec<Level<f32>> = Vec::with_capacity(levels.len());
-        for level in levels.into_iter().rev() {
-            let level = match filled.last() {
-                Some(coarser) => {
-                    let all: Vec<usize> = (0..level.blocks(pyramid::BLOCK).count()).collect();
-                    fill::fill(level, coarser, &all, folder, work)?
-                }
-                None => {
-                    fill::fill_coarsest(&level, middle)
-                        .map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
-                    level
-                }
-            };
-            filled.push(level);
-        }
-        filled.reverse();
-        levels = filled;
-    }
-    Ok(Elevation { levels, summary, validity: shares, holes })
 }
 
 /// GDAL's block cache within our memory, and its messages in our errors instead of on the terminal.

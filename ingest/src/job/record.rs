@@ -41,10 +41,10 @@ pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f6
         Voids::Keep => "left without ground".to_owned(),
         Voids::Clip if hole_km2 == 0.0 => "filled from around it (--voids keep leaves holes)".to_owned(),
         Voids::Clip if hole_km2 == void_km2 => {
-            "it reaches a corner of the world and has no ground (--voids fill makes some up)".to_owned()
+            "it lies beyond the files or at their corners and has no ground (--voids fill makes some up)".to_owned()
         }
         Voids::Clip => format!(
-            "{hole_km2:.3} km² reach a corner of the world and have no ground, the rest is filled from around it \
+            "{hole_km2:.3} km² lie beyond the files or at their corners and have no ground, the rest is filled from around it \
              (--voids fill fills all of it, keep none)"
         ),
     };

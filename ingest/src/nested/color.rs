@@ -6,9 +6,10 @@ use super::nodes::Nodes;
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::pyramid::color::{REACH, filter};
-use crate::sample::SourceSet;
+use crate::sample::color::eight_bits;
 use crate::sample::mapper::Lattice;
 use crate::sample::window::Kernel;
+use crate::sample::{Sampled, SourceSet};
 use crate::source::open::ColorReader;
 use crate::source::values::ColorValues;
 use crate::source::{Raster, TargetCrs};
@@ -44,7 +45,7 @@ pub(super) struct ColorLevels {
 }
 
 /// A texel's source and colour, if it has one.
-type Texel = Option<(usize, [f32; 3])>;
+type Texel = Option<(u32, [f32; 3])>;
 
 /// Texels with a source by node: of blocks, which nodes may share.
 type Known = BTreeMap<NodeId, u64>;
@@ -153,7 +154,7 @@ impl Color<'_> {
                     let [m, n] = [0, 1].map(|a| ((block.origin[a] as u64 + at[a] as u64) / side) as u32);
                     let Some(node) = NodeId::new(m, n, q) else { continue };
                     *known.entry(node).or_default() += 1;
-                    if self.plan.color_levels[*source] <= q {
+                    if self.plan.color_levels[*source as usize] <= q {
                         has_data.insert(node);
                     }
                 }
@@ -161,7 +162,6 @@ impl Color<'_> {
                     true => self.tinted(q, block)?,
                     false => Vec::new(),
                 };
-                let eight_bits = |color: [f32; 3]| color.map(|v| v.round().clamp(0.0, 255.0) as u8);
                 let colors: Vec<Rgb> = texels
                     .iter()
                     .enumerate()
@@ -191,7 +191,7 @@ impl Color<'_> {
         // Of texels that lie inside with all of their area.
         let last = world.extent().map(|extent| i64::from(extent) * nc / (nz << q) - 1);
         let around = block.grown(1);
-        let mut texels = set.sample_where::<3>(around, &|_| true, &|_| false)?;
+        let mut texels: Vec<Texel> = set.sample::<3>(around)?.into_iter().map(Sampled::known).collect();
         repeat_border(&mut texels, around, last);
         let rows = texels.chunks_exact(around.size[0]).skip(1).take(block.size[1]);
         Ok(rows.flat_map(|row| row[1..=block.size[0]].iter().copied()).collect())

@@ -7,10 +7,10 @@ use crate::IngestError;
 use crate::plan::Plan;
 use crate::pyramid::elevation::{REACH, filter};
 use crate::pyramid::voids;
-use crate::sample::SourceSet;
 use crate::sample::elevation::{EMPTY, Summary, quantised, union};
 use crate::sample::mapper::Lattice;
 use crate::sample::window::Kernel;
+use crate::sample::{Sampled, SourceSet};
 use crate::source::open::ElevationReader;
 use crate::source::values::ElevationValues;
 use crate::source::{Raster, TargetCrs};
@@ -173,24 +173,24 @@ impl Elevation<'_> {
         block: Rect,
     ) -> Result<(Vec<f32>, Vec<bool>), IngestError> {
         let around = block.grown(BLEND);
-        let is_fine_source = |source: usize| self.plan.elevation_levels[source] <= q;
+        let is_fine_source = |source: u32| self.plan.elevation_levels[source as usize] <= q;
         let mut posts: Vec<Post> = set
-            .sample_where::<1>(around, &|_| true, &|_| false)?
+            .sample::<1>(around)?
             .into_iter()
-            .map(|post| post.map(|(source, [height])| (is_fine_source(source), height)))
+            .map(|post| post.known().map(|(source, [height])| (is_fine_source(source), height)))
             .collect();
         repeat_border(&mut posts, around, self.plan.world.extent().map(|extent| i64::from(extent >> q)));
         let shares = shares(&posts, around);
         let inner = |k: usize| (k / block.size[0] + BLEND) * around.size[0] + k % block.size[0] + BLEND;
         let is_mixed = |k: usize| posts[inner(k)].is_some_and(|(is_fine, _)| is_fine) && shares[k] < 1.0;
-        let mut coarse = vec![None; block.area()];
+        let mut coarse = vec![Sampled::Outside; block.area()];
         if (0..block.area()).any(is_mixed) {
-            coarse = set.sample_where::<1>(block, &|source| !is_fine_source(source), &|k| !is_mixed(k))?;
+            coarse = set.sample_where::<1>(block, |source| !is_fine_source(source), |k| !is_mixed(k))?;
         }
         let height = |k: usize| {
             let Some((is_fine, height)) = posts[inner(k)] else { return f32::NAN };
             match coarse[k] {
-                Some((_, [coarse])) if is_fine => quantised(coarse + shares[k] * (height - coarse)),
+                Sampled::Value(_, [coarse]) if is_fine => quantised(coarse + shares[k] * (height - coarse)),
                 _ => quantised(height),
             }
         };

@@ -6,12 +6,15 @@
 
 use super::BLOCK;
 use crate::IngestError;
+use crate::sample::corners::Post;
+use crate::sample::elevation::is_outside;
 use crate::store::{Blocks, Level, Rect};
 use crate::work::Work;
 use std::collections::{BTreeSet, VecDeque};
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use terravision_common::database::Voids;
 
 /// Shares of a post: ground, and measured.
@@ -21,59 +24,115 @@ const MEASURED: Shares = [255, 255];
 const MADE_UP: Shares = [255, 0];
 const HOLE: Shares = [0, 0];
 
-/// The finest level's shares, from its heights, which are NaN in voids; and how many posts are holes.
+/// Beyond all files, while rims spread: no place for them, and a hole in the end.
+const BEYOND: Shares = [0, 255];
+/// Posts without a file that lie in less than so many columns or rows are no place beyond all files but a thread between two:
+/// sheets that meet may be off by a fraction of a pixel.
+const THREAD: usize = 3;
+
+/// The finest level's shares, from its heights, which are NaN in voids; and how many posts are holes. With [`Voids::Clip`] a rim begins
+/// at `corners`.
 ///
 /// # Errors
 /// [`IngestError`].
-pub fn finest(
+pub(crate) fn finest(
     heights: &Level<f32>,
     voids: Voids,
+    corners: &BTreeSet<Post>,
     folder: &Path,
     work: &Work,
 ) -> Result<(Level<Shares>, u64), IngestError> {
     let fail = |source| IngestError::Output { source, path: folder.to_owned() };
     let level = Level::create(folder, heights.size()).map_err(fail)?;
     let blocks = level.blocks(BLOCK);
-    let of_void = if voids == Voids::Keep { HOLE } else { MADE_UP };
-    let count = AtomicU64::new(0);
+    let holes = AtomicU64::new(0);
+    let with_beyond = Mutex::new(BTreeSet::new());
     work.each(
         "voids",
         blocks.count(),
         || Ok(()),
         |(), index| {
             let block = blocks.rect(index);
-            let heights = heights.read(block).map_err(fail)?;
-            let shares: Vec<Shares> = heights.iter().map(|h| if h.is_nan() { of_void } else { MEASURED }).collect();
+            let reach = THREAD - 1;
+            let heights = heights.read(block.grown(reach)).map_err(fail)?;
+            let is_beyond = if voids == Voids::Clip { beyond(&heights, block) } else { Vec::new() };
+            let width = block.size[0] + 2 * reach;
+            let share = |k: usize| {
+                let height = heights[(k / block.size[0] + reach) * width + k % block.size[0] + reach];
+                match voids {
+                    _ if !height.is_nan() => MEASURED,
+                    Voids::Clip if is_beyond.get(k) == Some(&true) => BEYOND,
+                    Voids::Keep => HOLE,
+                    Voids::Clip | Voids::Fill => MADE_UP,
+                }
+            };
+            let shares: Vec<Shares> = (0..block.area()).map(share).collect();
+            let [kept, beyond] = [HOLE, BEYOND].map(|wanted| shares.iter().filter(|share| **share == wanted).count());
             // Relaxed: only the sum is taken, when the threads have been joined.
-            count.fetch_add(shares.iter().filter(|share| **share == HOLE).count() as u64, Ordering::Relaxed);
+            holes.fetch_add((kept + beyond) as u64, Ordering::Relaxed);
+            if beyond > 0 {
+                with_beyond.lock().unwrap_or_else(PoisonError::into_inner).insert(index);
+            }
             level.write(block, &shares).map_err(fail)
         },
     )?;
-    let mut holes = count.into_inner();
+    let mut holes = holes.into_inner();
     if voids == Voids::Clip {
-        holes += clip(&level, blocks, folder, work)?;
+        holes += clip(&level, blocks, corners, folder, work)?;
+        for index in with_beyond.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            let block = blocks.rect(index);
+            let mut shares = level.read(block).map_err(fail)?;
+            shares.iter_mut().filter(|share| **share == BEYOND).for_each(|share| *share = HOLE);
+            level.write(block, &shares).map_err(fail)?;
+        }
     }
     Ok((level, holes))
 }
 
-/// Makes holes of all that was made up and is joined to a corner of the level, side by side; how many posts that are. The rim of a
+/// Which posts of a block lie beyond all files, threads left out; nothing when none does. `heights` are those of the block and of
+/// `THREAD - 1` posts around.
+fn beyond(heights: &[f32], block: Rect) -> Vec<bool> {
+    let shrunk = |size: [usize; 2]| size.map(|n| n + 1 - THREAD);
+    // Where a square of posts begins (all of it, then any of it) of which all, or any, are.
+    let squares = |is: &[bool], size: [usize; 2], all: bool| -> Vec<bool> {
+        let [columns, rows] = shrunk(size);
+        let square = |k: usize| {
+            let first = k / columns * size[0] + k % columns;
+            let mut rows = (0..THREAD).map(|row| &is[first + row * size[0]..][..THREAD]);
+            if all { rows.all(|row| row.iter().all(|is| *is)) } else { rows.any(|row| row.contains(&true)) }
+        };
+        (0..columns * rows).map(square).collect()
+    };
+    if !heights.iter().any(|height| is_outside(*height)) {
+        return Vec::new();
+    }
+    let size = block.grown(THREAD - 1).size;
+    let is_outside: Vec<bool> = heights.iter().map(|height| is_outside(*height)).collect();
+    // Morphological opening.
+    squares(&squares(&is_outside, size, true), shrunk(size), false)
+}
+
+/// Makes holes of all that was made up and is joined to one of the corners, side by side; how many posts that are. The rim of a
 /// raster that was warped, rotated or cut along an outline has a corner; a gap in the data that happens to reach a side has none.
 ///
 /// Block by block: what changes at a block's side makes its neighbour be looked at again, until nothing changes. What comes out
 /// does not depend on the order.
-fn clip(level: &Level<Shares>, blocks: Blocks, folder: &Path, work: &Work) -> Result<u64, IngestError> {
+fn clip(
+    level: &Level<Shares>,
+    blocks: Blocks,
+    corners: &BTreeSet<Post>,
+    folder: &Path,
+    work: &Work,
+) -> Result<u64, IngestError> {
     let fail = |source| IngestError::Output { source, path: folder.to_owned() };
     let columns = level.size()[0].div_ceil(BLOCK as u64) as usize;
     let rows = blocks.count() / columns;
-    let is_at_corner = |index: &usize| {
-        let at = [index % columns, index / columns];
-        (at[0] == 0 || at[0] == columns - 1) && (at[1] == 0 || at[1] == rows - 1)
-    };
-    let mut open: BTreeSet<usize> = (0..blocks.count()).filter(is_at_corner).collect();
+    let block_of = |[x, y]: &Post| (y / BLOCK as u64) as usize * columns + (x / BLOCK as u64) as usize;
+    let mut open: BTreeSet<usize> = corners.iter().map(block_of).collect();
     let mut holes = 0;
     while let Some(index) = open.pop_first() {
         work.check()?;
-        let Spread { count, sides } = spread(level, blocks.rect(index)).map_err(fail)?;
+        let Spread { count, sides } = spread(level, blocks.rect(index), corners).map_err(fail)?;
         holes += count;
         let [west, east, south, north] = sides;
         let at = [index % columns, index / columns];
@@ -93,22 +152,19 @@ struct Spread {
     sides: [bool; 4],
 }
 
-/// Spreads holes within a block, from the level's corners and from the holes around the block.
-fn spread(level: &Level<Shares>, block: Rect) -> io::Result<Spread> {
+/// Spreads holes within a block, from corners and from the holes around the block.
+fn spread(level: &Level<Shares>, block: Rect, corners: &BTreeSet<Post>) -> io::Result<Spread> {
     let [columns, rows] = block.size;
     let around = block.grown(1);
     let width = around.size[0];
     let mut shares = level.read(around)?;
-    let size = level.size().map(|n| n as i64);
     let mut open: VecDeque<[usize; 2]> = VecDeque::new();
     for j in 1..=rows {
         for i in 1..=columns {
             let at = j * width + i;
-            let x = block.origin[0] + i as i64 - 1;
-            let y = block.origin[1] + j as i64 - 1;
-            let is_corner = (x == 0 || x == size[0] - 1) && (y == 0 || y == size[1] - 1);
-            let is_beside_hole = [at - 1, at + 1, at - width, at + width].into_iter().any(|at| shares[at] == HOLE);
-            if shares[at] == MADE_UP && (is_corner || is_beside_hole) {
+            let post = [(0, i), (1, j)].map(|(axis, k)| block.origin[axis] as u64 + k as u64 - 1);
+            let is_beside_hole = || [at - 1, at + 1, at - width, at + width].into_iter().any(|at| shares[at] == HOLE);
+            if shares[at] == MADE_UP && (is_beside_hole() || corners.contains(&post)) {
                 open.push_back([i, j]);
             }
         }
@@ -194,6 +250,16 @@ mod tests {
         level.read(Rect::new([0, 0], level.size().map(|v| v as usize))).unwrap()
     }
 
+    fn corners_of(size: [u64; 2]) -> BTreeSet<Post> {
+        let [x, y] = size.map(|n| n - 1);
+        BTreeSet::from([[0, 0], [x, 0], [0, y], [x, y]])
+    }
+
+    /// Shares as asked, holes beginning at the level's corners.
+    fn cut(level: &Level<f32>, voids: Voids, threads: usize) -> (Level<Shares>, u64) {
+        finest(level, voids, &corners_of(level.size()), &std::env::temp_dir(), &Work::quiet(threads)).unwrap()
+    }
+
     /// A spiral of one post's width from a corner into the middle of many blocks, and a lake that it does not touch.
     fn is_spiral(i: usize, j: usize) -> bool {
         let (x, y) = (i as i64 - 400, j as i64 - 400);
@@ -213,8 +279,7 @@ mod tests {
             tooth && (1..790).contains(&j) || j == 790 && (50..760).contains(&i) || i >= 750 && j == 0
         };
         let level = heights(size, |i, j| is_lake(i, j) || is_comb(i, j));
-        let folder = std::env::temp_dir();
-        let (clipped, holes) = finest(&level, Voids::Clip, &folder, &Work::quiet(3)).unwrap();
+        let (clipped, holes) = cut(&level, Voids::Clip, 3);
         let mut wanted = 0;
         for (k, share) in shares(&clipped).into_iter().enumerate() {
             let (i, j) = (k % 801, k / 801);
@@ -229,10 +294,10 @@ mod tests {
             assert_eq!(share, expected, "at {i}, {j}");
         }
         assert_eq!(holes, wanted);
-        let (kept, holes) = finest(&level, Voids::Keep, &folder, &Work::quiet(1)).unwrap();
+        let (kept, holes) = cut(&level, Voids::Keep, 1);
         assert_eq!(holes, wanted + 100 + 50);
         assert!(shares(&kept).iter().all(|share| *share == MEASURED || *share == HOLE));
-        let (filled, holes) = finest(&level, Voids::Fill, &folder, &Work::quiet(1)).unwrap();
+        let (filled, holes) = cut(&level, Voids::Fill, 1);
         assert_eq!(holes, 0);
         assert!(shares(&filled).iter().all(|share| *share == MEASURED || *share == MADE_UP));
     }
@@ -240,7 +305,7 @@ mod tests {
     #[test]
     fn spirals_are_followed_to_their_end() {
         let level = heights([801, 801], is_spiral);
-        let (clipped, holes) = finest(&level, Voids::Clip, &std::env::temp_dir(), &Work::quiet(2)).unwrap();
+        let (clipped, holes) = cut(&level, Voids::Clip, 2);
         // The same by one flood over the whole level.
         let mut whole: Vec<bool> = (0..801 * 801).map(|k| is_spiral(k % 801, k / 801)).collect();
         let mut open: Vec<usize> =
@@ -259,11 +324,53 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_beyond_all_files_is_clipped_but_no_thread_between_two_and_no_gap_beside_it() {
+        let size = [601u64, 300];
+        let is_beyond = |i: usize, j: usize| i + j < 120 || (i + 2 * j > 1100) || (250..258).contains(&i) && j < 200;
+        // Two posts between two files, from side to side, and a gap that meets the rim.
+        let is_thread = |i: usize, j: usize| j == 150 || j == 151 || i == 400;
+        let is_gap = |i: usize, j: usize| (50..90).contains(&i) && (31..100).contains(&j);
+        let all = (0..601 * 300).map(|k| (k % 601, k / 601));
+        let level = heights(size, is_gap);
+        let mut posts = level.read(Rect::new([0, 0], [601, 300])).unwrap();
+        for (post, (i, j)) in posts.iter_mut().zip(all.clone()) {
+            if is_beyond(i, j) || is_thread(i, j) {
+                *post = crate::sample::elevation::OUTSIDE;
+            }
+        }
+        level.write(Rect::new([0, 0], [601, 300]), &posts).unwrap();
+        let folder = std::env::temp_dir();
+        let (clipped, holes) = finest(&level, Voids::Clip, &BTreeSet::new(), &folder, &Work::quiet(2)).unwrap();
+        let clipped = shares(&clipped);
+        // Where a thread meets what lies beyond, a post or two may go with either.
+        let is_near_beyond = |i: usize, j: usize| {
+            (-2..=2)
+                .any(|d: isize| is_beyond(i.saturating_add_signed(d), j) || is_beyond(i, j.saturating_add_signed(d)))
+        };
+        for (share, (i, j)) in clipped.iter().zip(all) {
+            let expected = match (is_beyond(i, j), is_thread(i, j) || is_gap(i, j)) {
+                (true, _) => HOLE,
+                (_, true) if is_thread(i, j) && is_near_beyond(i, j) => continue,
+                (_, true) => MADE_UP,
+                _ => MEASURED,
+            };
+            assert_eq!(*share, expected, "at {i}, {j}");
+        }
+        assert_eq!(holes, clipped.iter().filter(|share| **share == HOLE).count() as u64);
+        // A rim that begins at a corner of a file takes the gap, and nothing beyond.
+        let corner = BTreeSet::from([[50, 99]]);
+        let (rim, more) = finest(&level, Voids::Clip, &corner, &folder, &Work::quiet(2)).unwrap();
+        let in_gap = (0..601 * 300).filter(|k| is_gap(k % 601, k / 601) && !is_beyond(k % 601, k / 601)).count() as u64;
+        assert_eq!(more, holes + in_gap);
+        assert_eq!(shares(&rim)[99 * 601 + 50], HOLE);
+    }
+
+    #[test]
     fn a_rim_keeps_its_place_from_level_to_level() {
         let folder = std::env::temp_dir();
         for rim in 200..208usize {
             let level = heights([513, 9], |i, _| i < rim);
-            let (mut shares_of, _) = finest(&level, Voids::Keep, &folder, &Work::quiet(1)).unwrap();
+            let (mut shares_of, _) = cut(&level, Voids::Keep, 1);
             for (q, size) in [257u64, 129, 65].into_iter().enumerate() {
                 shares_of = coarser(&shares_of, [size, 5], &folder, &Work::quiet(1)).unwrap();
                 let row = &shares(&shares_of)[..size as usize];

@@ -1,7 +1,7 @@
 //! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
 
 use super::window::Kernel;
-use super::{BLOCK, SourceSet};
+use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::source::open::ColorReader;
@@ -12,6 +12,13 @@ use crate::tint::Tint;
 use crate::work::Work;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A colour in whole numbers, rounded.
+pub(crate) fn eight_bits(color: [f32; 3]) -> Rgb {
+    // A cast cuts fractions off. In double precision the sum is exact, so that nothing just below a half is rounded up; and
+    // there is no call, as `round` is one where processors may lack SSE 4.1.
+    color.map(|v| (f64::from(v.clamp(0.0, 255.0)) + 0.5) as u8)
+}
 
 /// Samples the finest level; returns it and the number of texels without a source. The first source that has data at a
 /// texel gives its colour.
@@ -37,8 +44,8 @@ pub fn sample(
         |set, index| {
             let block = blocks.rect(index);
             let texels = set.sample::<3>(block)?;
-            let eight_bits = |color: [f32; 3]| color.map(|v| v.round().clamp(0.0, 255.0) as u8);
-            let mut texels: Vec<Option<Rgb>> = texels.into_iter().map(|t| t.map(eight_bits)).collect();
+            let color = |texel: Sampled<3>| texel.known().map(|(_, color)| eight_bits(color));
+            let mut texels: Vec<Option<Rgb>> = texels.into_iter().map(color).collect();
             let missing = texels.iter().filter(|t| t.is_none()).count();
             if missing > 0 {
                 // Relaxed: read when all threads have ended.

@@ -1,7 +1,7 @@
 //! The finest elevation level, from its sources.
 
 use super::window::Kernel;
-use super::{BLOCK, SourceSet};
+use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
 use crate::source::open::ElevationReader;
@@ -36,6 +36,22 @@ pub fn quantised(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
+/// A post that lies in no file: not a number either, but another one by its bits, which levels keep.
+pub(crate) const OUTSIDE: f32 = f32::from_bits(f32::NAN.to_bits() | 1);
+
+/// Whether a post of the finest level that [`sample`] made lies in no file.
+pub(crate) fn is_outside(height: f32) -> bool {
+    height.to_bits() == OUTSIDE.to_bits()
+}
+
+fn height_of(sampled: Sampled<1>) -> f32 {
+    match sampled {
+        Sampled::Value(_, [height]) => quantised(height),
+        Sampled::Void => f32::NAN,
+        Sampled::Outside => OUTSIDE,
+    }
+}
+
 /// Samples the finest level; voids are NaN. The first source that has data at a post gives its height.
 ///
 /// # Errors
@@ -68,7 +84,7 @@ pub fn sample(
         |set, index| {
             let block = blocks.rect(index);
             let heights = set.sample::<1>(block)?;
-            let heights: Vec<f32> = heights.into_iter().map(|h| h.map_or(f32::NAN, |[h]| quantised(h))).collect();
+            let heights: Vec<f32> = heights.into_iter().map(height_of).collect();
             let part = summarise(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;

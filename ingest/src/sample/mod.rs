@@ -1,6 +1,7 @@
 //! From sources to a block of the finest level.
 
 pub mod color;
+pub(crate) mod corners;
 pub mod elevation;
 pub mod mapper;
 pub mod neighbors;
@@ -19,6 +20,28 @@ use window::{Kernel, Window};
 const MAX_WINDOW_PIXELS: usize = 2 << 20;
 /// The side of blocks of the finest level.
 pub const BLOCK: usize = 256;
+
+/// What is known of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sampled<const C: usize> {
+    /// It lies in none of the sources.
+    Outside,
+    /// It lies in a source, and none has data there.
+    Void,
+    /// The number of the first source that has data there, and its value.
+    Value(u32, [f32; C]),
+}
+
+impl<const C: usize> Sampled<C> {
+    /// The number of the source and its value, where one has data.
+    #[must_use]
+    pub fn known(self) -> Option<(u32, [f32; C])> {
+        match self {
+            Self::Value(source, value) => Some((source, value)),
+            Self::Outside | Self::Void => None,
+        }
+    }
+}
 
 /// How one source is sampled, by one thread.
 #[derive(Debug)]
@@ -50,21 +73,25 @@ impl Sampler {
         self.kernel.range()
     }
 
-    /// Calls `put` with the value at each sample of a block that lies in the source and has data, unless `is_done`
-    /// says that the sample has been seen to.
+    /// Where in the source the samples of a block lie, row by row; `None` outside of it.
+    #[must_use]
+    pub fn positions(&self, lattice: &Lattice, block: Rect) -> Vec<Option<[f64; 2]>> {
+        self.mapper.map(lattice, block)
+    }
+
+    /// Calls `put` with the value at each of the positions, `width` a row, that has data.
     ///
     /// # Errors
     /// [`IngestError::Source`] when the source cannot be read.
     pub fn sample<const C: usize>(
         &mut self,
-        lattice: &Lattice,
-        block: Rect,
-        is_done: &dyn Fn(usize) -> bool,
-        put: &mut dyn FnMut(usize, [f32; C]),
+        positions: &[Option<[f64; 2]>],
+        width: usize,
+        put: &mut impl FnMut(usize, [f32; C]),
         read: &mut ReadWindow<'_, C>,
     ) -> Result<(), IngestError> {
-        let positions = self.mapper.map(lattice, block);
-        self.sample_part(&positions, block.size[0], Rect::new([0, 0], block.size), is_done, put, read)
+        let all = Rect::new([0, 0], [width, positions.len() / width]);
+        self.sample_part(positions, width, all, put, read)
     }
 
     /// The same for a part of a block; parts that need too large a window are quartered.
@@ -73,14 +100,14 @@ impl Sampler {
         positions: &[Option<[f64; 2]>],
         width: usize,
         part: Rect,
-        is_done: &dyn Fn(usize) -> bool,
-        put: &mut dyn FnMut(usize, [f32; C]),
+        put: &mut impl FnMut(usize, [f32; C]),
         read: &mut ReadWindow<'_, C>,
     ) -> Result<(), IngestError> {
         let [x0, y0] = part.origin.map(|v| v as usize);
-        let indices = || (0..part.area()).map(|k| (y0 + k / part.size[0]) * width + x0 + k % part.size[0]);
+        let row = |j: usize| (y0 + j) * width + x0..(y0 + j) * width + x0 + part.size[0];
+        let indices = || (0..part.size[1]).flat_map(row);
         let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-        for position in indices().filter(|&at| !is_done(at)).filter_map(|at| positions[at]) {
+        for position in indices().filter_map(|at| positions[at]) {
             for axis in 0..2 {
                 low[axis] = low[axis].min(position[axis]);
                 high[axis] = high[axis].max(position[axis]);
@@ -99,14 +126,14 @@ impl Sampler {
                 for (x, w) in halves(x0, part.size[0]) {
                     if w > 0 && h > 0 {
                         let quarter = Rect::new([x as i64, y as i64], [w, h]);
-                        self.sample_part(positions, width, quarter, is_done, put, read)?;
+                        self.sample_part(positions, width, quarter, put, read)?;
                     }
                 }
             }
             return Ok(());
         }
         let window = read(&self.neighbors, Rect::new(first, window_size))?;
-        for at in indices().filter(|&at| !is_done(at)) {
+        for at in indices() {
             if let Some(value) = positions[at].and_then(|position| self.kernel.sample(&window, position)) {
                 put(at, value);
             }

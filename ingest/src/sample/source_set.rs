@@ -3,12 +3,11 @@
 use super::mapper::{Lattice, Mapper};
 use super::neighbors::{Neighbor, common, neighbors};
 use super::window::{Kernel, Window};
-use super::{Bounds, MAX_WINDOW_PIXELS, Sampler};
+use super::{Bounds, MAX_WINDOW_PIXELS, Sampled, Sampler};
 use crate::IngestError;
 use crate::source::open::Reader;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
-use std::cell::RefCell;
 use std::collections::VecDeque;
 
 /// Files that a thread may have open.
@@ -38,9 +37,6 @@ impl<T> Kept<T> {
         self.items[index].as_mut().ok_or_else(|| IngestError::usage("a source was not opened"))
     }
 }
-
-/// The number of the source that has data at a place, and its value.
-type Sampled<const C: usize> = Option<(usize, [f32; C])>;
 
 /// How a file is opened.
 type Open<'a, V, R> = fn(&'a Raster, &'a V) -> Result<R, IngestError>;
@@ -80,57 +76,55 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         self.range
     }
 
-    /// Samples a block: the value of the first source that has data at each place, or `None`.
+    /// Samples a block: at each place the value of the first source that has data.
     ///
     /// # Errors
     /// [`IngestError::Source`] when a source cannot be read.
-    pub fn sample<const C: usize>(&mut self, block: Rect) -> Result<Vec<Option<[f32; C]>>, IngestError>
+    pub fn sample<const C: usize>(&mut self, block: Rect) -> Result<Vec<Sampled<C>>, IngestError>
     where
         R: Reader<C>,
     {
-        let found = self.sample_where(block, &|_| true, &|_| false)?;
-        Ok(found.into_iter().map(|sample| sample.map(|(_, value)| value)).collect())
+        self.sample_where(block, |_| true, |_| false)
     }
 
-    /// Samples a block from the sources that are `wanted`, where it is not `left_out`: the number of the first source that has data at
-    /// each place and its value.
+    /// Samples a block from the sources that are `wanted`, where it is not `left_out`.
     ///
     /// # Errors
     /// [`IngestError::Source`] when a source cannot be read.
     pub fn sample_where<const C: usize>(
         &mut self,
         block: Rect,
-        is_wanted: &dyn Fn(usize) -> bool,
-        is_left_out: &dyn Fn(usize) -> bool,
+        is_wanted: impl Fn(u32) -> bool,
+        is_left_out: impl Fn(usize) -> bool,
     ) -> Result<Vec<Sampled<C>>, IngestError>
     where
         R: Reader<C>,
     {
-        let values = RefCell::new(vec![None; block.area()]);
-        for index in (0..self.sources.len()).filter(|index| is_wanted(*index)) {
-            if !self.bounds[index].meets(&self.lattice, block) {
+        let mut values = vec![Sampled::Outside; block.area()];
+        for source in (0u32..).take(self.sources.len()).filter(|source| is_wanted(*source)) {
+            if !self.bounds[source as usize].meets(&self.lattice, block) {
                 continue;
             }
-            let is_done = |at: usize| is_left_out(at) || values.borrow()[at].is_some();
-            if (0..block.area()).all(is_done) {
+            if (0..block.area()).all(|at| matches!(values[at], Sampled::Value(..)) || is_left_out(at)) {
                 break;
             }
-            let mut put = |at: usize, value| values.borrow_mut()[at] = Some((index, value));
-            self.sample_one::<C>(index, block, &is_done, &mut put)?;
+            self.sample_one(source, block, &is_left_out, &mut values)?;
         }
-        Ok(values.into_inner())
+        Ok(values)
     }
 
+    /// Adds what one source has to the values of a block.
     fn sample_one<const C: usize>(
         &mut self,
-        index: usize,
+        source: u32,
         block: Rect,
-        is_done: &dyn Fn(usize) -> bool,
-        put: &mut dyn FnMut(usize, [f32; C]),
+        is_left_out: &impl Fn(usize) -> bool,
+        values: &mut [Sampled<C>],
     ) -> Result<(), IngestError>
     where
         R: Reader<C>,
     {
+        let index = source as usize;
         let Self { sources, bounds, target, lattice, open, kernel, samplers, readers, range } = self;
         let (sources, open) = (*sources, *open);
         let sampler = samplers.get(index, || {
@@ -149,7 +143,17 @@ impl<'a, V, R> SourceSet<'a, V, R> {
                 reader.read(part.origin.map(|v| v as usize), part.size)
             })
         };
-        sampler.sample(lattice, block, is_done, put, &mut read)?;
+        let mut positions = sampler.positions(lattice, block);
+        for (at, position) in positions.iter_mut().enumerate() {
+            match values[at] {
+                Sampled::Outside | Sampled::Void if position.is_some() && !is_left_out(at) => {
+                    values[at] = Sampled::Void
+                }
+                _ => *position = None,
+            }
+        }
+        let mut put = |at: usize, value| values[at] = Sampled::Value(source, value);
+        sampler.sample(&positions, block.size[0], &mut put, &mut read)?;
         let met = sampler.range();
         *range = [range[0].min(met[0]), range[1].max(met[1])];
         Ok(())

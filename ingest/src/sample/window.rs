@@ -165,11 +165,30 @@ impl Kernel {
     /// The window's value at a position `[column, row]` in source pixels (centres are whole numbers); `None` where it
     /// is void.
     pub fn sample<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
+        if let Some(at) = self.pixel_at(window, position) {
+            let pixel = window.known(at)?;
+            self.range = [self.range[0].min(pixel[0]), self.range[1].max(pixel[0])];
+            return Some(pixel);
+        }
         if self.is_sharp {
             return self.sample_sharply(window, position);
         }
         self.all_taps(window, position, 2.0, cubic);
         self.weighted(window).or_else(|| self.sample_around_voids(window, position))
+    }
+
+    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a source on its own lattice.
+    fn pixel_at<const C: usize>(&self, window: &Window<C>, position: [f64; 2]) -> Option<usize> {
+        let mut place = [0; 2];
+        for axis in 0..2 {
+            // Positions on a pixel are not below zero, where a cast would round up.
+            let whole = (position[axis] + 0.5) as i64;
+            if self.scale[axis] != 1.0 || (position[axis] - whole as f64).abs() >= SNAP_PX {
+                return None;
+            }
+            place[axis] = (whole - window.origin[axis]).clamp(0, window.size[axis] as i64 - 1) as usize;
+        }
+        Some(place[1] * window.size[0] + place[0])
     }
 
     fn sample_sharply<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
@@ -185,7 +204,6 @@ impl Kernel {
             let weights = sharp::weights(at - third);
             taps.extend((third as i64 - 2..).zip(weights).map(|(index, weight)| (place(index), weight)));
         }
-        let is_copied = self.weights.iter().all(|taps| taps.len() == 1);
         // Near voids a narrower kernel does without them.
         let mut value = self.weighted(window);
         if value.is_none() {
@@ -193,7 +211,7 @@ impl Kernel {
             value = self.weighted(window);
         }
         let value = value.or_else(|| self.sample_around_voids(window, position))?;
-        Some(if is_copied { value } else { sharp::bounded(window, position, self.spacing, value) })
+        Some(sharp::bounded(window, position, self.spacing, value))
     }
 
     /// The sum over the taps; `None` when a sample under one is void.

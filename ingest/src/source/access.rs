@@ -17,36 +17,52 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+/// How a name on the command line asks for a driver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum AskedBy {
+    /// By its ending.
+    Ending,
+    /// It has the address itself in it: `WMTS:…`.
+    Address,
+    /// Not at all: lists of files take `--trust-vrt`.
+    Trust,
+}
+
 /// Drivers whose files name other files or addresses (GDAL 3.12 and before). Label formats whose data lie in a file
 /// beside them are not among them: [`LABELS`].
-const LEADING: [&str; 26] = [
-    "VRT",
-    "DERIVED",
-    "GTI",
-    "GDALG",
-    "WMS",
-    "WMTS",
-    "WCS",
-    "HTTP",
-    "OGCAPI",
-    "STACTA",
-    "STACIT",
-    "MRF",
-    "KMLSUPEROVERLAY",
-    "RPFTOC",
-    "ECRGTOC",
-    "PLMOSAIC",
-    "PLScenes",
-    "DAAS",
-    "EEDA",
-    "EEDAI",
-    "NGW",
-    "PostGISRaster",
-    "GeoRaster",
-    "RASDAMAN",
-    "JPIPKAK",
-    "DODS",
+const LEADING: [(&str, AskedBy); 26] = [
+    ("VRT", AskedBy::Ending),
+    ("DERIVED", AskedBy::Trust),
+    ("GTI", AskedBy::Trust),
+    ("GDALG", AskedBy::Trust),
+    ("WMS", AskedBy::Address),
+    ("WMTS", AskedBy::Address),
+    ("WCS", AskedBy::Address),
+    ("HTTP", AskedBy::Trust),
+    ("OGCAPI", AskedBy::Address),
+    ("STACTA", AskedBy::Trust),
+    ("STACIT", AskedBy::Trust),
+    ("MRF", AskedBy::Trust),
+    ("KMLSUPEROVERLAY", AskedBy::Trust),
+    ("RPFTOC", AskedBy::Trust),
+    ("ECRGTOC", AskedBy::Trust),
+    ("PLMOSAIC", AskedBy::Address),
+    ("PLScenes", AskedBy::Address),
+    ("DAAS", AskedBy::Address),
+    ("EEDA", AskedBy::Address),
+    ("EEDAI", AskedBy::Address),
+    ("NGW", AskedBy::Address),
+    ("PostGISRaster", AskedBy::Address),
+    ("GeoRaster", AskedBy::Address),
+    ("RASDAMAN", AskedBy::Address),
+    ("JPIPKAK", AskedBy::Address),
+    ("DODS", AskedBy::Trust),
 ];
+
+/// Whether a driver is one of [`LEADING`].
+fn is_leading(driver: &str) -> bool {
+    LEADING.iter().any(|(name, _)| name.eq_ignore_ascii_case(driver))
+}
 
 /// Drivers whose label names the files with the samples, usually beside it.
 const LABELS: [&str; 21] = [
@@ -71,24 +87,6 @@ const LABELS: [&str; 21] = [
     "Zarr",
     "AirSAR",
     "GenBin",
-];
-
-/// Drivers whose name on the command line has the address itself in it. (Lists of files have to be trusted.)
-const SERVICES: [&str; 14] = [
-    "WMS",
-    "WMTS",
-    "WCS",
-    "OGCAPI",
-    "PLMOSAIC",
-    "PLScenes",
-    "DAAS",
-    "EEDA",
-    "EEDAI",
-    "NGW",
-    "PostGISRaster",
-    "GeoRaster",
-    "RASDAMAN",
-    "JPIPKAK",
 ];
 
 /// What the beginning of a file that leads elsewhere has in it, and what such a file is.
@@ -134,14 +132,15 @@ fn asked_for(name: &str) -> Option<&'static str> {
             .into_iter()
             .find(|service| lower.trim_start().strip_prefix("<gdal_").is_some_and(|rest| rest.starts_with(service)))?,
     };
-    SERVICES.into_iter().find(|driver| driver.eq_ignore_ascii_case(prefix))
+    let services = LEADING.into_iter().filter(|(_, asked_by)| *asked_by == AskedBy::Address);
+    services.map(|(driver, _)| driver).find(|driver| driver.eq_ignore_ascii_case(prefix))
 }
 
 /// Whether a name asks for a driver that reads lists of other files, which takes the user's word.
 pub(super) fn names_a_list(name: &str) -> bool {
     let prefix = name.split(':').next().unwrap_or_default();
     let prefix = if prefix.eq_ignore_ascii_case("derived_subdataset") { "DERIVED" } else { prefix };
-    name.contains(':') && asked_for(name).is_none() && LEADING.iter().any(|d| d.eq_ignore_ascii_case(prefix))
+    name.contains(':') && asked_for(name).is_none() && is_leading(prefix)
 }
 
 /// The beginning of a file; empty where it cannot be read.
@@ -186,9 +185,7 @@ impl Access {
         let asked = asked_for(name);
         // A Zarr store is a folder; a file that is one would be a list of references.
         let is_file = Path::new(name).is_file();
-        let leads = |driver: &str| {
-            LEADING.iter().any(|l| l.eq_ignore_ascii_case(driver)) || is_file && driver.eq_ignore_ascii_case("Zarr")
-        };
+        let leads = |driver: &str| is_leading(driver) || is_file && driver.eq_ignore_ascii_case("Zarr");
         let all = DriverManager::all().map(|driver| driver.short_name());
         Some(all.filter(|d| !leads(d) || asked.is_some_and(|a| a.eq_ignore_ascii_case(d))).collect())
     }
@@ -257,7 +254,7 @@ impl Access {
             return;
         }
         let asked: Vec<&str> = names.into_iter().filter_map(|name| asked_for(&name.to_string_lossy())).collect();
-        for driver in LEADING.iter().filter(|driver| !asked.contains(*driver)) {
+        for (driver, _) in LEADING.iter().filter(|(driver, _)| !asked.contains(driver)) {
             // A driver that this GDAL does not have need not be taken out.
             if let Ok(driver) = DriverManager::get_driver_by_name(driver) {
                 DriverManager::deregister_driver(&driver);
@@ -287,7 +284,7 @@ mod tests {
     fn every_driver_that_leads_elsewhere_is_left_out() {
         let drivers = Access::default().drivers("dem.tif").unwrap();
         assert!(drivers.iter().any(|d| d == "GTiff"));
-        assert!(!drivers.iter().any(|d| LEADING.iter().any(|l| l.eq_ignore_ascii_case(d))));
+        assert!(!drivers.iter().any(|d| is_leading(d)));
         assert!(Access::default().drivers("dem.vrt").unwrap().iter().any(|d| d == "VRT"));
         assert_eq!(Access { trusts_links: true }.drivers("dem.tif"), None);
     }

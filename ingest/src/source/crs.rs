@@ -141,12 +141,15 @@ impl TargetCrs {
         let own = first.srs()?;
         if is_metric_plane(&own) {
             let target = Self::new(&own)?;
-            if let Some(stretch) = stretch(first, &own).filter(|s| (s - 1.0).abs() > 0.05) {
+            if let Some(worst) = worst_stretch(sources, &own).filter(|worst| (worst.factor - 1.0).abs() > TOLD_STRETCH)
+            {
+                let [lon, lat] = worst.lon_lat;
                 note(Note::Warning(format!(
-                    "{} ({}) stretches distances {stretch:.2} times here, heights keep their size; \
-                     --crs EPSG:N with a UTM zone gives true proportions",
+                    "distances in {}, the CRS of {}, are up to {:.2} times those on the ground (at longitude {lon:.1}, latitude \
+                     {lat:.1}), while heights keep their size; --crs EPSG:N with a UTM zone gives true proportions",
+                    target.crs.name,
                     first.path.display(),
-                    target.crs.name
+                    worst.factor
                 )));
             }
             return Ok(target);
@@ -158,21 +161,48 @@ impl TargetCrs {
     }
 }
 
-/// How much longer a distance is in a plane than on the ground, at a raster's centre.
-fn stretch(raster: &Raster, srs: &SpatialRef) -> Option<f64> {
-    let geographic = traditional(srs.geog_cs().ok()?);
-    let transform = CoordTransform::new(srs, &geographic).ok()?;
-    let [x, y] = raster.affine.apply(0.5 * raster.size[0] as f64, 0.5 * raster.size[1] as f64);
+/// How much longer distances are in a plane than on the ground.
+struct Stretch {
+    factor: f64,
+    lon_lat: [f64; 2],
+}
+
+/// A plane that stretches or shrinks distances by less everywhere is not told.
+const TOLD_STRETCH: f64 = 0.05;
+/// Places along a side of the world where the stretch is judged: its corners, the middles of its sides, its middle.
+const JUDGED: usize = 3;
+
+/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing can be told.
+fn worst_stretch(sources: &[Raster], plane: &SpatialRef) -> Option<Stretch> {
+    let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
+    for raster in sources {
+        let (mut x, mut y) = raster.grid(JUDGED, true);
+        let srs = raster.srs().ok()?;
+        // What has no place in the plane comes back infinite and is left out.
+        CoordTransform::new(&srs, plane).ok()?.transform_coords(&mut x, &mut y, &mut []).ok();
+        for place in x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(<[f64; 2]>::from) {
+            (low, high) = ([0, 1].map(|k| low[k].min(place[k])), [0, 1].map(|k| high[k].max(place[k])));
+        }
+    }
+    let to_degrees = CoordTransform::new(plane, &traditional(plane.geog_cs().ok()?)).ok()?;
+    let along = |k: usize, axis: usize| low[axis] + (high[axis] - low[axis]) * k as f64 / (JUDGED - 1) as f64;
+    let radius_m = plane.semi_major().ok()?;
+    let places = (0..JUDGED * JUDGED).map(|k| [along(k % JUDGED, 0), along(k / JUDGED, 1)]);
+    let all = places.filter_map(|place| stretch_at(place, &to_degrees, radius_m));
+    let badness = |stretch: &Stretch| stretch.factor.ln().abs();
+    all.max_by(|a, b| badness(a).total_cmp(&badness(b)))
+}
+
+fn stretch_at([x, y]: [f64; 2], to_degrees: &CoordTransform, radius_m: f64) -> Option<Stretch> {
     let step = 1000.0;
     let (mut xs, mut ys) = ([x, x + step, x], [y, y, y + step]);
-    transform.transform_coords(&mut xs, &mut ys, &mut []).ok()?;
-    let radius = srs.semi_major().ok()?;
+    to_degrees.transform_coords(&mut xs, &mut ys, &mut []).ok()?;
     let distance = |i: usize| {
         let east = ((xs[i] - xs[0] + 540.0).rem_euclid(360.0) - 180.0).to_radians() * ys[0].to_radians().cos();
-        radius * east.hypot((ys[i] - ys[0]).to_radians())
+        radius_m * east.hypot((ys[i] - ys[0]).to_radians())
     };
-    let stretch = (step / distance(1) * (step / distance(2))).sqrt();
-    stretch.is_finite().then_some(stretch)
+    let factor = (step / distance(1) * (step / distance(2))).sqrt();
+    (factor.is_finite() && factor > 0.0).then_some(Stretch { factor, lon_lat: [xs[0], ys[0]] })
 }
 
 /// Where sources lie: centre and half extents in degrees, and the angular radius around the centre.

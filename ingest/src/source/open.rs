@@ -147,21 +147,20 @@ impl Reader<3> for ColorReader<'_> {
         let mut voids = vec![0u8; window.pixels.len()];
         for band in &bands {
             let palette = self.raster.bands[band - 1].palette.as_deref();
+            let channels: Vec<usize> = (0..3).filter(|&c| self.values.bands[c] == *band).collect();
             for (at, sample) in samples(*band)?.into_iter().enumerate() {
                 if !self.values.is_data(self.raster, *band, sample) {
                     voids[at] += 1;
                     continue;
                 }
-                let entry = palette.map(|p| p.get(sample as usize).copied().unwrap_or([0, 0, 0, 0]));
-                for channel in (0..3).filter(|&c| self.values.bands[c] == *band) {
-                    window.pixels[at][channel] = match entry {
-                        Some(entry) => f32::from(entry[channel]),
-                        None => self.values.eight_bits(sample),
-                    };
-                }
-                if entry.is_some_and(|e| e[3] == 0) {
-                    voids[at] += 1;
-                }
+                let Some(palette) = palette else {
+                    let value = self.values.eight_bits(sample);
+                    channels.iter().for_each(|channel| window.pixels[at][*channel] = value);
+                    continue;
+                };
+                let entry = palette.get(sample as usize).copied().unwrap_or([0, 0, 0, 0]);
+                channels.iter().for_each(|channel| window.pixels[at][*channel] = f32::from(entry[*channel]));
+                voids[at] += u8::from(entry[3] == 0);
             }
         }
         let count = bands.len() as u8;

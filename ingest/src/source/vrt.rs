@@ -5,15 +5,18 @@
 //! looks like a name is refused.
 
 use super::access::{check_neighbours, leads_elsewhere};
-use roxmltree::{Document, Node};
+use quick_xml::escape::unescape;
+use quick_xml::events::{BytesRef, BytesStart, Event};
+use quick_xml::reader::Reader;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// No VRT is larger: it has a few hundred bytes for each source.
 const MAX_BYTES: u64 = 16 << 20;
-/// No tag is longer, and no more namespaces are named: what a parser does with them costs their square.
+/// No tag is longer: looking for attributes that are given twice costs their square.
 const MAX_TAG_BYTES: usize = 8 << 10;
-const MAX_NAMESPACES: usize = 1000;
+/// Elements within each other.
+const MAX_NESTED: usize = 256;
 /// VRTs in VRTs.
 const MAX_DEPTH: usize = 8;
 /// How the user allows what is refused.
@@ -46,31 +49,111 @@ fn check_file(path: &Path, root: &Path, depth: usize) -> Result<(), String> {
         return Err(format!("has a list of files of more than {} MiB; {ALLOW}", MAX_BYTES >> 20));
     }
     let text = fs::read_to_string(path).map_err(|e| unreadable(&e))?;
-    if text.split('<').any(|tag| tag.split('>').next().is_some_and(|tag| tag.len() > MAX_TAG_BYTES))
-        || text.matches("xmlns").count() > MAX_NAMESPACES
-    {
-        return Err(format!("has a list of files with tags of a length that none has; {ALLOW}"));
-    }
-    // The parser knows no entities of the file's own, which could say what the text does not show.
-    let document = Document::parse(text.trim_start_matches('\u{feff}')).map_err(|e| unreadable(&e))?;
     let folder = folder_of(path).map_err(|e| unreadable(&e))?;
-    for node in document.descendants().filter(Node::is_element) {
-        check_node(node, &folder, root, depth)?;
+    let mut reader = Reader::from_str(text.trim_start_matches('\u{feff}'));
+    let mut open: Vec<Element> = Vec::new();
+    loop {
+        match reader.read_event().map_err(|e| unreadable(&e))? {
+            Event::Start(tag) => {
+                // What has an element in it has no text of its own.
+                open.last_mut().into_iter().for_each(|parent| parent.is_split = true);
+                open.push(Element::of(&tag)?);
+                if open.len() > MAX_NESTED {
+                    return Err(format!("has elements nested more than {MAX_NESTED} deep; {ALLOW}"));
+                }
+            }
+            Event::Empty(tag) => {
+                open.last_mut().into_iter().for_each(|parent| parent.is_split = true);
+                check_element(&Element::of(&tag)?, &folder, root, depth)?;
+            }
+            Event::End(_) => {
+                let Some(element) = open.pop() else { return Err(unreadable(&"an end without a beginning")) };
+                check_element(&element, &folder, root, depth)?;
+            }
+            Event::Text(part) => {
+                let part = part.decode().map_err(|e| unreadable(&e))?;
+                open.last_mut().into_iter().for_each(|element| element.text.push_str(&part));
+            }
+            Event::GeneralRef(name) => {
+                let c = referred(&name).ok_or_else(|| unreadable(&"a reference to an unknown entity"))?;
+                open.last_mut().into_iter().for_each(|element| element.text.push(c));
+            }
+            Event::CData(part) => {
+                let part = part.decode().map_err(|e| unreadable(&e))?;
+                if let Some(element) = open.last_mut() {
+                    element.is_split = true;
+                    element.text.push_str(&part);
+                }
+            }
+            Event::Comment(_) | Event::PI(_) => {
+                open.last_mut().into_iter().for_each(|element| element.is_split = true);
+            }
+            Event::Decl(_) => {}
+            // It could say what the text does not show.
+            Event::DocType(_) => return Err(unreadable(&"it has a document type")),
+            Event::Eof if open.is_empty() => return Ok(()),
+            Event::Eof => return Err(unreadable(&"it is cut short")),
+        }
     }
-    Ok(())
 }
 
-fn check_node(node: Node<'_, '_>, folder: &Path, root: &Path, depth: usize) -> Result<(), String> {
-    let name = node.tag_name().name();
+/// An element with what is written in it, but not in its children.
+struct Element {
+    /// Without prefix.
+    name: String,
+    /// Without prefixes.
+    attributes: Vec<(String, String)>,
+    text: String,
+    /// Whether other things stand between parts of its text: readers differ in which of them count.
+    is_split: bool,
+}
+
+impl Element {
+    fn of(tag: &BytesStart<'_>) -> Result<Self, String> {
+        let unreadable = |reason: String| format!("has a list of files that cannot be read ({reason}); {ALLOW}");
+        if tag.len() > MAX_TAG_BYTES {
+            return Err(unreadable("a tag of a length that none has".to_owned()));
+        }
+        let text_of = |bytes: &[u8]| String::from_utf8(bytes.to_owned()).map_err(|e| unreadable(e.to_string()));
+        let mut attributes = Vec::new();
+        for attribute in tag.attributes() {
+            let attribute = attribute.map_err(|e| unreadable(e.to_string()))?;
+            let value = text_of(&attribute.value)?;
+            if value.contains('<') {
+                return Err(unreadable("< within an attribute".to_owned()));
+            }
+            let value = unescape(&value).map_err(|e| unreadable(e.to_string()))?.into_owned();
+            attributes.push((text_of(attribute.key.local_name().as_ref())?, value));
+        }
+        let name = text_of(tag.local_name().as_ref())?;
+        Ok(Self { name, attributes, text: String::new(), is_split: false })
+    }
+}
+
+/// What a reference stands for: a number, or one of the five names that XML itself has.
+fn referred(name: &BytesRef<'_>) -> Option<char> {
+    if let Some(c) = name.resolve_char_ref().ok()? {
+        return Some(c);
+    }
+    let names = [("amp", '&'), ("lt", '<'), ("gt", '>'), ("quot", '"'), ("apos", '\'')];
+    let name = name.decode().ok()?;
+    names.into_iter().find(|(known, _)| *known == name).map(|(_, c)| c)
+}
+
+fn check_element(element: &Element, folder: &Path, root: &Path, depth: usize) -> Result<(), String> {
+    let name = &element.name;
     let is = |list: &[&str]| list.iter().any(|n| n.eq_ignore_ascii_case(name));
-    let text: String = node.children().filter(Node::is_text).filter_map(|n| n.text()).collect();
-    let text = text.trim();
+    let text = element.text.trim();
     if is(&NAMES) {
-        let relative = node.attributes().find(|a| a.name().eq_ignore_ascii_case("relativeToVRT"));
-        let is_relative = relative.is_some_and(|a| a.value().trim().starts_with('1'));
+        if element.is_split {
+            return Err(format!("has a source whose name, {text}, is cut by a comment or another element; {ALLOW}"));
+        }
+        let relative = element.attributes.iter().find(|(name, _)| name.eq_ignore_ascii_case("relativeToVRT"));
+        let is_relative = relative.is_some_and(|(_, value)| value.trim().starts_with('1'));
         return check_source(text, is_relative.then_some(folder), root, depth);
     }
-    if is(&["Metadata"]) && node.attribute("domain").is_some_and(|d| NAMING_DOMAINS.contains(&d)) {
+    let is_naming = |(name, value): &(String, String)| name == "domain" && NAMING_DOMAINS.contains(&value.as_str());
+    if is(&["Metadata"]) && element.attributes.iter().any(is_naming) {
         return Err(format!("has metadata that name other files; {ALLOW}"));
     }
     if is(&["PixelFunctionCode"]) {
@@ -80,7 +163,7 @@ fn check_node(node: Node<'_, '_>, folder: &Path, root: &Path, depth: usize) -> R
     if is(&WORDS) || is(&["MDI"]) {
         return Ok(());
     }
-    let values = node.attributes().map(|a| a.value()).filter(|v| *v != text);
+    let values = element.attributes.iter().map(|(_, value)| value.as_str()).filter(|v| *v != text);
     for value in values.chain([text]) {
         if looks_like_a_name(value) {
             return Err(format!("names {value} in <{name}>, which cannot be checked; {ALLOW}"));

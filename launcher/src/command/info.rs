@@ -8,7 +8,8 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::io::{self, Write};
-use terravision_common::database::{Manifest, Source, VoidsRecord};
+use terravision_common::database::{Layer, Manifest, Source, VoidsRecord};
+use terravision_common::node::NodeId;
 use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
 
@@ -53,9 +54,68 @@ fn as_json(database: &Store) -> String {
         Some(at) => json!({"height_m": at.height_m, "place": at.place, "lon_lat": at.lon_lat}),
         None => Value::Null,
     };
+    if database.manifest().is_sparse() {
+        let of = |layer| -> Vec<Value> {
+            let each = spacings(database, layer).into_iter();
+            each.map(|part| json!({"spacing_m": part.spacing_m, "share": part.share})).collect()
+        };
+        value["spacings"] = json!({"elevation": of(Layer::Elevation), "color": of(Layer::Color)});
+    }
     value["highest"] = extreme(&places.extremes[0]);
     value["lowest"] = extreme(&places.extremes[1]);
     format!("{value:#}\n")
+}
+
+/// The part of a world whose finest posts or texels have one spacing.
+#[derive(Debug, PartialEq)]
+struct Spacing {
+    spacing_m: f64,
+    /// Of the world's area, 0 to 1.
+    share: f64,
+}
+
+/// How much of a world has which spacing of a layer, the finest first. One part where no level is sparse.
+fn spacings(database: &Store, layer: Layer) -> Vec<Spacing> {
+    let (world, ranges) = (database.world(), database.ranges());
+    let (finest, spacing_m): (u8, &dyn Fn(u8) -> f64) = match layer {
+        Layer::Elevation => (world.finest_elevation_level(), &|q| world.elevation_spacing_m(q)),
+        Layer::Color => (world.finest_color_level(), &|q| world.color_spacing_m(q)),
+    };
+    let extent = world.extent().map(u64::from);
+    // Of nodes that reach beyond the world what lies within.
+    let area = |node: NodeId| -> f64 {
+        let origin = world.node_origin(node);
+        (0..2).map(|k| (extent[k] - origin[k].min(extent[k])).min(world.node_side(node.q())) as f64).product()
+    };
+    let whole: f64 = extent.iter().map(|side| *side as f64).product();
+    let (mut parts, mut covered) = (Vec::new(), 0.0);
+    for q in finest..world.levels() {
+        let with_tiles = match q >= world.complete_level() {
+            true => whole,
+            false => ranges.nodes(q).filter(|node| ranges.has_tile(layer, *node)).map(area).sum(),
+        };
+        if with_tiles > covered {
+            parts.push(Spacing { spacing_m: spacing_m(q), share: (with_tiles - covered) / whole });
+            covered = with_tiles;
+        }
+        if covered >= whole {
+            break;
+        }
+    }
+    parts
+}
+
+/// The spacings of a layer in words, where there are several: "1 m over 0.2 % of the world, 32 m over 99.8 %".
+fn spacings_as_text(parts: &[Spacing]) -> String {
+    if parts.len() < 2 {
+        return String::new();
+    }
+    let percent = |share: f64| match 100.0 * share {
+        p if p < 0.1 => format!("{} %", rounded(p)),
+        p => format!("{p:.1} %"),
+    };
+    let each = parts.iter().map(|part| format!("{} m over {}", rounded(part.spacing_m), percent(part.share)));
+    format!("\n              spacing: {} of the world", each.collect::<Vec<_>>().join(", "))
 }
 
 /// A length with as many digits as people read: 22200, 25.7, 0.0123.
@@ -112,11 +172,17 @@ fn as_text(database: &Store) -> String {
         "{name}: a terrain database of format {version}, on {body}\n\
          CRS           {crs}{epsg}\n\
          extent        {extent}, from {x:.1}, {y:.1} to {right:.1}, {top:.1}\n\
-         heights       {low:.1} to {high:.1} m\n\
+         heights       {low:.1} to {high:.1} m{source_range}\n\
          {places}\
          quad tree     {levels} levels, tiles of {nz} x {nz} intervals and {nc} x {nc} texels\n\
-         elevation     {dz} m posts, {tiles_z} tiles, {bytes_z}{void_z}{sources_z}\n\
-         colour        {dc} m texels, {tiles_c} tiles, {bytes_c}{void_c}{sources_c}\n",
+         elevation     {dz} m posts, {tiles_z} tiles, {bytes_z}{spacings_z}{void_z}{sources_z}\n\
+         colour        {dc} m texels, {tiles_c} tiles, {bytes_c}{spacings_c}{void_c}{sources_c}\n",
+        source_range = manifest
+            .elevation
+            .source_range_m
+            .map_or(String::new(), |[low, high]| { format!(" (samples of the files: {low:.1} to {high:.1} m)") }),
+        spacings_z = spacings_as_text(&spacings(database, Layer::Elevation)),
+        spacings_c = spacings_as_text(&spacings(database, Layer::Color)),
         name = manifest.name,
         version = manifest.format_version,
         body = manifest.body.name,
@@ -162,6 +228,14 @@ fn about_voids(voids: &VoidsRecord, void_m2: f64, world_m2: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn several_spacings_are_told_with_their_shares() {
+        let part = |spacing_m, share| Spacing { spacing_m, share };
+        assert_eq!(spacings_as_text(&[part(30.0, 1.0)]), "");
+        let text = spacings_as_text(&[part(1.0, 0.000_512), part(2.0, 0.0023), part(32.0, 0.9972)]);
+        assert!(text.ends_with("spacing: 1 m over 0.0512 %, 2 m over 0.2 %, 32 m over 99.7 % of the world"), "{text}");
+    }
 
     #[test]
     fn numbers_are_rounded_for_people() {

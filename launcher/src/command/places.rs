@@ -108,11 +108,11 @@ fn bounds_of(points: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 4]> {
 fn find(database: &Store, height_m: f64, sign: f64) -> Option<Place> {
     let world = database.world();
     let q = world.finest_elevation_level();
-    let [columns, rows] = world.nodes_at(q);
     let side = if sign > 0.0 { 1 } else { 0 };
     let bound = |node: NodeId| database.ranges().range(node).map(|range| f64::from(range[side]));
-    let nodes = (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, q)));
-    let mut candidates: Vec<(f64, NodeId)> = nodes
+    let mut candidates: Vec<(f64, NodeId)> = database
+        .ranges()
+        .nodes(q)
         .filter_map(|node| bound(node).map(|bound| (bound, node)))
         .filter(|(bound, _)| sign * (bound - height_m) >= -STEP_M)
         .take(1 << 20)

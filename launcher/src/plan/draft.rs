@@ -22,9 +22,10 @@ use crate::rig::RigFile;
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use std::path::Path;
 use terravision_common::camera::Camera;
+use terravision_common::rig::RigView;
 use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_common::world::World;
@@ -182,7 +183,7 @@ impl<'a> Draft<'a> {
             }
             cameras.push(camera);
         }
-        self.warn_of_views_in_the_ground(choice, &cameras, &ground);
+        self.warnings.extend(views_in_the_ground(choice, &cameras, &ground, world));
         if lifted > 0 {
             self.warnings.push(format!(
                 "{lifted} of {} frames were below ground + {} m and were lifted",
@@ -191,26 +192,6 @@ impl<'a> Draft<'a> {
             ));
         }
         Ok(cameras)
-    }
-
-    /// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig.
-    fn warn_of_views_in_the_ground(&mut self, choice: &PictureChoice, cameras: &[Camera], ground: &WorldGround<'_>) {
-        let Some(rig) = &choice.rig else { return };
-        let origin = DVec2::from_array(self.database.world().fields().origin);
-        for view in &rig.views {
-            let is_below = |pose: &&Camera| {
-                let eye = view.camera(pose).eye() + origin.extend(0.0);
-                ground.at(eye.x, eye.y).is_some_and(|point| eye.z < point.z)
-            };
-            let below = cameras.iter().filter(is_below).count();
-            if below > 0 {
-                self.warnings.push(format!(
-                    "view {} is below ground in {below} of {} frames",
-                    view.name,
-                    cameras.len()
-                ));
-            }
-        }
     }
 
     /// What the stages are told.
@@ -258,6 +239,26 @@ impl<'a> Draft<'a> {
             made_up: picture.made_up.into(),
         }
     }
+}
+
+/// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig, which is worth a warning.
+fn views_in_the_ground(
+    choice: &PictureChoice,
+    cameras: &[Camera],
+    ground: &WorldGround<'_>,
+    world: &World,
+) -> Vec<String> {
+    let origin = DVec2::from_array(world.fields().origin);
+    let is_below = |eye: DVec3| {
+        let foot = world.surface().foot(eye) + origin;
+        let point = ground.at(foot.x, foot.y);
+        point.is_some_and(|point| world.surface().height_above(eye, point.height_m) < 0.0)
+    };
+    let of_view = |view: &RigView| {
+        let below = cameras.iter().filter(|pose| is_below(view.camera(pose).eye())).count();
+        (below > 0).then(|| format!("view {} is below ground in {below} of {} frames", view.name, cameras.len()))
+    };
+    choice.rig.iter().flat_map(|rig| &rig.views).filter_map(of_view).collect()
 }
 
 /// The run's shared memory.

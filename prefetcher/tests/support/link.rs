@@ -2,26 +2,30 @@
 
 use super::{MS, SLOT_BYTES};
 use bytes::Bytes;
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Tile};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
-use terravision_common::outcome::Outcome;
+use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::rig::Views;
 use terravision_common::run::Prediction;
 use terravision_common::shm::{Control, Counter, PoolIndex, WantHead, memory};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::TreeLimits;
 use terravision_common::world::{World, WorldFields};
-use terravision_prefetcher::crew::{Crew, DecodeJob, Ended};
-use terravision_prefetcher::desk::{CYCLE_NANOS, Desk};
+use terravision_prefetcher::ahead::ahead_secs;
+use terravision_prefetcher::executor::{DecodeJob, Ended, Executor};
 use terravision_prefetcher::lookahead::{Lookahead, Resolution};
-use terravision_prefetcher::stage::ahead_secs;
+use terravision_prefetcher::scheduler::{CYCLE_NANOS, Scheduler};
 use terravision_prefetcher::track::CameraTrack;
+use terravision_store::patience;
 
 const SEC: u64 = 1_000_000_000;
 const TICK: u64 = 5 * MS;
+/// Of a request that is no longer made anew.
+const TIMEOUT: Duration = Duration::from_secs(20);
 const LIMITS: TreeLimits = TreeLimits { nodes: 32_768, elevation_leaves: 32_768 };
 
 /// What a link does to requests and answers.
@@ -34,20 +38,45 @@ pub struct LinkFields {
     pub loses_one_in: u64,
 }
 
-/// Answers one request after the other, in the order in which they reach the other end.
+/// A request that has no answer.
+#[derive(Debug)]
+struct Open {
+    tile: Tile,
+    /// Its newest message on the wire.
+    message: u64,
+    sent_at: u64,
+    tries: u32,
+}
+
+/// Answers one request after the other, in the order in which they reach the other end. What is lost is asked for anew when
+/// the store's patience ends.
 #[derive(Debug)]
 pub struct Link {
     fields: LinkFields,
     pub now: u64,
-    /// On their way to the other end, or in line there: ticket, tile, when it gets there.
+    /// On their way to the other end, or in line there: message, tile, when it gets there.
     line: VecDeque<(u64, Tile, u64)>,
     free_at: u64,
-    /// On their way back.
+    /// On their way back: when they are here, message, bytes.
     answers: VecDeque<(u64, u64, usize)>,
-    cancelled: HashSet<u64>,
+    /// By ticket.
+    open: BTreeMap<u64, Open>,
+    /// Tickets of messages that were not given up.
+    ticket_of: HashMap<u64, u64>,
     ended: Vec<Ended>,
-    requests: u64,
+    messages: u64,
+    /// How long answers take, smoothed.
+    usual_nanos: Option<f64>,
     pub bytes: u64,
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014): numbers without a pattern, so that what is asked for anew at a steady pace is
+/// not lost at the same pace.
+fn mixed(number: u64) -> u64 {
+    let mut z = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 /// Bytes of a tile on the wire, with what a request costs beside it.
@@ -66,45 +95,68 @@ impl Link {
             line: VecDeque::new(),
             free_at: 0,
             answers: VecDeque::new(),
-            cancelled: HashSet::new(),
+            open: BTreeMap::new(),
+            ticket_of: HashMap::new(),
             ended: vec![],
-            requests: 0,
+            messages: 0,
+            usual_nanos: None,
             bytes: 0,
         }
     }
 
     fn advance(&mut self, now: u64) {
         self.now = now;
-        while let Some(&(ticket, tile, there_at)) = self.line.front() {
+        let usual = Duration::from_nanos(self.usual_nanos.unwrap_or(0.0) as u64);
+        let is_late = |open: &Open| {
+            let wait = patience(usual, open.tries).unwrap_or(TIMEOUT);
+            u128::from(now - open.sent_at) > wait.as_nanos()
+        };
+        let late: Vec<u64> = self.open.iter().filter(|(_, open)| is_late(open)).map(|(ticket, _)| *ticket).collect();
+        for ticket in late {
+            if let Some(open) = self.open.remove(&ticket) {
+                self.ticket_of.remove(&open.message);
+                self.send(ticket, open.tile, open.tries + 1);
+            }
+        }
+        while let Some(&(message, tile, there_at)) = self.line.front() {
             let begins = there_at.max(self.free_at);
             if begins > now {
                 break;
             }
             self.line.pop_front();
             // What was given up before its first byte was sent costs nothing.
-            if self.cancelled.remove(&ticket) {
+            if !self.ticket_of.contains_key(&message) {
                 continue;
             }
             let bytes = bytes_of(tile);
             self.free_at = begins + bytes as u64 * SEC / self.fields.bytes_per_sec;
             self.bytes += bytes as u64;
-            self.answers.push_back((self.free_at + self.fields.latency_nanos / 2, ticket, bytes));
+            self.answers.push_back((self.free_at + self.fields.latency_nanos / 2, message, bytes));
+        }
+    }
+
+    fn send(&mut self, ticket: u64, tile: Tile, tries: u32) {
+        self.messages += 1;
+        let message = self.messages;
+        self.ticket_of.insert(message, ticket);
+        self.open.insert(ticket, Open { tile, message, sent_at: self.now, tries });
+        // As if by chance, and the same in every run.
+        let chance = mixed(message);
+        if self.fields.loses_one_in == 0 || !chance.is_multiple_of(self.fields.loses_one_in) {
+            self.line.push_back((message, tile, self.now + self.fields.latency_nanos / 2));
         }
     }
 }
 
-impl Crew for Link {
+impl Executor for Link {
     fn fetch(&mut self, ticket: u64, tile: Tile) {
-        self.requests += 1;
-        // As if by chance, and the same in every run.
-        let chance = self.requests.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
-        if self.fields.loses_one_in == 0 || !chance.is_multiple_of(self.fields.loses_one_in) {
-            self.line.push_back((ticket, tile, self.now + self.fields.latency_nanos / 2));
-        }
+        self.send(ticket, tile, 0);
     }
 
     fn cancel(&mut self, ticket: u64) {
-        self.cancelled.insert(ticket);
+        if let Some(open) = self.open.remove(&ticket) {
+            self.ticket_of.remove(&open.message);
+        }
     }
 
     fn decode(&mut self, DecodeJob { tile, guard, .. }: DecodeJob) {
@@ -114,14 +166,22 @@ impl Crew for Link {
 
     fn drain(&mut self, ended: &mut Vec<Ended>) {
         ended.append(&mut self.ended);
-        while let Some(&(at_nanos, ticket, bytes)) = self.answers.front()
+        while let Some(&(at_nanos, message, bytes)) = self.answers.front()
             && at_nanos <= self.now
         {
             self.answers.pop_front();
-            if !self.cancelled.remove(&ticket) {
-                ended.push(Ended::Fetched { ticket, result: Ok(Bytes::from(vec![0; bytes])), at_nanos });
-            }
+            let Some(ticket) = self.ticket_of.remove(&message) else { continue };
+            let Some(open) = self.open.remove(&ticket) else { continue };
+            let took = at_nanos.saturating_sub(open.sent_at) as f64;
+            let usual = self.usual_nanos.get_or_insert(took);
+            *usual += (took - *usual) / 8.0;
+            let resent_at_nanos = (open.tries > 0).then_some(open.sent_at);
+            ended.push(Ended::Fetched { ticket, result: Ok(Bytes::from(vec![0; bytes])), resent_at_nanos, at_nanos });
         }
+    }
+
+    fn recent_failure(&self, _tile: Tile) -> Option<TileFailure> {
+        None
     }
 }
 
@@ -178,7 +238,7 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
     let (elevation_writer, elevation) = memory::pool(8192, SLOT_BYTES).expect("valid");
     let (color_writer, colors) = memory::pool(1024, SLOT_BYTES).expect("valid");
     let mut pools = [PoolIndex::new(elevation), PoolIndex::new(colors)];
-    let mut desk = Desk::new(&world, elevation_writer, color_writer, true);
+    let mut scheduler = Scheduler::new(&world, elevation_writer, color_writer);
     let control = memory::control().expect("a control block");
     let mut link = Link::new(link);
     let mut track = CameraTrack::default();
@@ -199,19 +259,19 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
             flown.missing_at_end = missing.len();
             // Three frames are in flight.
             control.set_completed_sequence(frame.saturating_sub(3));
-            desk.want(WantHead { sequence: frame, frame, is_last: false }, &missing, now, &control, &mut link);
+            scheduler.want(WantHead { sequence: frame, frame, is_last: false }, &missing, now, &control, &mut link);
         }
         if now >= next_cycle {
             next_cycle += CYCLE_NANOS;
-            desk.end_cycle(now, &control, &mut link);
-            flown.n.push(desk.window().n());
-            let secs_ahead = ahead_secs(desk.latency_nanos());
+            scheduler.end_cycle(&control);
+            flown.n.push(scheduler.window().n());
+            let secs_ahead = ahead_secs(scheduler.latency_nanos());
             match foresight {
                 Foresight::None => {}
                 Foresight::Predicted(prediction) => {
                     if let Some(camera) = track.predict(now, secs_ahead, prediction) {
                         let tiles = ahead.tiles(&camera, &Views::single(&camera), &RESOLUTION).to_vec();
-                        desk.expect(tiles, now, &control, &mut link);
+                        scheduler.expect(tiles, &control, &mut link);
                     }
                 }
                 Foresight::Oracle => {
@@ -222,17 +282,17 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
                         let of_then = ahead.tiles(&at(later), &Views::single(&at(later)), &RESOLUTION);
                         tiles.extend(of_then.iter().copied().filter(|tile| seen.insert(*tile)));
                     }
-                    desk.expect(tiles, now, &control, &mut link);
+                    scheduler.expect(tiles, &control, &mut link);
                 }
             }
         }
-        desk.step(now, &control, &mut link);
-        for outcome in desk.outcomes.drain(..) {
+        scheduler.step(now, &control, &mut link);
+        for outcome in scheduler.outcomes.drain(..) {
             if let Some((tile, Outcome::Resident { key })) = outcome.read() {
                 pools[tile.layer as usize].note(tile.node, key);
             }
         }
-        desk.news.clear();
+        scheduler.events.clear();
     }
     flown.bytes = link.bytes;
     flown.cancelled = counter(&control, Counter::TilesCancelled);

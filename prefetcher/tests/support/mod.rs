@@ -1,16 +1,20 @@
-//! What the prefetcher's tests share: a world, and a crew that does what it is told when it is told.
+//! What the prefetcher's tests share: a world, and a executor that does what it is told when it is told.
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
 
 pub mod link;
 
 use bytes::Bytes;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::node::NodeId;
-use terravision_common::outcome::Outcome;
+use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, PoolReader, WantHead, memory};
+use terravision_common::top_levels::top_levels;
 use terravision_common::world::{World, WorldFields};
-use terravision_prefetcher::crew::{Crew, DecodeJob, Ended};
-use terravision_prefetcher::desk::Desk;
+use terravision_prefetcher::executor::{DecodeJob, Ended, Executor};
+use terravision_prefetcher::scheduler::Scheduler;
+use terravision_store::{Cause, FailedTiles, Fault, FetchError, NegativeCache};
 
 pub const MS: u64 = 1_000_000;
 pub const SLOT_BYTES: u64 = 64;
@@ -43,18 +47,48 @@ pub fn elevation(m: u32) -> Tile {
 }
 
 /// Requests stay open until the test answers them; decoding takes no time.
-#[derive(Debug, Default)]
-pub struct FakeCrew {
+#[derive(Debug)]
+pub struct FakeExecutor {
     /// Every request that was made, in order.
     pub requests: Vec<(u64, Tile)>,
     pub cancelled: Vec<u64>,
-    /// Decodings are kept until [`FakeCrew::decode_all`].
+    /// Decodings are kept until [`FakeExecutor::decode_all`].
     pub is_decoding_held: bool,
     pub jobs: Vec<DecodeJob>,
     ended: Vec<Ended>,
+    /// The store's own policy, in simulated time.
+    failed: NegativeCache,
+    begun: Instant,
+    now: u64,
 }
 
-impl FakeCrew {
+/// An error that a store would have for a failure.
+fn error_of(failure: TileFailure) -> FetchError {
+    let cause = match failure {
+        TileFailure::Missing => return FetchError::Absent,
+        TileFailure::Damaged => Cause::Damaged,
+        TileFailure::Unreadable => Cause::Server,
+        TileFailure::Refused => Cause::NotFound,
+        TileFailure::NotCached => Cause::Offline,
+    };
+    FetchError::Failed { fault: Arc::new(Fault { cause, why: String::new(), place: String::new() }) }
+}
+
+impl FakeExecutor {
+    fn new(failed_tiles: FailedTiles) -> Self {
+        let (top, _) = top_levels(&world());
+        Self {
+            requests: vec![],
+            cancelled: vec![],
+            is_decoding_held: false,
+            jobs: vec![],
+            ended: vec![],
+            failed: NegativeCache::new(failed_tiles, world().root(), top),
+            begun: Instant::now(),
+            now: 0,
+        }
+    }
+
     /// Tiles that were asked for and neither answered nor given up.
     pub fn open(&self) -> Vec<Tile> {
         let is_open = |ticket: &u64| !self.cancelled.contains(ticket);
@@ -72,12 +106,18 @@ impl FakeCrew {
 
     pub fn answer(&mut self, tile: Tile, at_nanos: u64) {
         let ticket = self.close(tile);
-        self.ended.push(Ended::Fetched { ticket, result: Ok(Bytes::from_static(b"payload")), at_nanos });
+        self.ended.push(Ended::Fetched {
+            ticket,
+            result: Ok(Bytes::from_static(b"payload")),
+            resent_at_nanos: None,
+            at_nanos,
+        });
     }
 
-    pub fn refuse(&mut self, tile: Tile, code: u8, at_nanos: u64) {
+    pub fn refuse(&mut self, tile: Tile, failure: TileFailure, at_nanos: u64) {
         let ticket = self.close(tile);
-        self.ended.push(Ended::Fetched { ticket, result: Err(code), at_nanos });
+        self.failed.note(tile, Some(&error_of(failure)), self.begun + Duration::from_nanos(at_nanos));
+        self.ended.push(Ended::Fetched { ticket, result: Err(failure), resent_at_nanos: None, at_nanos });
     }
 
     pub fn answer_all(&mut self, at_nanos: u64) {
@@ -94,7 +134,7 @@ impl FakeCrew {
     }
 }
 
-impl Crew for FakeCrew {
+impl Executor for FakeExecutor {
     fn fetch(&mut self, ticket: u64, tile: Tile) {
         self.requests.push((ticket, tile));
     }
@@ -114,57 +154,64 @@ impl Crew for FakeCrew {
     fn drain(&mut self, ended: &mut Vec<Ended>) {
         ended.append(&mut self.ended);
     }
+
+    fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
+        let now = self.begun + Duration::from_nanos(self.now);
+        self.failed.find(tile, now).map(|error| error.failure())
+    }
 }
 
-/// A desk with a fake crew, and what it told so far.
-pub struct Office {
-    pub desk: Desk,
-    pub crew: FakeCrew,
+/// A scheduler with a fake executor, and what it told so far.
+pub struct Fixture {
+    pub scheduler: Scheduler,
+    pub executor: FakeExecutor,
     pub control: Control,
     pub elevation: PoolReader,
     pub colors: PoolReader,
     pub now: u64,
 }
 
-impl Office {
-    pub fn new(slots: u32, has_retries: bool) -> Self {
+impl Fixture {
+    pub fn new(slots: u32, failed_tiles: FailedTiles) -> Self {
         let (elevation_writer, elevation) = memory::pool(slots, SLOT_BYTES).expect("valid");
         let (color_writer, colors) = memory::pool(slots, SLOT_BYTES).expect("valid");
-        let desk = Desk::new(&world(), elevation_writer, color_writer, has_retries);
+        let scheduler = Scheduler::new(&world(), elevation_writer, color_writer);
         let control = memory::control().expect("a control block");
-        Self { desk, crew: FakeCrew::default(), control, elevation, colors, now: 1 }
+        Self { scheduler, executor: FakeExecutor::new(failed_tiles), control, elevation, colors, now: 1 }
     }
 
     /// With the top levels loaded, and nothing told of it.
-    pub fn warmed(slots: u32, has_retries: bool) -> Self {
-        let mut office = Self::new(slots, has_retries);
+    pub fn warmed(slots: u32, failed_tiles: FailedTiles) -> Self {
+        let mut fixture = Self::new(slots, failed_tiles);
         for _ in 0..4 {
-            office.step();
-            office.crew.answer_all(office.now);
+            fixture.step();
+            fixture.executor.answer_all(fixture.now);
         }
-        office.step();
-        office.step();
-        assert!(office.crew.requests.is_empty(), "all of the top levels are there");
-        office.desk.outcomes.clear();
-        office.desk.news.clear();
-        office
+        fixture.step();
+        fixture.step();
+        assert!(fixture.executor.requests.is_empty(), "all of the top levels are there");
+        fixture.scheduler.outcomes.clear();
+        fixture.scheduler.events.clear();
+        fixture
     }
 
     pub fn want(&mut self, sequence: u64, tiles: &[Tile]) {
         let head = WantHead { sequence, frame: 100 + sequence, is_last: false };
-        self.desk.want(head, tiles, self.now, &self.control, &mut self.crew);
+        self.executor.now = self.now;
+        self.scheduler.want(head, tiles, self.now, &self.control, &mut self.executor);
         self.step();
     }
 
     pub fn expect(&mut self, tiles: &[Tile]) {
-        self.desk.expect(tiles.iter().copied(), self.now, &self.control, &mut self.crew);
+        self.executor.now = self.now;
+        self.scheduler.expect(tiles.iter().copied(), &self.control, &mut self.executor);
         self.step();
     }
 
     pub fn step(&mut self) {
-        // Twice: a fake crew decodes at once, and the desk hears of it at its next step.
+        // Twice: a fake executor decodes at once, and the scheduler hears of it at its next step.
         for _ in 0..2 {
-            self.desk.step(self.now, &self.control, &mut self.crew);
+            self.scheduler.step(self.now, &self.control, &mut self.executor);
         }
     }
 
@@ -172,13 +219,14 @@ impl Office {
     pub fn pass(&mut self, cycles: u64) {
         for _ in 0..cycles {
             self.now += 200 * MS;
-            self.desk.end_cycle(self.now, &self.control, &mut self.crew);
+            self.executor.now = self.now;
+            self.scheduler.end_cycle(&self.control);
             self.step();
         }
     }
 
     pub fn told(&mut self) -> Vec<(Tile, Outcome)> {
-        self.desk.outcomes.drain(..).map(|outcome| outcome.read().expect("it can be read")).collect()
+        self.scheduler.outcomes.drain(..).map(|outcome| outcome.read().expect("it can be read")).collect()
     }
 
     pub fn reader(&self, layer: Layer) -> &PoolReader {

@@ -10,8 +10,8 @@
 //!     ▲  ▲                │  │  outcome: resident        │
 //!     │  └── NoRoom ◀─────┘  │ outcome: unavailable      │ no later frame wants it, another tile needs the slot
 //!     │   until a frame      ▼                           │
-//!     │   completes     Unavailable (the prefetcher      │
-//!     │                 may try again, and tell)         │
+//!     │   completes     Unavailable (the store may try   │
+//!     │                 again, and the prefetcher tell)  │
 //!     └──────────────────────────────────────────────────┘
 //! ```
 
@@ -32,7 +32,7 @@ pub enum TileState {
     NoRoom,
     /// It cannot be had.
     Unavailable {
-        /// Whether the next try may have it ([`terravision_common::outcome::may_come`]).
+        /// Whether the next try may have it ([`terravision_common::outcome::TileFailure::may_pass`]).
         may_come: bool,
     },
 }

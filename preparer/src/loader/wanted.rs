@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 use terravision_common::database::Layer;
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
-use terravision_common::outcome::{Outcome, TileOutcome, may_come};
+use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{
     Activity, Consumer, Control, PoolIndex, PoolReader, RunId, SegmentKind, ShmError, Stage, WAIT_BOUND, WaitError,
     WantHead, WantListWriter,
@@ -32,7 +32,7 @@ pub struct WantedTiles {
     asked: HashSet<Tile>,
     /// The list that is out is not what the frame lacks.
     is_stale: bool,
-    unavailable: HashMap<Tile, u8>,
+    unavailable: HashMap<Tile, TileFailure>,
     /// By layer: the completed sequence at which it had no room.
     no_room: [Option<u64>; 2],
     loading: usize,
@@ -108,8 +108,8 @@ impl WantedTiles {
                     self.unavailable.remove(&tile);
                 }
             }
-            Outcome::Unavailable { code } => {
-                self.unavailable.insert(tile, code);
+            Outcome::Unavailable { failure } => {
+                self.unavailable.insert(tile, failure);
             }
             Outcome::NoRoom { completed } => self.no_room[tile.layer as usize] = Some(completed),
         }
@@ -149,8 +149,8 @@ impl TileLoader for WantedTiles {
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }
-        if let Some(code) = self.unavailable.get(&tile) {
-            return TileState::Unavailable { may_come: may_come(*code) };
+        if let Some(failure) = self.unavailable.get(&tile) {
+            return TileState::Unavailable { may_come: failure.may_pass() };
         }
         if self.has_no_room(tile.layer, control) {
             return TileState::NoRoom;

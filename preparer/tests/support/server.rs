@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::database::{Layer, Tile, TileScratch, TileSource};
-use terravision_common::outcome::{Outcome, TileOutcome};
+use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{
     Control, PoolWriter, Producer, Residency, RunState, WAIT_BOUND, WantHead, WantListReader,
 };
@@ -95,7 +95,9 @@ impl Desk {
             let outcome = match self.pools[tile.layer as usize].touch_node(tile.node, head.sequence) {
                 Residency::Resident { key } => Some(Outcome::Resident { key }),
                 Residency::Filling => unreachable!("one thread fills"),
-                Residency::Absent if self.source.is_missing(*tile) => Some(Outcome::Unavailable { code: 1 }),
+                Residency::Absent if self.source.is_missing(*tile) => {
+                    Some(Outcome::Unavailable { failure: TileFailure::Missing })
+                }
                 Residency::Absent => self.load(*tile, head.sequence, &mut is_full, scratch),
             };
             if let Some(outcome) = outcome {

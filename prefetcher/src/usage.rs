@@ -1,6 +1,6 @@
-//! What the launcher is told of the database: what reading it costs, and what goes wrong.
+//! What the launcher is told of the use of the database: what reading it costs, and what goes wrong.
 //!
-//! Figures are added to the control block by what they have grown since they were told last, so that those of a prefetcher
+//! Counts are added to the control block by what they have grown since they were told last, so that those of a prefetcher
 //! that was started again go on where the one before ended.
 
 use crate::source::PayloadSource;
@@ -12,12 +12,12 @@ use terravision_store::{Cause, Figures};
 
 /// What has been told so far.
 #[derive(Debug, Default)]
-pub struct Accounts {
+pub struct Usage {
     figures: Figures,
     failures: BTreeMap<Cause, u64>,
 }
 
-impl Accounts {
+impl Usage {
     /// Tells what is new since the last call.
     pub fn publish(&mut self, source: &impl PayloadSource, control: &Control, events: &mut Events) {
         let (now, told) = (source.figures(), std::mem::take(&mut self.figures));

@@ -12,6 +12,7 @@ use terravision_common::database::{
 };
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::SlotKey;
+use terravision_common::outcome::TileFailure;
 use terravision_common::shm::{FillGuard, WantBell};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::threads::ensure;
@@ -25,8 +26,6 @@ const REQUEST_THREADS: usize = 2;
 const FILE_THREADS: usize = 8;
 /// How long requests that do not end with the run are waited for.
 const PATIENCE_AT_END: Duration = Duration::from_millis(200);
-/// A payload whose bytes are not what was stored.
-const CORRUPT: u8 = 2;
 
 /// A payload to be decoded, and the slot that it goes into.
 #[derive(Debug)]
@@ -47,7 +46,9 @@ pub enum Ended {
         /// Which.
         ticket: u64,
         /// The payload, or why there is none.
-        result: Result<Bytes, u8>,
+        result: Result<Bytes, TileFailure>,
+        /// When the request was made that was answered, if the source made it anew.
+        resent_at_nanos: Option<u64>,
         /// When, nanoseconds of the monotonic clock.
         at_nanos: u64,
     },
@@ -56,7 +57,7 @@ pub enum Ended {
         /// The tile.
         tile: Tile,
         /// Where it lies, or why it does not.
-        result: Result<SlotKey, u8>,
+        result: Result<SlotKey, TileFailure>,
         /// The thread, from 1.
         thread: u32,
         /// When it began, nanoseconds of the monotonic clock.
@@ -66,8 +67,8 @@ pub enum Ended {
     },
 }
 
-/// Does what the desk decides. Nothing here blocks.
-pub trait Crew {
+/// Does what the scheduler decides. Nothing here blocks.
+pub trait Executor {
     /// Begins a request.
     fn fetch(&mut self, ticket: u64, tile: Tile);
     /// Gives a request up. It may have ended just now.
@@ -76,6 +77,8 @@ pub trait Crew {
     fn decode(&mut self, job: DecodeJob);
     /// Gives what has ended since the last call.
     fn drain(&mut self, ended: &mut Vec<Ended>);
+    /// Why a tile is not to be asked for at this moment ([`PayloadSource::recent_failure`]).
+    fn recent_failure(&self, tile: Tile) -> Option<TileFailure>;
 }
 
 /// Buffers of a thread that decodes.
@@ -89,8 +92,13 @@ pub struct DecodeScratch {
 /// Decodes a tile into its slot and publishes it. Colours get the format of the pool.
 ///
 /// # Errors
-/// The cause as a code: the payload is damaged.
-pub fn decode(world: &World, texels: TexelFormat, job: DecodeJob, scratch: &mut DecodeScratch) -> Result<SlotKey, u8> {
+/// The payload is damaged.
+pub fn decode(
+    world: &World,
+    texels: TexelFormat,
+    job: DecodeJob,
+    scratch: &mut DecodeScratch,
+) -> Result<SlotKey, TileFailure> {
     let DecodeJob { tile, payload, mut guard } = job;
     let is_decoded = match tile.layer {
         Layer::Elevation => {
@@ -112,7 +120,7 @@ pub fn decode(world: &World, texels: TexelFormat, job: DecodeJob, scratch: &mut 
                 }
         }
     };
-    if is_decoded { Ok(guard.publish()) } else { Err(CORRUPT) }
+    if is_decoded { Ok(guard.publish()) } else { Err(TileFailure::Damaged) }
 }
 
 #[derive(Default)]
@@ -141,16 +149,16 @@ impl Shared {
     }
 }
 
-/// The crew cannot be set up.
+/// The executor cannot be set up.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot start the threads that load tiles: {source}")]
-pub struct CrewError {
+pub struct ExecutorError {
     /// Why.
     #[from]
     source: std::io::Error,
 }
 
-/// The crew of a run. Dropped, it gives up all requests, lets the threads finish their tile and joins them.
+/// The executor of a run. Dropped, it gives up all requests, lets the threads finish their tile and joins them.
 pub struct Workers<S> {
     source: Arc<S>,
     runtime: Option<Runtime>,
@@ -173,8 +181,14 @@ impl<S: PayloadSource> Workers<S> {
     /// when work has ended.
     ///
     /// # Errors
-    /// [`CrewError`].
-    pub fn new(source: S, world: &World, texels: TexelFormat, threads: u32, bell: WantBell) -> Result<Self, CrewError> {
+    /// [`ExecutorError`].
+    pub fn new(
+        source: S,
+        world: &World,
+        texels: TexelFormat,
+        threads: u32,
+        bell: WantBell,
+    ) -> Result<Self, ExecutorError> {
         // The runtime panics without them.
         ensure(REQUEST_THREADS + FILE_THREADS + threads.max(1) as usize)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -192,8 +206,8 @@ impl<S: PayloadSource> Workers<S> {
             threads: Vec::new(),
         };
         for thread in 1..=threads.max(1) {
-            let (shared, world) = (Arc::clone(&workers.shared), *world);
-            let work = move || decode_tiles(&shared, &world, texels, thread);
+            let (source, shared, world) = (Arc::clone(&workers.source), Arc::clone(&workers.shared), *world);
+            let work = move || decode_tiles(&*source, &shared, &world, texels, thread);
             workers.threads.push(std::thread::Builder::new().name(format!("decoder-{thread}")).spawn(work)?);
         }
         Ok(workers)
@@ -220,13 +234,17 @@ impl<S> Workers<S> {
     }
 }
 
-impl<S: PayloadSource> Crew for Workers<S> {
+impl<S: PayloadSource> Executor for Workers<S> {
     fn fetch(&mut self, ticket: u64, tile: Tile) {
         let Some(runtime) = &self.runtime else { return };
         let (source, shared) = (Arc::clone(&self.source), Arc::clone(&self.shared));
         let request = runtime.spawn(async move {
-            let result = source.payload(tile).await.map_err(|error| error.code());
-            shared.end(Ended::Fetched { ticket, result, at_nanos: monotonic_nanos() });
+            let read = source.payload(tile).await;
+            let at_nanos = monotonic_nanos();
+            let resent_at = read.as_ref().ok().and_then(|payload| payload.resent_at);
+            let resent_at_nanos = resent_at.map(|at| at_nanos.saturating_sub(at.elapsed().as_nanos() as u64));
+            let result = read.map(|payload| payload.bytes);
+            shared.end(Ended::Fetched { ticket, result, resent_at_nanos, at_nanos });
         });
         self.requests.insert(ticket, request.abort_handle());
     }
@@ -250,6 +268,10 @@ impl<S: PayloadSource> Crew for Workers<S> {
             }
         }
     }
+
+    fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
+        self.source.recent_failure(tile)
+    }
 }
 
 impl<S> Drop for Workers<S> {
@@ -271,7 +293,7 @@ impl<S> Drop for Workers<S> {
 }
 
 /// What a thread does: tile after tile, until the queue is closed.
-fn decode_tiles(shared: &Shared, world: &World, texels: TexelFormat, thread: u32) {
+fn decode_tiles(source: &impl PayloadSource, shared: &Shared, world: &World, texels: TexelFormat, thread: u32) {
     let mut scratch = DecodeScratch::default();
     loop {
         let job = {
@@ -291,8 +313,12 @@ fn decode_tiles(shared: &Shared, world: &World, texels: TexelFormat, thread: u32
         // A decoder that fails on foreign bytes costs its tile, not the flight.
         let result = contained(|| decode(world, texels, job, &mut scratch)).unwrap_or_else(|_panic| {
             scratch = DecodeScratch::default();
-            Err(CORRUPT)
+            Err(TileFailure::Damaged)
         });
+        if result.is_err() {
+            // Before it is told: whoever hears of it must not ask again at once.
+            source.reject(tile);
+        }
         let duration_nanos = monotonic_nanos().saturating_sub(start_nanos);
         shared.end(Ended::Decoded { tile, result, thread, start_nanos, duration_nanos });
     }

@@ -1,17 +1,10 @@
-//! The desk's books: what is listed, what is on its way, what cannot be had.
+//! The request table: what is listed, what is on its way, and how far it has come.
 
-use super::Wish;
+use super::Priority;
 use crate::window::CycleNumber;
 use bytes::Bytes;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Tile;
-
-/// A tile that could not be had is left alone for this long, where it is tried again at all ...
-const RETRY_NANOS: u64 = 2_000_000_000;
-/// ... and one that the database says it has not, for this long.
-const RETRY_MISSING_NANOS: u64 = 60_000_000_000;
-/// The code of a tile that the database has not.
-pub(super) const MISSING: u8 = 1;
 
 /// How far a tile has come.
 #[derive(Debug)]
@@ -25,19 +18,12 @@ pub(super) enum State {
 #[derive(Debug)]
 pub(super) struct Load {
     pub(super) state: State,
-    pub(super) wish: Wish,
+    pub(super) priority: Priority,
     /// The frame that was the newest when it was asked for.
     pub(super) frame: u64,
     pub(super) asked_at: u64,
     /// The lists that it was last found on.
     epoch: u64,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Unavailable {
-    code: u8,
-    /// When it is tried again; `None` for never.
-    until: Option<u64>,
 }
 
 /// A list and how far it has been asked for.
@@ -48,16 +34,13 @@ pub(super) struct List {
 }
 
 /// See the module.
-#[derive(Debug)]
-pub(super) struct Books {
-    has_retries: bool,
-    /// By [`Wish`].
+#[derive(Debug, Default)]
+pub(super) struct RequestTable {
+    /// By [`Priority`].
     pub(super) lists: [List; 3],
     pub(super) loads: HashMap<Tile, Load>,
     tile_of: HashMap<u64, Tile>,
-    unavailable: HashMap<Tile, Unavailable>,
     told_unavailable: HashSet<Tile>,
-    tries: HashMap<Tile, u32>,
     next_ticket: u64,
     epoch: u64,
     /// Loads by layer that have arrived and are not through.
@@ -65,31 +48,15 @@ pub(super) struct Books {
     pub(super) decoding: [usize; 2],
 }
 
-impl Books {
-    pub(super) fn new(has_retries: bool) -> Self {
-        Self {
-            has_retries,
-            lists: Default::default(),
-            loads: HashMap::new(),
-            tile_of: HashMap::new(),
-            unavailable: HashMap::new(),
-            told_unavailable: HashSet::new(),
-            tries: HashMap::new(),
-            next_ticket: 0,
-            epoch: 0,
-            held: [0; 2],
-            decoding: [0; 2],
-        }
-    }
-
+impl RequestTable {
     /// Requests that have no answer.
     pub(super) fn in_flight(&self) -> usize {
         self.tile_of.len()
     }
 
     /// Takes a list out, empty, to be filled anew and put back.
-    pub(super) fn take_list(&mut self, wish: Wish) -> Vec<Tile> {
-        let mut tiles = std::mem::take(&mut self.lists[wish as usize].tiles);
+    pub(super) fn take_list(&mut self, priority: Priority) -> Vec<Tile> {
+        let mut tiles = std::mem::take(&mut self.lists[priority as usize].tiles);
         tiles.clear();
         tiles
     }
@@ -99,17 +66,17 @@ impl Books {
         self.lists.iter_mut().for_each(|list| list.at = 0);
     }
 
-    /// Lists have changed: what is on its way takes its wish from them. Returns what is on none any more, but for what is
+    /// Lists have changed: what is on its way takes its priority from them. Returns what is on none any more, but for what is
     /// being decoded.
     pub(super) fn relist(&mut self) -> Vec<Tile> {
         self.epoch += 1;
         self.rewind();
-        for wish in Wish::ALL {
-            for tile in &self.lists[wish as usize].tiles {
+        for priority in Priority::ALL {
+            for tile in &self.lists[priority as usize].tiles {
                 if let Some(load) = self.loads.get_mut(tile)
                     && load.epoch != self.epoch
                 {
-                    (load.epoch, load.wish) = (self.epoch, wish);
+                    (load.epoch, load.priority) = (self.epoch, priority);
                 }
             }
         }
@@ -120,11 +87,11 @@ impl Books {
     }
 
     /// A request is made; its ticket.
-    pub(super) fn ask(&mut self, tile: Tile, wish: Wish, frame: u64, now: u64, cycle: CycleNumber) -> u64 {
+    pub(super) fn ask(&mut self, tile: Tile, priority: Priority, frame: u64, now: u64, cycle: CycleNumber) -> u64 {
         let ticket = self.next_ticket;
         self.next_ticket += 1;
         let state = State::Fetching { ticket, asked_at: now, cycle };
-        self.loads.insert(tile, Load { state, wish, frame, asked_at: now, epoch: self.epoch });
+        self.loads.insert(tile, Load { state, priority, frame, asked_at: now, epoch: self.epoch });
         self.tile_of.insert(ticket, tile);
         ticket
     }
@@ -150,13 +117,9 @@ impl Books {
         }
     }
 
-    /// Notes that a tile cannot be had. What it was asked for, if it still was.
-    pub(super) fn fail(&mut self, tile: Tile, code: u8, now: u64) -> Option<Load> {
-        let load = self.loads.remove(&tile);
-        let wait = if code == MISSING { RETRY_MISSING_NANOS } else { RETRY_NANOS };
-        let until = self.has_retries.then(|| now.saturating_add(wait));
-        self.unavailable.insert(tile, Unavailable { code, until });
-        load
+    /// A tile cannot be had: its load ends. What it was asked for, if it still was.
+    pub(super) fn fail(&mut self, tile: Tile) -> Option<Load> {
+        self.loads.remove(&tile)
     }
 
     /// A frame lacks a tile that cannot be had. Whether this is the first time.
@@ -166,26 +129,13 @@ impl Books {
 
     /// A tile is there. Its load, if it was one.
     pub(super) fn arrived(&mut self, tile: Tile) -> Option<Load> {
-        self.unavailable.remove(&tile);
-        self.tries.remove(&tile);
         self.loads.remove(&tile)
-    }
-
-    /// Why a tile cannot be had, as long as it is left alone.
-    pub(super) fn is_unavailable(&self, tile: Tile, now: u64) -> Option<u8> {
-        let unavailable = self.unavailable.get(&tile)?;
-        unavailable.until.is_none_or(|until| now < until).then_some(unavailable.code)
-    }
-
-    /// Whether there is no sense in asking for a tile now.
-    pub(super) fn is_known(&self, tile: Tile, now: u64) -> bool {
-        self.loads.contains_key(&tile) || self.is_unavailable(tile, now).is_some()
     }
 
     /// The predicted tile that was asked for last and has not come.
     pub(super) fn last_predicted(&self) -> Option<Tile> {
         let ticket_of = |load: &Load| match load.state {
-            State::Fetching { ticket, .. } if load.wish == Wish::Ahead => Some(ticket),
+            State::Fetching { ticket, .. } if load.priority == Priority::Ahead => Some(ticket),
             _ => None,
         };
         let open = self.loads.iter().filter_map(|(tile, load)| Some((ticket_of(load)?, *tile)));
@@ -193,35 +143,16 @@ impl Books {
     }
 
     /// Payloads that wait for a slot, the urgent first.
-    pub(super) fn waiting(&self) -> Vec<(Wish, Tile)> {
+    pub(super) fn waiting(&self) -> Vec<(Priority, Tile)> {
         let is_arrived = |load: &Load| matches!(load.state, State::Arrived { .. });
         let waiting = self.loads.iter().filter(|(_, load)| is_arrived(load));
-        let mut waiting: Vec<(Wish, Tile)> = waiting.map(|(tile, load)| (load.wish, *tile)).collect();
-        waiting.sort_unstable_by_key(|(wish, tile)| (*wish, u8::MAX - tile.node.q(), tile.pack()));
+        let mut waiting: Vec<(Priority, Tile)> = waiting.map(|(tile, load)| (load.priority, *tile)).collect();
+        waiting.sort_unstable_by_key(|(priority, tile)| (*priority, u8::MAX - tile.node.q(), tile.pack()));
         waiting
     }
 
     /// A tile is there. Whether it was told as unavailable before.
     pub(super) fn came(&mut self, tile: Tile) -> bool {
         self.told_unavailable.remove(&tile)
-    }
-
-    /// Requests that have waited for longer than `patience`, doubled with each try, `most` tries: they are to be made again.
-    pub(super) fn late(&mut self, now: u64, patience: u64, most: u32) -> Vec<Tile> {
-        let mut late = Vec::new();
-        for (tile, load) in &self.loads {
-            let tries = self.tries.get(tile).copied().unwrap_or(0);
-            if let State::Fetching { asked_at, .. } = load.state
-                && tries < most
-                && now.saturating_sub(asked_at) > patience << tries
-            {
-                late.push(*tile);
-            }
-        }
-        late.sort_unstable_by_key(|tile: &Tile| tile.pack());
-        for tile in &late {
-            *self.tries.entry(*tile).or_insert(0) += 1;
-        }
-        late
     }
 }

@@ -1,4 +1,4 @@
-//! The desk: which tiles are asked for, in which order, what is given up, and what is evicted for what.
+//! The scheduler: which tiles are asked for, in which order, what is given up, and what is evicted for what.
 //!
 //! Three lists say what is wanted: what the newest frame lacks, what of the top levels is not there yet, and what the
 //! predicted view lacks, each coarse to fine, in this order. A list replaces the one before; what is on none of them is
@@ -8,26 +8,31 @@
 //!            the window has a place             payload           a slot            decoded
 //!  (listed) ──────────────────────▶ Fetching ───────────▶ Arrived ───────▶ Decoding ───────▶ (resident)
 //!     ▲ ▲                             │  │                   │                 │
-//!     │ └── on no list, or no answer ─┘  │ no such tile ...  │ on no list      │ damaged
+//!     │ └───────── on no list ────────┘  │ failure           │ on no list      │ damaged
 //!     │                                  ▼                   ▼                 ▼
-//!     └─────── after a while ─────── Unavailable          (given up)      Unavailable
+//!     └── the store allows it ──── Unavailable           (given up)      Unavailable
 //! ```
+//!
+//! When a tile that could not be had is asked for again is for the store to say ([`Executor::recent_failure`]), and so is
+//! when a request is made anew. The scheduler asks, re-prioritises and cancels (docs/retries.md).
 //!
 //! Every tile of a new want list that is there, or that cannot be had, is told again: a preparer that lost its memory
 //! learns it so. Slots: a tile that a frame wants takes the one that was longest neither wanted nor expected, of those
 //! that no frame in flight names; a tile that is only expected takes none that is wanted or expected now.
 //!
-//! [`books`] has the lists and what became of the tiles on them, [`dispatch`] does what follows from them.
+//! [`request_table`] has the lists and what became of the tiles on them, [`dispatch`] does what follows from them.
 
-mod books;
 mod dispatch;
+mod event;
+mod request_table;
 
-use crate::crew::{Crew, Ended};
+use crate::executor::{Ended, Executor};
 use crate::window::Window;
-use books::{Books, MISSING};
+pub use event::TileEvent;
+use request_table::RequestTable;
 use std::collections::HashSet;
 use terravision_common::database::{Layer, Tile};
-use terravision_common::outcome::{Outcome, TileOutcome};
+use terravision_common::outcome::{Outcome, TileFailure, TileOutcome};
 use terravision_common::shm::{Activity, Control, Gauge, PoolWriter, Residency, SlotState, Stage, WantHead};
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
@@ -40,7 +45,7 @@ const MOST_AHEAD: u64 = 1 << 16;
 
 /// Why a tile is asked for; the more urgent first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Wish {
+pub enum Priority {
     /// The newest frame lacks it.
     Now,
     /// It is of the top levels.
@@ -49,66 +54,19 @@ pub enum Wish {
     Ahead,
 }
 
-impl Wish {
+impl Priority {
     /// All of them, the most urgent first.
     pub const ALL: [Self; 3] = [Self::Now, Self::Top, Self::Ahead];
 }
 
-/// What the launcher is told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum News {
-    /// A request was answered.
-    Fetched {
-        /// The tile.
-        tile: Tile,
-        /// The frame that was the newest when it was made.
-        frame: u64,
-        /// When it was made, nanoseconds of the monotonic clock.
-        start_nanos: u64,
-        /// How long it took.
-        duration_nanos: u64,
-    },
-    /// A tile was decoded, or could not be.
-    Decoded {
-        /// The tile.
-        tile: Tile,
-        /// The frame that was the newest when it was asked for.
-        frame: u64,
-        /// The thread, from 1.
-        thread: u32,
-        /// When it began, nanoseconds of the monotonic clock.
-        start_nanos: u64,
-        /// How long it took.
-        duration_nanos: u64,
-    },
-    /// A tile that a frame wants, or one of the top levels, was found to be unavailable; told once for each tile.
-    Unavailable {
-        /// The tile.
-        tile: Tile,
-        /// The frame that was the newest when it was asked for.
-        frame: u64,
-        /// Why: 1 missing, 2 corrupt, 3 cannot be read, 4 refused.
-        code: u8,
-        /// When, nanoseconds of the monotonic clock.
-        at_nanos: u64,
-    },
-    /// A tile that was unavailable came after all.
-    Came {
-        /// The tile.
-        tile: Tile,
-        /// When, nanoseconds of the monotonic clock.
-        at_nanos: u64,
-    },
-}
-
 /// See the module.
 #[derive(Debug)]
-pub struct Desk {
+pub struct Scheduler {
     world: World,
     /// Elevation, colour.
     pools: [PoolWriter; 2],
     head: WantHead,
-    books: Books,
+    table: RequestTable,
     locked: HashSet<Tile>,
     window: Window,
     /// Time from request to residency, smoothed.
@@ -124,22 +82,22 @@ pub struct Desk {
     /// For the preparer, in order; the stage takes them.
     pub outcomes: Vec<TileOutcome>,
     /// For the launcher, in order; the stage takes them.
-    pub news: Vec<News>,
+    pub events: Vec<TileEvent>,
 }
 
-impl Desk {
-    /// A desk that fills these pools. `has_retries`: tiles that could not be had are tried again after a while.
+impl Scheduler {
+    /// A scheduler that fills these pools.
     #[must_use]
-    pub fn new(world: &World, elevation: PoolWriter, color: PoolWriter, has_retries: bool) -> Self {
+    pub fn new(world: &World, elevation: PoolWriter, color: PoolWriter) -> Self {
         let (top, _) = top_levels(world);
         // Of a prefetcher before this one.
         let held = |pool: &PoolWriter| pool.slots().filter(|slot| slot.state != SlotState::Free).count() as u64;
         let filled = [held(&elevation), held(&color)];
-        let mut desk = Self {
+        let mut scheduler = Self {
             world: *world,
             pools: [elevation, color],
             head: WantHead::default(),
-            books: Books::new(has_retries),
+            table: RequestTable::default(),
             locked: top.iter().copied().collect(),
             window: Window::new(CYCLE_NANOS),
             latency_nanos: None,
@@ -149,14 +107,14 @@ impl Desk {
             filled,
             ended: Vec::new(),
             outcomes: Vec::new(),
-            news: Vec::new(),
+            events: Vec::new(),
         };
         // A prefetcher before this one may have loaded them.
         for tile in &top {
-            desk.lock(*tile);
+            scheduler.lock(*tile);
         }
-        desk.books.lists[Wish::Top as usize].tiles = top;
-        desk
+        scheduler.table.lists[Priority::Top as usize].tiles = top;
+        scheduler
     }
 
     /// The window of requests.
@@ -179,14 +137,14 @@ impl Desk {
 
     /// Why a tile is on its way; `None` when it is not.
     #[must_use]
-    pub fn wish_of(&self, tile: Tile) -> Option<Wish> {
-        self.books.loads.get(&tile).map(|load| load.wish)
+    pub fn priority_of(&self, tile: Tile) -> Option<Priority> {
+        self.table.loads.get(&tile).map(|load| load.priority)
     }
 
     /// What the prefetcher does now, for the launcher to watch.
     #[must_use]
     pub fn activity(&self) -> Activity {
-        match (self.books.in_flight(), self.books.loads.len()) {
+        match (self.table.in_flight(), self.table.loads.len()) {
             (0, 0) => Activity::Awaits(Stage::Preparer),
             (0, _) => Activity::Works,
             _ => Activity::AwaitsStorage,
@@ -216,50 +174,50 @@ impl Desk {
     }
 
     /// Takes a new want list, with all that it lacks.
-    pub fn want(&mut self, head: WantHead, tiles: &[Tile], now: u64, control: &Control, crew: &mut impl Crew) {
+    pub fn want(&mut self, head: WantHead, tiles: &[Tile], now: u64, control: &Control, executor: &mut impl Executor) {
         let sequence = head.sequence.min(control.completed_sequence().saturating_add(MOST_AHEAD));
         self.head = WantHead { sequence, ..head };
         self.told_no_room = [None; 2];
-        let mut missing = self.books.take_list(Wish::Now);
+        let mut missing = self.table.take_list(Priority::Now);
         for tile in tiles.iter().copied() {
             if !self.has(tile) {
-                self.tell(tile, Outcome::Unavailable { code: MISSING });
+                self.tell(tile, Outcome::Unavailable { failure: TileFailure::Missing });
                 continue;
             }
             match self.pool(tile.layer).touch_node(tile.node, sequence) {
                 Residency::Resident { key } => self.tell(tile, Outcome::Resident { key }),
                 Residency::Filling => {}
-                Residency::Absent => match self.books.is_unavailable(tile, now) {
-                    Some(code) => {
-                        self.lose(tile, self.head.frame, code, now, control);
-                        self.tell(tile, Outcome::Unavailable { code });
+                Residency::Absent => match executor.recent_failure(tile) {
+                    Some(failure) => {
+                        self.lose(tile, self.head.frame, failure, now, control);
+                        self.tell(tile, Outcome::Unavailable { failure });
                     }
                     None => missing.push(tile),
                 },
             }
         }
         control.set_gauge(Gauge::TilesMissing, missing.len() as u64);
-        self.books.lists[Wish::Now as usize].tiles = missing;
-        self.relist(control, crew);
+        self.table.lists[Priority::Now as usize].tiles = missing;
+        self.relist(control, executor);
     }
 
     /// Takes all tiles that the predicted view wants, coarse to fine: those that are there are kept longer, and the first
     /// N that are not are asked for when nothing more urgent is.
-    pub fn expect(&mut self, tiles: impl IntoIterator<Item = Tile>, now: u64, control: &Control, crew: &mut impl Crew) {
+    pub fn expect(&mut self, tiles: impl IntoIterator<Item = Tile>, control: &Control, executor: &mut impl Executor) {
         let stamp = self.stamp();
         let most = self.window.n() as usize;
-        let mut missing = self.books.take_list(Wish::Ahead);
+        let mut missing = self.table.take_list(Priority::Ahead);
         for tile in tiles {
             let is_absent = self.pool(tile.layer).expect(tile.node, stamp) == Residency::Absent;
-            if is_absent && missing.len() < most && self.has(tile) && self.books.is_unavailable(tile, now).is_none() {
+            if is_absent && missing.len() < most && self.has(tile) && executor.recent_failure(tile).is_none() {
                 missing.push(tile);
             }
         }
         let completed = control.completed_sequence();
         self.room_ahead = [0, 1].map(|layer| self.pools[layer].unexpected_slots(stamp, completed));
         control.set_gauge(Gauge::TilesPredicted, missing.len() as u64);
-        self.books.lists[Wish::Ahead as usize].tiles = missing;
-        self.relist(control, crew);
+        self.table.lists[Priority::Ahead as usize].tiles = missing;
+        self.relist(control, executor);
     }
 
     /// Sequence that expected tiles are stamped with: that of the newest frame.
@@ -268,9 +226,9 @@ impl Desk {
     }
 
     /// A list has changed: what is on none any more is given up.
-    fn relist(&mut self, control: &Control, crew: &mut impl Crew) {
-        for tile in self.books.relist() {
-            self.cancel(tile, control, crew);
+    fn relist(&mut self, control: &Control, executor: &mut impl Executor) {
+        for tile in self.table.relist() {
+            self.cancel(tile, control, executor);
         }
     }
 }

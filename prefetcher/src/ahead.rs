@@ -1,0 +1,92 @@
+//! The view that is going to be, and the tiles that it wants.
+
+use crate::lookahead::{Lookahead, Resolution};
+use crate::oracle::Oracle;
+use crate::scheduler::{CYCLE_NANOS, Scheduler};
+use crate::track::{CameraTrack, widened_views};
+use std::collections::HashSet;
+use terravision_common::camera::Camera;
+use terravision_common::database::Tile;
+use terravision_common::rig::Views;
+use terravision_common::run::{Prediction, RunConfig};
+use terravision_common::shm::{CameraRecord, Consumer, Control, Gauge, ShmError};
+use terravision_common::traversal::{HeightRanges, TreeLimits};
+use terravision_common::world::World;
+
+/// Trees of predicted views: what the generator's may have.
+const LIMITS: TreeLimits = TreeLimits { nodes: 65536, elevation_leaves: 65536 };
+/// The view is predicted this far ahead at least, and at most.
+const AHEAD_SECS: [f64; 2] = [0.4, 4.0];
+
+/// The view that is going to be, and what it wants.
+pub(crate) struct Ahead<R> {
+    prediction: Prediction,
+    config: RunConfig,
+    track: CameraTrack,
+    oracle: Option<Oracle>,
+    lookahead: Option<Lookahead<R>>,
+    tiles: Vec<Tile>,
+}
+
+impl<R: HeightRanges> Ahead<R> {
+    pub(crate) fn new(world: &World, ranges: R, config: &RunConfig, path: Option<Consumer<CameraRecord>>) -> Self {
+        let prediction = config.prefetch.prediction;
+        let lookahead = (prediction != Prediction::Off).then(|| Lookahead::new(world, ranges, LIMITS));
+        let track = CameraTrack::default();
+        let oracle = path.map(Oracle::new);
+        Self { prediction, config: config.clone(), track, oracle, lookahead, tiles: Vec::new() }
+    }
+
+    pub(crate) fn see(&mut self, control: &Control, now: u64) {
+        if let (Some(_), Some(camera)) = (&self.lookahead, control.camera()) {
+            self.track.see(&camera, now);
+        }
+    }
+
+    pub(crate) fn look(
+        &mut self,
+        scheduler: &Scheduler,
+        control: &Control,
+        now: u64,
+    ) -> Result<Option<&[Tile]>, ShmError> {
+        let Some(lookahead) = &mut self.lookahead else { return Ok(None) };
+        let ahead_secs = ahead_secs(scheduler.latency_nanos());
+        let ahead_nanos = (ahead_secs * 1e9) as u64;
+        control.set_gauge(Gauge::PredictedAheadNanos, ahead_nanos);
+        let cameras: Vec<Camera> = match &mut self.oracle {
+            // Before the clock has started the camera waits for the first frame.
+            Some(oracle) => oracle.cameras(now.saturating_sub(control.clock_start().unwrap_or(now)), ahead_nanos)?,
+            None => self.track.predict(now, ahead_secs, self.prediction).into_iter().collect(),
+        };
+        if cameras.is_empty() {
+            return Ok(None);
+        }
+        let resolution = Resolution {
+            r_z_px: control.r_z_px().unwrap_or(self.config.r_z_px),
+            r_c_px: control.r_c_px().unwrap_or(self.config.r_c_px),
+            exaggeration: self.config.exaggeration,
+            measure: self.config.measure,
+        };
+        self.tiles.clear();
+        let mut seen = HashSet::new();
+        // A path is known, and so are its views; a prediction may be wrong.
+        let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
+        for camera in &cameras {
+            let views = match &self.config.rig {
+                Some(rig) => widened_views(&rig.views(camera), unsure_secs),
+                None => Views::single(camera),
+            };
+            let of_view = lookahead.tiles(camera, &views, &resolution).iter().copied();
+            self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
+        }
+        Ok(Some(&self.tiles))
+    }
+}
+
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at the end of the next
+/// cycle is there.
+#[must_use]
+pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
+    let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;
+    (2.0 * latency + CYCLE_NANOS as f64 / 1e9).clamp(AHEAD_SECS[0], AHEAD_SECS[1])
+}

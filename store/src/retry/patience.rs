@@ -1,0 +1,69 @@
+//! How long a request for a tile waits for its answer before it is made anew, although nothing has failed: on a link that
+//! loses requests without a word, waiting for the timeout of each would show the loss for as long.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// The first request waits for so long, and for four times as long as answers usually take if that is longer...
+const FIRST_PATIENCE: Duration = Duration::from_millis(600);
+/// ... each one after it twice as long, and after so many requests the last one has the whole timeout.
+const HASTY_TRIES: u32 = 5;
+
+/// How long a request waits that is made after `tries` others without an answer, where answers usually take `usual`. `None`
+/// when it is to have its whole timeout.
+#[must_use]
+pub fn patience(usual: Duration, tries: u32) -> Option<Duration> {
+    (tries < HASTY_TRIES).then(|| FIRST_PATIENCE.max(usual.saturating_mul(4)).saturating_mul(1 << tries))
+}
+
+/// How long answers take, smoothed.
+#[derive(Debug, Default)]
+pub(super) struct UsualTime {
+    /// Nanoseconds; 0 before the first answer.
+    nanos: AtomicU64,
+}
+
+impl UsualTime {
+    pub(super) fn get(&self) -> Duration {
+        // Relaxed, here and below: a figure that orders nothing, and one lost among many does no harm.
+        Duration::from_nanos(self.nanos.load(Ordering::Relaxed))
+    }
+
+    /// An answer took so long.
+    pub(super) fn note(&self, took: Duration) {
+        let took = u64::try_from(took.as_nanos()).unwrap_or(u64::MAX);
+        let smoothed = match self.nanos.load(Ordering::Relaxed) {
+            0 => took,
+            before => before - before / 8 + took / 8,
+        };
+        self.nanos.store(smoothed.max(1), Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patience_grows_with_each_request_and_then_the_last_one_has_its_timeout() {
+        let waits = |usual_ms| {
+            let waits = (0..7).map_while(|tries| patience(Duration::from_millis(usual_ms), tries));
+            waits.map(|wait| wait.as_millis()).collect::<Vec<_>>()
+        };
+        assert_eq!(waits(0), [600, 1200, 2400, 4800, 9600]);
+        assert_eq!(waits(50), waits(0), "a fast link is not asked more often");
+        assert_eq!(waits(1000), [4000, 8000, 16_000, 32_000, 64_000]);
+    }
+
+    #[test]
+    fn what_is_usual_follows_the_answers() {
+        let usual = UsualTime::default();
+        assert_eq!(usual.get(), Duration::ZERO);
+        usual.note(Duration::from_millis(80));
+        assert_eq!(usual.get(), Duration::from_millis(80));
+        (0..60).for_each(|_| usual.note(Duration::from_millis(400)));
+        assert!((395..=400).contains(&usual.get().as_millis()), "{:?}", usual.get());
+        usual.note(Duration::MAX);
+        assert!(usual.get() > Duration::from_secs(3600));
+    }
+}

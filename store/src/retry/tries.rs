@@ -1,0 +1,174 @@
+//! The policy for requests, and one read under it: from its first request to its answer or its last failure.
+
+use super::backoff::{backoff, random};
+use super::breaker::{Breaker, Turn};
+use super::budget::Budget;
+use super::patience::{UsualTime, patience};
+use super::{LOCAL_RETRIES, RetryOptions};
+use crate::error::{Fault, FetchError};
+use crate::lock;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// When requests of one database are made again. Shared by all its reads.
+#[derive(Debug)]
+pub(crate) struct RetryPolicy {
+    options: RetryOptions,
+    deadline: Duration,
+    /// The database is a file of this machine.
+    is_local: bool,
+    is_hasty: bool,
+    budget: Mutex<Budget>,
+    /// By file: a server that has one need not have the other.
+    breakers: Mutex<BTreeMap<&'static str, Arc<Breaker>>>,
+    usual: UsualTime,
+    repeated: AtomicU64,
+}
+
+/// What one read may do.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Allowance {
+    /// Requests after the first, at most.
+    pub(crate) retries: u32,
+    /// There is no picture without it: it is asked again whether the budget allows it or not.
+    pub(crate) is_vital: bool,
+    /// It may be asked anew when its answer takes much longer than usual.
+    pub(crate) may_be_hasty: bool,
+}
+
+impl RetryPolicy {
+    /// `deadline`: of one read. `is_local`: the database is a file of this machine.
+    pub(crate) fn new(options: RetryOptions, deadline: Duration, is_hasty: bool, is_local: bool) -> Self {
+        Self {
+            options,
+            deadline,
+            is_local,
+            is_hasty: is_hasty && !is_local,
+            budget: Mutex::new(Budget::new(&options)),
+            breakers: Mutex::default(),
+            usual: UsualTime::default(),
+            repeated: AtomicU64::new(0),
+        }
+    }
+
+    /// Requests that were made again after a failure.
+    pub(crate) fn repeated(&self) -> u64 {
+        self.repeated.load(Ordering::Relaxed)
+    }
+
+    /// Most requests after the first, of one read.
+    pub(crate) fn most_retries(&self) -> u32 {
+        self.options.most
+    }
+
+    /// A read begins.
+    pub(crate) fn begin(&self, file: &'static str, allowance: Allowance) -> Tries<'_> {
+        lock(&self.budget).first();
+        let breaker = Arc::clone(lock(&self.breakers).entry(file).or_default());
+        let end = Instant::now() + self.deadline;
+        Tries { policy: self, breaker, allowance, end, failures: 0, hasty: 0 }
+    }
+
+    /// Whether content that came damaged, for the time `attempt` (from 0), may be read anew; returns when it is time to.
+    pub(crate) async fn again_after_damage(&self, attempt: u32, most: u32) -> bool {
+        if attempt >= self.at_most(most) || !lock(&self.budget).again() {
+            return false;
+        }
+        self.count_repeated();
+        if !self.is_local {
+            tokio::time::sleep(backoff(&self.options, attempt, random())).await;
+        }
+        true
+    }
+
+    /// So many retries, or fewer where they do not help.
+    fn at_most(&self, retries: u32) -> u32 {
+        if self.is_local { retries.min(LOCAL_RETRIES) } else { retries }
+    }
+
+    fn count_repeated(&self) {
+        // Relaxed: a count.
+        self.repeated.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// A read under way.
+#[derive(Debug)]
+pub(crate) struct Tries<'p> {
+    policy: &'p RetryPolicy,
+    breaker: Arc<Breaker>,
+    allowance: Allowance,
+    end: Instant,
+    failures: u32,
+    hasty: u32,
+}
+
+impl Tries<'_> {
+    /// When the read ends, answered or not.
+    pub(crate) fn end(&self) -> Instant {
+        self.end
+    }
+
+    /// Waits until the next request may be made. What is returned is kept until that request has ended.
+    ///
+    /// # Errors
+    /// The last failure of the file, when the time is over, or when there is no sense in asking.
+    pub(crate) async fn turn(&self) -> Result<Turn<'_>, Arc<Fault>> {
+        self.breaker.turn(self.end, self.policy.deadline).await
+    }
+
+    /// How long the next request waits for its answer before [`Tries::hurry`]; `None` when it has its whole timeout. A probe
+    /// has: it asks for many.
+    pub(crate) fn patience(&self, turn: &Turn<'_>) -> Option<Duration> {
+        let is_hasty = self.policy.is_hasty && self.allowance.may_be_hasty && turn.is_none();
+        is_hasty.then(|| patience(self.policy.usual.get(), self.hasty)).flatten()
+    }
+
+    /// The request was given up for a new one, because its answer takes much longer than usual. That is no failure.
+    pub(crate) fn hurry(&mut self) {
+        self.hasty += 1;
+    }
+
+    /// Whether the request under way is one that was made anew.
+    pub(crate) fn is_resent(&self) -> bool {
+        self.hasty > 0
+    }
+
+    /// An answer came, after so long.
+    pub(crate) fn answered(&self, took: Duration) {
+        self.breaker.succeeded();
+        if self.allowance.may_be_hasty {
+            self.policy.usual.note(took);
+        }
+    }
+
+    /// A request failed.
+    pub(crate) fn failed(&self, fault: &Arc<Fault>) {
+        if fault.cause.is_passing() {
+            self.breaker.failed(fault, &self.policy.options);
+        }
+    }
+
+    /// Whether to ask again after a failure; returns when it is time to.
+    pub(crate) async fn again(&mut self, error: &FetchError) -> bool {
+        let policy = self.policy;
+        if !error.is_passing() || Instant::now() >= self.end || self.breaker.is_given_up(policy.deadline) {
+            return false;
+        }
+        // While the breaker is open its probes keep the time, and cost nothing of attempts and budget.
+        if !self.breaker.is_open() {
+            let wait = backoff(&policy.options, self.failures, random());
+            self.failures += 1;
+            let is_late = self.failures > policy.at_most(self.allowance.retries) || Instant::now() + wait >= self.end;
+            if is_late || !(lock(&policy.budget).again() || self.allowance.is_vital) {
+                return false;
+            }
+            tokio::time::sleep(wait).await;
+        }
+        policy.count_repeated();
+        true
+    }
+}
