@@ -13,7 +13,7 @@ use terravision_renderer::bench::floor;
 use terravision_renderer::engine::{EngineOptions, ViewBounds};
 use terravision_renderer::gpu::{DeviceChoice, Needs, describe_adapters};
 use terravision_renderer::run::{RunError, run};
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::sink::{
     AllOf, DepthSink, EachViewSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
     SharedSink, SinkError, StreamSink,
@@ -34,7 +34,7 @@ The environment variable TERRAVISION_DEVICE chooses a device: its number, or a p
 /// For tests: every device is lost when it is handed its so many-th frame.
 const LOSE_DEVICE_AT: &str = "TERRAVISION_TEST_LOSE_DEVICE_AT";
 /// Most threads that write pictures into a folder.
-const MAX_LANES: usize = 4;
+const MAX_WORKERS: usize = 4;
 /// Most frames in flight: more only cost memory.
 const MAX_FRAMES_IN_FLIGHT: u32 = 8;
 
@@ -125,12 +125,12 @@ fn render(run_text: &str) -> anyhow::Result<()> {
         ..EngineOptions::default()
     };
     let written = source.control().written_frames();
-    let lanes =
-        Lanes::start(sinks(config, world.fields().origin, written).map_err(RunError::from)?).map_err(RunError::from)?;
+    let workers = SinkWorkers::start(sinks(config, world.fields().origin, written).map_err(RunError::from)?)
+        .map_err(RunError::from)?;
     run(
         options,
         &mut source,
-        lanes,
+        workers,
         &mut |engine, source| {
             let found = engine.describe();
             let texts = [
@@ -149,7 +149,7 @@ fn render(run_text: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The sinks of a run, one for each lane. So many frames were written by renderers before this one.
+/// The sinks of a run, one for each worker. So many frames were written by renderers before this one.
 fn sinks(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
     let render = &config.render;
     // Files may be written in any order. A stream and shared frames have one, and so have frames that stand in for those
@@ -161,12 +161,12 @@ fn sinks(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<d
             SinkConfig::Null => !render.depth.is_empty() || !render.ground.is_empty(),
             SinkConfig::PngFile(_) | SinkConfig::Stream(_) => false,
         };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_LANES);
-    (0..if is_in_any_order { threads } else { 1 }).map(|_lane| lane(config, origin, written)).collect()
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_WORKERS);
+    (0..if is_in_any_order { threads } else { 1 }).map(|_lane| worker(config, origin, written)).collect()
 }
 
-/// The sinks of one lane.
-fn lane(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+/// The sinks of one worker.
+fn worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
     let render = &config.render;
     let picture = picture_sink(&render.sink, config, written)?;
     if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {

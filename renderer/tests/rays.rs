@@ -12,7 +12,7 @@ use terravision_common::slot::TileSlot;
 use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
 use terravision_renderer::run::run;
 use terravision_renderer::sink::NullSink;
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::source::{RecordedSource, Recording};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -280,10 +280,10 @@ fn more_frames_of_rays_take_no_more_allocations() {
     ] {
         let allocations = |laps: u64| {
             let mut source = RecordedSource::new(Arc::clone(&recording), laps);
-            let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+            let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
             let info = allocation_counter::measure(|| {
                 let options = EngineOptions { has_tree_overlay, ..rays(choice) };
-                run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+                run(options, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap();
             });
             info.count_total
         };

@@ -58,7 +58,9 @@ fn a_still_of_several_views_is_one_picture_or_one_each() {
             assert_eq!([width, height], size);
             assert!(part(&folder.join("a.png"), at, size) == rgb, "{technique}: {name}");
             let (width, height, depth) = read_floats(&folder.join(format!("d-{name}.tif"))).unwrap();
-            assert!([width, height] == size && depth.iter().filter(|depth| depth.is_finite()).count() > depth.len() / 4);
+            assert!(
+                [width, height] == size && depth.iter().filter(|depth| depth.is_finite()).count() > depth.len() / 4
+            );
         }
         // Straight down the ground under the pose is in the middle, as far away as it is high.
         let (_, _, depth) = read_floats(&folder.join("d-down.tif")).unwrap();
@@ -72,7 +74,8 @@ fn a_flight_of_separate_views_has_a_folder_and_a_listing_for_each() {
     let folder = TestFolder::new("views-fly");
     write_path(&folder.join("path.json"), &[pose(0), pose(1)], SIZE, VFOV_DEG);
     let fly = |output: &str| {
-        let command = Terravision::verb("fly").arg(synth_world(1024).database()).arg("--path").arg(folder.join("path.json"));
+        let command =
+            Terravision::verb("fly").arg(synth_world(1024).database()).arg("--path").arg(folder.join("path.json"));
         command.arg("-o").arg(folder.join(output))
     };
     let separate = || rig(&folder, "separate");
@@ -100,7 +103,8 @@ fn a_flight_of_separate_views_has_a_folder_and_a_listing_for_each() {
 fn in_real_time_views_are_drawn_too() {
     let folder = TestFolder::new("views-realtime");
     write_path(&folder.join("path.json"), &[pose(0), pose(1), pose(2)], SIZE, VFOV_DEG);
-    let command = Terravision::verb("fly").arg(synth_world(1024).database()).arg("--path").arg(folder.join("path.json"));
+    let command =
+        Terravision::verb("fly").arg(synth_world(1024).database()).arg("--path").arg(folder.join("path.json"));
     let command = command.args(["--mode", "realtime", "--fps", "2", "-o"]).arg(folder.join("out/"));
     command.arg("--views").arg(rig(&folder, "separate")).succeed();
     for name in ["ahead", "beside", "down"] {
