@@ -90,5 +90,5 @@ fn a_device_that_is_lost_with_every_frame_is_given_up() {
     let error = summary.expect_err("no frame can be drawn");
     assert!(matches!(&error, RunError::Engine { source: EngineError::Gpu { .. } }), "{error:?}");
     assert!(error.to_string().contains("device was lost") && pictures.is_empty(), "{error}");
-    assert_eq!(error.exit_code(), 1);
+    assert!(!error.is_bad_input() && !error.is_stopping(), "{error}");
 }

@@ -28,19 +28,22 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// The process's exit code: 2 when more was asked for than can be drawn, 130 when the run was stopped, else 1.
+    /// Whether more was asked for than can be drawn.
     #[must_use]
-    pub fn exit_code(&self) -> u8 {
+    pub fn is_bad_input(&self) -> bool {
         match self {
-            Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } }
-                if missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })) =>
-            {
-                2
+            Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } } => {
+                missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. }))
             }
-            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => 2,
-            _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
-            _ => 1,
+            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => true,
+            _ => false,
         }
+    }
+
+    /// Whether it only says that the run was stopped.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.wait().is_some_and(WaitError::is_stopping)
     }
 
     /// Whether the device was lost: another one may do.

@@ -214,7 +214,7 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;
-        telemetry::tell_of_recording(self.source, self.reader.frame().marker.frame.get(), started, &submitted);
+        telemetry::tell_of_recording(self.source, self.reader.frame().marker.frame, started, &submitted);
         self.summary.uploads += u64::from(submitted.uploads);
         self.source.progress();
         Ok(())

@@ -1,5 +1,6 @@
 //! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`workers`]).
 
+mod choose;
 mod each_view;
 mod null;
 mod png;
@@ -11,6 +12,7 @@ mod tiff;
 pub mod workers;
 mod y4m;
 
+pub use choose::sinks_of;
 pub use each_view::EachViewSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};

@@ -29,21 +29,7 @@ pub struct LiveSource {
 }
 
 impl LiveSource {
-    /// Opens the segments of a run, whose colour tiles are of this format, as its renderer.
-    ///
-    /// # Errors
-    /// A segment is missing, of another build, or does not fit the world.
-    pub fn open(run: &RunId, world: World, texels: TexelFormat, frames: [u64; 2]) -> Result<Self, SourceError> {
-        let control = Control::open(run)?;
-        control.register(Stage::Renderer)?;
-        let ring = Consumer::open(run, SegmentKind::Ring)?;
-        let elevation = ElevationReader::open(run)?;
-        let colors = PoolReader::open(run, SegmentKind::ColorPool)?;
-        let events = Producer::open(run, SegmentKind::EventsRenderer)?;
-        Self::new(Arc::new(control), ring, elevation, (colors, texels), Some(events), world, frames)
-    }
-
-    /// Over ends that are open already (of this process's memory, in tests); colour tiles with their format.
+    /// Over the renderer's ends of a run's segments (in tests, of this process's memory); colour tiles with their format.
     ///
     /// # Errors
     /// They do not fit the world.
