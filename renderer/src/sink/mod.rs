@@ -1,7 +1,7 @@
-//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`lanes`]).
+//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`workers`]).
 
+mod choose;
 mod each_view;
-pub mod lanes;
 mod null;
 mod png;
 mod repeat;
@@ -9,8 +9,10 @@ mod shared;
 mod stream;
 mod temporary;
 mod tiff;
+pub mod workers;
 mod y4m;
 
+pub use choose::sinks_of;
 pub use each_view::EachViewSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
@@ -115,7 +117,7 @@ pub enum SinkError {
     },
     /// A thread of the sink ended without a word.
     #[error("a thread that writes pictures has ended unexpectedly")]
-    LaneGone,
+    WorkerGone,
 }
 
 /// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing takes.
