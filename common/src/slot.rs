@@ -31,7 +31,7 @@ pub struct FrameMarker {
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
     pub r_c_px: f64,
-    /// The frame is the so many-th of the run that was prepared, counted from 1.
+    /// Frame number within the run, counted from 1 over the frames that were prepared.
     pub sequence: u64,
     /// Position in the elevation ring of its first array. Arrays between the end of the frame before and this one
     /// belong to no frame: their preparer was killed.

@@ -63,7 +63,7 @@ const GRIDS: [[u32; 2]; 3] = [[1, 1], [85, 48], [171, 96]];
 fn floors(size: &str, frames: &str) -> anyhow::Result<()> {
     let size = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     let size = size.context("the size is not of the form 1280x720")?;
-    let frames = frames.parse().context("the number of frames is none")?;
+    let frames = frames.parse().context("the number of frames is not a whole number")?;
     let options = EngineOptions { size, ..EngineOptions::default() };
     let passes = GRIDS.map(|[columns, rows]| floor(&options, columns, rows, frames));
     let passes = passes.into_iter().collect::<Result<Vec<_>, _>>()?;

@@ -11,7 +11,7 @@ use terravision_common::event::{Event, TextKind};
 use terravision_common::run::{RaysChoice, RunConfig};
 use terravision_common::stage::{StageError, StageRun};
 
-/// For tests: every device is lost when it is handed its so many-th frame.
+/// For tests: every device is lost when it is handed the frame of this number, counted from 1.
 const LOSE_DEVICE_AT: &str = "TERRAVISION_TEST_LOSE_DEVICE_AT";
 /// Most frames in flight: more only cost memory.
 const MAX_FRAMES_IN_FLIGHT: u32 = 8;
@@ -26,8 +26,8 @@ pub enum RendererError {
     /// The frames could not be drawn or written.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// So many samples per pixel cannot be drawn.
-    #[error("{samples} samples per pixel are not possible, expected 1 or 4")]
+    /// This number of samples per pixel is not supported.
+    #[error("{samples} samples per pixel were asked for, expected 1 or 4")]
     Samples {
         /// What was asked for.
         samples: u32,

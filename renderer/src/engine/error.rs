@@ -17,7 +17,7 @@ pub enum EngineError {
         #[from]
         source: GpuError,
     },
-    /// A frame from the ring cannot be.
+    /// A frame from the ring is corrupt.
     #[error(transparent)]
     Frame {
         /// Why.

@@ -51,7 +51,7 @@ pub trait Engine: Debug {
     /// Whether frames are being drawn.
     fn is_busy(&self) -> bool;
 
-    /// Takes a frame in; its pixels will come back in `pixels`, or in a new buffer where those are none of this engine's. There
+    /// Takes a frame in; its pixels will come back in `pixels`, or in a new buffer when they are of another engine's kind. There
     /// must be room.
     ///
     /// # Errors

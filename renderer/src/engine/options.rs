@@ -36,7 +36,7 @@ pub struct EngineOptions {
     pub elevation_path: ElevationPath,
     /// Whether colour tiles may be copied from shared memory by the device itself.
     pub can_import_colors: bool,
-    /// For tests: the device is lost when it is handed its so many-th frame, and so is every one that comes after it.
+    /// For tests: the device is lost when it is handed the frame of this number, counted from 1, and so is every device after it.
     pub lose_device_at: Option<u64>,
 }
 

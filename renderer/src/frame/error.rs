@@ -23,7 +23,7 @@ pub enum FrameError {
         /// What it should have been.
         expected: &'static str,
     },
-    /// A number of a frame's first or last slot cannot be.
+    /// A number of a frame's first or last slot is wrong.
     #[error("frame {frame} from the ring is corrupt: {field} is {found}, expected {expected}")]
     Marker {
         /// The frame.
@@ -35,7 +35,7 @@ pub enum FrameError {
         /// What it should have been.
         expected: u64,
     },
-    /// The camera that carries a frame's views is none.
+    /// The camera that carries a frame's views is not valid.
     #[error("frame {frame} from the ring has no valid camera")]
     Camera {
         /// The frame.
@@ -67,7 +67,7 @@ pub enum FrameError {
         /// The run's.
         expected: [u32; 2],
     },
-    /// A number of a tile cannot be.
+    /// A number of a tile is wrong.
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
     Tile {
         /// The frame.
@@ -107,14 +107,14 @@ pub enum TileFault {
     /// The colour slot is not one of the pool's.
     #[error("its colour slot is not one of the pool's")]
     ColorSlot,
-    /// The elevation array is none of the frame's.
+    /// The elevation array does not belong to the frame.
     #[error("its elevation array is none of the frame's")]
     Elevation,
     /// One colour slot has two generations in one frame.
     #[error("its colour slot has another generation than for an earlier tile of the frame")]
     Generation,
     /// A height of its block is not a number.
-    #[error("a height of its block is no finite number")]
+    #[error("a height of its block is not a finite number")]
     Height,
     /// Another tile of the frame is at its place.
     #[error("another tile of the frame is at its place")]

@@ -38,7 +38,7 @@ pub struct Frame {
     pub slots_end: u64,
 }
 
-/// Level of the colour leaf of a tile, for overlays; 0 when its node's number is none.
+/// Level of the colour leaf of a tile, for overlays; 0 when its number is not a node's.
 #[must_use]
 pub fn leaf_level(tile: &TileSlot) -> u8 {
     NodeId::unpack(tile.node).map_or(0, NodeId::q)

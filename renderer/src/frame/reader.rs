@@ -110,7 +110,7 @@ impl FrameReader {
     /// Takes the next slot; whether the frame is complete now.
     ///
     /// # Errors
-    /// The slot cannot be: see [`FrameError`].
+    /// The slot is not one that may come now: see [`FrameError`].
     pub fn add(&mut self, slot: &Slot) -> Result<bool, FrameError> {
         let frame = self.expected_frame();
         let order = |found, expected| Err(FrameError::Order { frame, found, expected });
@@ -270,7 +270,7 @@ impl FrameReader {
     /// as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
-    /// The source failed, or a slot cannot be.
+    /// The source failed, or a slot is not one that may come now.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {

@@ -84,7 +84,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Another loss, after so many frames: whether to open the device once more.
+    /// The device was lost again, after `frames` written frames: whether to open it once more.
     fn may_go_on(&mut self, frames: u64) -> bool {
         self.in_a_row = if frames > self.frames { 1 } else { self.in_a_row + 1 };
         self.frames = frames;

@@ -115,7 +115,7 @@ pub enum SinkError {
         #[from]
         source: terravision_common::shm::ShmError,
     },
-    /// A thread of the sink ended without a word.
+    /// A thread of the sink ended without an error.
     #[error("a thread that writes pictures has ended unexpectedly")]
     WorkerGone,
 }
@@ -140,7 +140,7 @@ pub trait FrameSink: Send {
     /// cannot be had.
     ///
     /// # Errors
-    /// What is there is no picture.
+    /// The file there is not a picture.
     fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
         Ok(None)
     }

@@ -41,7 +41,7 @@ pub struct SourceShape {
 /// How far the frames of a source are done with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Done {
-    /// The frame is the so many-th of the run; 0 before the first.
+    /// Number of the frame within the run, from 1; 0 before the first.
     pub sequence: u64,
     /// One past its last position in the elevation ring.
     pub elevation_end: u64,

@@ -25,7 +25,7 @@ pub struct ComputeRays {
 }
 
 impl ComputeRays {
-    /// For views no larger than `target`, and this many frame slots of so many views. `has_overlay`: outlines of the colour
+    /// For views no larger than `target`, and this many frame slots, each with this many views. `has_overlay`: outlines of the colour
     /// leaves.
     ///
     /// # Errors

@@ -26,7 +26,7 @@ pub enum TechniqueError {
         #[from]
         source: GpuError,
     },
-    /// The tiles of the frame are no ground.
+    /// A tile of the frame is wrong.
     #[error(transparent)]
     Frame {
         /// Why.
@@ -53,7 +53,7 @@ pub trait Technique: Send {
     /// Takes a checked frame in.
     ///
     /// # Errors
-    /// The device is out of memory, or the frame's tiles are no ground.
+    /// The device is out of memory, or a tile of the frame is wrong.
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
@@ -62,7 +62,7 @@ pub trait Technique: Send {
         places: ArrayPlaces<'_>,
     ) -> Result<(), TechniqueError>;
 
-    /// Draws a view, the so many-th from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
+    /// Draws one view, counted from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
     /// centres.
     fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 
