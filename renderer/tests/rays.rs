@@ -266,7 +266,7 @@ fn a_height_that_is_no_number_is_refused() {
     let tiles = vec![scene.leaf(node(0, 0, 0), &camera, [0; 4])];
     scene.frame(&camera, tiles);
     let error = draw(&rays(RaysChoice::Mipmap), &scene.finish()).unwrap_err().to_string();
-    assert!(error.contains("no finite number"), "{error}");
+    assert!(error.contains("not a finite number"), "{error}");
 }
 
 #[test]
