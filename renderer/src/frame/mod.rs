@@ -10,6 +10,7 @@ pub use check::check_tile;
 pub use error::{FrameError, TileFault};
 pub use reader::FrameReader;
 
+use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
@@ -33,13 +34,13 @@ pub struct Frame {
     /// Position of its first elevation array.
     pub elevation_start: u64,
     /// Counts the frames of the run that were made from 1.
-    pub sequence: u64,
+    pub sequence: Sequence,
     /// One past its last slot.
-    pub slots_end: u64,
+    pub slots_end: RingPosition,
 }
 
 /// Level of the colour leaf of a tile, for overlays; 0 when its number is not a node's.
 #[must_use]
 pub fn leaf_level(tile: &TileSlot) -> u8 {
-    NodeId::unpack(tile.node).map_or(0, NodeId::q)
+    tile.node().map_or(0, NodeId::q)
 }

@@ -328,7 +328,8 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::FramesUnsettled, 1);
         }
         // What repeats in place of frames that were left out is part of the film, too.
-        let count = if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence + self.summary.frames };
+        let count =
+            if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence.get() + self.summary.frames };
         self.source.written(count);
         self.free.push(written.pixels);
         Ok(())

@@ -39,7 +39,7 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
     let since_last = finished.finished_nanos.saturating_sub(before);
     telemetry.timed(&FrameTiming {
         frame: finished.frame,
-        sequence: finished.sequence,
+        sequence: finished.sequence.get(),
         r_z_px: finished.r_px[0],
         r_c_px: finished.r_px[1],
         work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(last_finished)),

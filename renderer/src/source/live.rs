@@ -4,7 +4,7 @@ use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShap
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
-use terravision_common::ids::{Sequence, SlotKey};
+use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
     Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, Stage, WaitError,
@@ -62,7 +62,7 @@ impl LiveSource {
     /// How far frames are done with, by this renderer or those before it.
     fn done(&self) -> Done {
         Done {
-            sequence: self.control.completed_sequence().get(),
+            sequence: self.control.completed_sequence(),
             elevation_end: self.elevation.released_position(),
             slots_end: self.ring.position(),
         }
@@ -110,7 +110,7 @@ impl Slots for LiveSource {
         taken.ok_or_else(|| WaitError::Finished.into())
     }
 
-    fn position(&self) -> u64 {
+    fn position(&self) -> RingPosition {
         self.ring.position()
     }
 
@@ -162,12 +162,12 @@ impl Pools for LiveSource {
 impl Completion for LiveSource {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
-        self.control.set_completed_sequence(Sequence::new(done.sequence));
+        self.control.set_completed_sequence(done.sequence);
         self.ring.give_back(done.slots_end);
         Ok(self.elevation.released(done.elevation_end)?)
     }
 
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError> {
         Ok(self.elevation.released(upto)?)
     }
 

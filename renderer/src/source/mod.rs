@@ -10,7 +10,7 @@ pub use recorder::Recorder;
 
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{RingPosition, Sequence, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{Activity, Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
@@ -42,11 +42,11 @@ pub struct SourceShape {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Done {
     /// Number of the frame within the run, from 1; 0 before the first.
-    pub sequence: u64,
+    pub sequence: Sequence,
     /// One past its last position in the elevation ring.
-    pub elevation_end: u64,
+    pub elevation_end: RingPosition,
     /// One past its last slot ([`Slots::position`]).
-    pub slots_end: u64,
+    pub slots_end: RingPosition,
 }
 
 /// Why a source has no next frame.
@@ -103,7 +103,7 @@ pub trait Slots {
     fn next(&mut self) -> Result<Slot, SourceError>;
 
     /// Position of the slot that comes next; counts up over all slots.
-    fn position(&self) -> u64;
+    fn position(&self) -> RingPosition;
 
     /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
     /// done with.
@@ -152,7 +152,7 @@ pub trait Completion {
     ///
     /// # Errors
     /// The source is damaged.
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError>;
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError>;
 
     /// Whether a renderer that was killed has completed the last frame of the run.
     fn is_over(&self) -> bool {

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::rig::{View, Views};
 use terravision_common::shm::Counter;
@@ -113,7 +113,7 @@ impl<S: FrameSource> Slots for Recorder<S> {
         Ok(slot)
     }
 
-    fn position(&self) -> u64 {
+    fn position(&self) -> RingPosition {
         self.inner.position()
     }
 
@@ -157,7 +157,7 @@ impl<S: FrameSource> Completion for Recorder<S> {
         self.inner.complete(done)
     }
 
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError> {
         self.inner.release_elevations(upto)
     }
 
