@@ -73,8 +73,7 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let [low, high] =
-            [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_frame().place_of_foot(foot));
+        let [low, high] = self.world.crs_bounds();
         Extent { low, high }
     }
 

@@ -137,7 +137,7 @@ impl Case {
         tiles
     }
 
-    /// The frame that the preparer makes of a tree, with nothing trimmed.
+    /// The frame that the preparer makes of a tree, with nothing culled.
     pub fn frame(&self, tree: &[TreeNode], tiles: &SomeTiles) -> FrameBuffer {
         self.frame_of(FrameMaker::new(&self.world, NODES).with_whole_blocks(), tree, tiles)
     }
