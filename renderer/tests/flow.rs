@@ -1,4 +1,4 @@
-//! The whole flow: sources, frame loop, lanes and sinks.
+//! The whole flow: sources, frame loop, workers and sinks.
 
 mod support;
 
@@ -11,19 +11,18 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::ids::Sequence;
-use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
-use terravision_common::shm::{RunState, memory};
+use terravision_common::shm::{Control, ElevationWriter, PoolWriter, Producer, RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::sink::{
     AllOf, DepthSink, FrameSink, GroundSink, NullSink, Picture, PngFileSink, PngFolderSink, SinkError, StreamSink,
 };
-use terravision_renderer::source::{FrameSource, LiveSource, RecordedSource, Recorder, Recording};
+use terravision_renderer::source::{LiveSource, Pools, RecordedSource, Recorder, Recording};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -47,8 +46,7 @@ fn flight(frames: u32) -> Arc<Recording> {
     for camera in views(frames) {
         let mut own = tiles.clone();
         for tile in &mut own {
-            tile.elevation_position =
-                scene.add_array(NodeId::unpack(tile.node).expect("the recording is whole"), &camera);
+            tile.elevation_position = scene.add_array(tile.node().expect("the recording is whole"), &camera);
         }
         scene.frame(&camera, own);
     }
@@ -57,8 +55,8 @@ fn flight(frames: u32) -> Arc<Recording> {
 
 fn play(recording: &Arc<Recording>, laps: u64, sinks: Vec<Box<dyn FrameSink>>) -> Result<RunSummary, RunError> {
     let mut source = RecordedSource::new(Arc::clone(recording), laps);
-    let lanes = Lanes::start(sinks)?;
-    run(options(SIZE), &mut source, lanes, &mut |_, _| {}, &mut |_| {})
+    let workers = SinkWorkers::start(sinks)?;
+    run(options(SIZE), &mut source, workers, &mut |_, _| {}, &mut |_| {})
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -80,10 +78,11 @@ fn names(folder: &PathBuf) -> Vec<String> {
 #[test]
 fn a_folder_of_pictures_is_the_same_with_one_lane_and_with_three() {
     let recording = flight(9);
-    let base = folder("lanes");
-    for (name, lanes) in [("a", 1), ("b", 3)] {
-        let sinks =
-            (0..lanes).map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>).collect();
+    let base = folder("workers");
+    for (name, workers) in [("a", 1), ("b", 3)] {
+        let sinks = (0..workers)
+            .map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>)
+            .collect();
         let summary = play(&recording, 1, sinks).unwrap();
         assert_eq!(summary, RunSummary { frames: 9, unsettled: 0, uploads: 4 });
     }
@@ -116,7 +115,7 @@ fn a_still_has_picture_depth_and_ground() {
     ]))];
     let mut source = RecordedSource::new(recording, 1);
     let with_depth = EngineOptions { has_depth: true, ..options(SIZE) };
-    run(with_depth, &mut source, Lanes::start(sinks).unwrap(), &mut |_, _| {}, &mut |_| {}).unwrap();
+    run(with_depth, &mut source, SinkWorkers::start(sinks).unwrap(), &mut |_, _| {}, &mut |_| {}).unwrap();
     assert_eq!(names(&base), ["a.png", "d.tif", "g.tif"]);
     let read = |path| tiff::decoder::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_image().unwrap();
     let tiff::decoder::DecodingResult::F32(depths) = read(&depth) else { panic!("depth is float32") };
@@ -167,8 +166,8 @@ fn frames_reach_a_sink_in_order_and_a_recording_of_a_recording_is_the_same() {
     let recording = flight(7);
     let (first, second) = (Kept::default(), Kept::default());
     let mut recorder = Recorder::new(RecordedSource::new(Arc::clone(&recording), 2));
-    let lanes = Lanes::start(vec![Box::new(first.clone())]).unwrap();
-    run(options(SIZE), &mut recorder, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(first.clone())]).unwrap();
+    run(options(SIZE), &mut recorder, workers, &mut |_, _| {}, &mut |_| {}).unwrap();
     let again = Arc::new(recorder.finish());
     assert_eq!(again.frames().len(), 14);
     play(&again, 1, vec![Box::new(second.clone())]).unwrap();
@@ -203,7 +202,7 @@ fn a_sink_that_fails_ends_the_run_with_its_sentence() {
     for sinks in [vec![Box::new(Failing(3)) as Box<dyn FrameSink>], vec![Box::new(NullSink), Box::new(Failing(0))]] {
         let error = play(&recording, 20, sinks).unwrap_err();
         assert!(error.to_string().starts_with("cannot write somewhere: "), "{error}");
-        assert_eq!(error.exit_code(), 1);
+        assert!(!error.is_bad_input() && !error.is_stopping(), "{error}");
     }
 }
 
@@ -268,23 +267,85 @@ fn y4m_is_read_by_ffmpeg_with_the_colours_that_were_drawn() {
 }
 
 #[test]
-fn a_picture_that_is_too_large_is_refused_with_exit_code_2() {
+fn a_picture_that_is_too_large_is_bad_input() {
     let recording = flight(1);
     let mut source = RecordedSource::new(recording, 1);
-    let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
     let too_large = EngineOptions { size: [60_000, 60_000], ..options(SIZE) };
-    let error = run(too_large, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap_err();
-    assert_eq!(error.exit_code(), 2);
+    let error = run(too_large, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap_err();
+    assert!(error.is_bad_input(), "{error}");
     assert!(error.to_string().contains("60000x60000"), "{error}");
 }
 
 #[test]
 fn a_device_that_is_not_there_is_said() {
     let mut source = RecordedSource::new(flight(1), 1);
-    let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
     let wanted = EngineOptions { device: DeviceChoice::Matching("abacus".into()), ..options(SIZE) };
-    let error = run(wanted, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap_err();
+    let error = run(wanted, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap_err();
     assert!(error.to_string().starts_with("no Vulkan device matches \"abacus\"; there are: 0: "), "{error}");
+}
+
+/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or the run is stopped.
+fn feed(
+    recording: &Arc<Recording>,
+    stop_after: Option<usize>,
+    control: &Control,
+    mut ring: Producer<Slot>,
+    mut arrays: ElevationWriter,
+    mut pool: PoolWriter,
+) {
+    let world = recording.world();
+    let mut inner = RecordedSource::new(Arc::clone(recording), 1);
+    let mut tile_bytes = vec![0; (0..3).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum()];
+    let mut placed = std::collections::HashMap::new();
+    for (sequence, frame) in recording.frames().iter().enumerate() {
+        if stop_after == Some(sequence) {
+            control.set_state(RunState::Stopping);
+            return;
+        }
+        let (sequence, elevation_start) = (sequence as u64 + 1, arrays.next_position());
+        let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
+        if ring.push(&Slot::new(&SlotContent::Marker(marker)), control).is_err() {
+            return;
+        }
+        for (index, view) in (0..).zip(frame.views.iter()) {
+            let count = frame.views.len() as u32;
+            let view = ViewSlot { camera: view.camera, at: view.at, index, count };
+            if ring.push(&Slot::new(&SlotContent::View(view)), control).is_err() {
+                return;
+            }
+        }
+        let mut tiles = frame.tiles.clone();
+        for tile in &mut tiles {
+            let mut values = vec![0.0; world.elevation_posts().pow(2) as usize];
+            assert!(
+                inner
+                    .read_elevation(tile.elevation_position, &mut values)
+                    .expect("memory of this process holds the recording")
+            );
+            let Ok(mut guard) = arrays.begin(control) else { return };
+            guard.values_mut().copy_from_slice(&values);
+            tile.elevation_position = guard.publish();
+            let node = tile.node().expect("memory of this process holds the recording");
+            let key = *placed.entry(tile.color_slot).or_insert_with(|| {
+                assert!(inner.read_color(tile.color(), &mut tile_bytes));
+                let mut fill = pool
+                    .allocate(node, Sequence::new(sequence), control.completed_sequence())
+                    .expect("memory of this process holds the recording");
+                fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
+                fill.publish()
+            });
+            *tile = tile.with_color(key);
+            if ring.push(&Slot::new(&SlotContent::Tile(*tile)), control).is_err() {
+                return;
+            }
+        }
+        let end = terravision_common::slot::FrameEnd { elevation_end: arrays.next_position(), ..frame.end };
+        if ring.push(&Slot::new(&SlotContent::End(end)), control).is_err() {
+            return;
+        }
+    }
 }
 
 /// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
@@ -292,9 +353,9 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);
     let control = Arc::new(memory::control().expect("memory of this process holds the recording"));
-    let (mut ring, consumer) = memory::ring::<Slot>(4).expect("memory of this process holds the recording");
-    let (mut arrays, elevation) = memory::elevation_ring(8, posts).expect("memory of this process holds the recording");
-    let (mut pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
+    let (ring, consumer) = memory::ring::<Slot>(4).expect("memory of this process holds the recording");
+    let (arrays, elevation) = memory::elevation_ring(8, posts).expect("memory of this process holds the recording");
+    let (pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
     let (events, mut drained) = memory::ring::<Event>(1024).expect("memory of this process holds the recording");
     let frames = [0, recording.frames().len() as u64];
     let mut source = LiveSource::new(
@@ -308,62 +369,11 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     )
     .expect("memory of this process holds the recording");
     let kept = Kept::default();
-    let lanes = Lanes::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
+    let workers = SinkWorkers::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
     let result = std::thread::scope(|scope| {
         let control = Arc::clone(&control);
-        scope.spawn(move || {
-            let mut inner = RecordedSource::new(Arc::clone(recording), 1);
-            let mut tile_bytes = vec![0; (0..3).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum()];
-            let mut placed = std::collections::HashMap::new();
-            for (sequence, frame) in recording.frames().iter().enumerate() {
-                if stop_after == Some(sequence) {
-                    control.set_state(RunState::Stopping);
-                    return;
-                }
-                let (sequence, elevation_start) = (sequence as u64 + 1, arrays.next_position());
-                let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
-                if ring.push(&Slot::new(&SlotContent::Marker(marker)), &control).is_err() {
-                    return;
-                }
-                for (index, view) in (0..).zip(frame.views.iter()) {
-                    let count = frame.views.len() as u32;
-                    let view = ViewSlot { camera: view.camera, at: view.at, index, count };
-                    if ring.push(&Slot::new(&SlotContent::View(view)), &control).is_err() {
-                        return;
-                    }
-                }
-                let mut tiles = frame.tiles.clone();
-                for tile in &mut tiles {
-                    let mut values = vec![0.0; posts as usize];
-                    assert!(
-                        inner
-                            .read_elevation(tile.elevation_position, &mut values)
-                            .expect("memory of this process holds the recording")
-                    );
-                    let Ok(mut guard) = arrays.begin(&control) else { return };
-                    guard.values_mut().copy_from_slice(&values);
-                    tile.elevation_position = guard.publish();
-                    let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
-                    let key = *placed.entry(tile.color_slot).or_insert_with(|| {
-                        assert!(inner.read_color(tile.color(), &mut tile_bytes));
-                        let mut fill = pool
-                            .allocate(node, Sequence::new(sequence), control.completed_sequence())
-                            .expect("memory of this process holds the recording");
-                        fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
-                        fill.publish()
-                    });
-                    *tile = tile.with_color(key);
-                    if ring.push(&Slot::new(&SlotContent::Tile(*tile)), &control).is_err() {
-                        return;
-                    }
-                }
-                let end = terravision_common::slot::FrameEnd { elevation_end: arrays.next_position(), ..frame.end };
-                if ring.push(&Slot::new(&SlotContent::End(end)), &control).is_err() {
-                    return;
-                }
-            }
-        });
-        run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {})
+        scope.spawn(move || feed(recording, stop_after, &control, ring, arrays, pool));
+        run(options, &mut source, workers, &mut |_, _| {}, &mut |_| {})
     });
     let events =
         std::iter::from_fn(|| drained.try_pop().expect("memory of this process holds the recording")).collect();
@@ -397,5 +407,5 @@ fn live_frames_are_the_recorded_ones_by_both_paths() {
 #[test]
 fn a_stopped_run_ends_with_130() {
     let (result, _, _) = live(&flight(12), options(SIZE), Some(6));
-    assert_eq!(result.unwrap_err().exit_code(), 130);
+    assert!(result.unwrap_err().is_stopping());
 }

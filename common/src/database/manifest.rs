@@ -64,8 +64,12 @@ pub enum ManifestError {
         source: serde_json::Error,
     },
     /// Its world cannot be.
-    #[error("its world is wrong: {0}")]
-    World(#[source] WorldError),
+    #[error("its world is wrong: {source}")]
+    World {
+        /// What is wrong.
+        #[source]
+        source: WorldError,
+    },
 }
 
 /// Coordinate reference system of a database.
@@ -151,7 +155,8 @@ pub enum Voids {
     Fill,
     /// It stays without ground.
     Keep,
-    /// What lies beyond all files, or is joined to an outer corner of one, stays without ground; the rest is filled.
+    /// What lies beyond all files, or is joined to an outer corner of one, stays without ground;
+    /// the rest is filled.
     #[default]
     Clip,
 }

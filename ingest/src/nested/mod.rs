@@ -29,8 +29,8 @@ use crate::tint::{Place, Tint};
 use crate::work::Work;
 use std::path::Path;
 use terravision_common::database::Layer;
+use terravision_common::level::deepest_color_below;
 use terravision_common::node::NodeId;
-use terravision_common::traversal::deepest_color_below;
 
 /// The levels of both pyramids, which of their nodes exist, and what was found.
 pub(crate) struct Nested {
@@ -101,7 +101,7 @@ impl Sources<'_> {
             let q = native + deepest_color_below(world);
             let q = q.clamp(world.finest_elevation_level(), world.root().q());
             let step = world.color_spacing_m(q);
-            let lattice = crate::sample::mapper::Lattice { first: world.fields().origin, step };
+            let lattice = crate::plan::Lattice { first: world.fields().origin, step };
             let size = world.nodes_at(q).map(|n| u64::from(n) * side as u64);
             let rect: Option<Rect> = blocks::samples_of(bounds, &lattice, size);
             above.extend(rect.into_iter().flat_map(|rect| nodes.meeting(q, rect, side)));
