@@ -17,7 +17,9 @@ use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::TreeLimits;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
-use terravision_generator::{Generator, GeneratorError, Ports};
+use terravision_generator::GeneratorError;
+use terravision_generator::ports::Ports;
+use terravision_generator::stage::Generator;
 
 const NODES: u32 = 8192;
 
