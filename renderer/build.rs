@@ -7,9 +7,9 @@ use std::path::PathBuf;
 
 /// Each shader module, and the files that it is made of.
 const SHADERS: &[(&str, &[&str])] = &[
-    ("mesh", &["mesh"]),
+    ("mesh", &["surface", "mesh"]),
     ("floor", &["floor"]),
-    ("rays-cast", &["rays/shared", "rays/cast"]),
+    ("rays-cast", &["surface", "rays/shared", "rays/cast"]),
     ("rays-color", &["rays/shared", "rays/color"]),
 ];
 

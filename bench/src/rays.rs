@@ -10,6 +10,7 @@ use anyhow::Context;
 use glam::DVec2;
 use std::time::Instant;
 use terravision_common::camera::Camera;
+use terravision_common::surface::Surface;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 
 use terravision_raycast::Sampling;
@@ -77,10 +78,8 @@ impl Scene {
             }
         }
         let shape = GroundShape {
-            side: SIDE as u32,
-            lattice_unit_m: 1.0,
+            surface: Surface::new(1.0, [u32::MAX; 2], SIDE as u32),
             levels: 1,
-            extent: [u32::MAX; 2],
             color: ColorLayout { side: SIDE as u32, mips: 1 },
             filter: Some(Filter::OrientedBox),
         };

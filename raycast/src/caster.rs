@@ -118,13 +118,15 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         let eye = camera.eye();
-        let unit = ground.shape().lattice_unit_m;
+        let plane = ground.shape().surface;
+        let on_lattice = plane.lattice_of_foot(plane.foot(eye)).to_array();
+        let above_datum = plane.height_above(eye, ground.datum_m()) as f32;
         let surface = match method_for(ground, options) {
             Method::Coherent => Surface::Voxels,
             Method::Mipmap => Surface::Facets,
         };
         let mut steepness = std::mem::take(&mut self.steepness);
-        steepness.set(ground, [eye.x / unit, eye.y / unit], (eye.z - ground.datum_m()) as f32, surface);
+        steepness.set(ground, on_lattice, above_datum, surface);
         let counts = self.draw_by(&steepness, ground, colors, camera, options, picture);
         self.steepness = steepness;
         counts

@@ -62,22 +62,23 @@ const JUST_INSIDE: f64 = 1e-3;
 /// Places all tiles; returns their bounds.
 pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> Bounds {
     let eye = view.eye_in_world();
-    let unit = ground.shape().lattice_unit_m;
+    let surface = &ground.shape().surface;
+    let extent = DVec2::from_array(surface.extent().map(f64::from));
+    let ground_end = surface.lattice_from_eye(extent, eye);
     placed.clear();
     let mut bounds = Bounds { min: Vec2::INFINITY, max: Vec2::NEG_INFINITY };
     for tile in ground.tiles() {
-        let corner = DVec2::new(f64::from(tile.origin[0]), f64::from(tile.origin[1])) * unit - eye.truncate();
-        let spacing = f64::from(1u32 << tile.log_spacing) * unit;
-        let height = f64::from(tile.voxels.lowest_layer) * spacing - eye.z;
+        let corner = surface.lattice_from_eye(tile.corner(), eye);
+        let spacing = surface.spacing_m(tile.log_spacing);
+        let height = f64::from(tile.voxels.lowest_layer) * spacing - surface.height_m(eye);
         placed.push(Placed {
-            corner: corner.extend(height).as_vec3(),
+            corner: surface.position(corner, height).as_vec3(),
             per_m: (1.0 / spacing) as f32,
-            color_corner: (tile.color.north_west_in_world - eye.truncate()).as_vec2(),
+            color_corner: (tile.color.north_west_in_world - surface.foot(eye)).as_vec2(),
             texels_per_m: (1.0 / tile.color.texel_m) as f32,
         });
         let end = corner + DVec2::new(f64::from(tile.cells[0]), f64::from(tile.cells[1])) * spacing;
-        let extent = DVec2::new(f64::from(ground.shape().extent[0]), f64::from(ground.shape().extent[1]));
-        let end = end.min(extent * unit - eye.truncate());
+        let end = end.min(ground_end);
         bounds.min = bounds.min.min(corner.as_vec2());
         bounds.max = bounds.max.max(end.as_vec2());
     }
@@ -88,7 +89,7 @@ impl<'a> Scene<'a> {
     /// Places a ground before an eye. `placed`: memory for its tiles.
     pub(crate) fn new(ground: &'a Ground, view: View, placed: &'a mut Vec<Placed>, has_undersides: bool) -> Self {
         let bounds = place(ground, &view, placed);
-        let eye_height = (view.eye_in_world().z - ground.datum_m()) as f32;
+        let eye_height = ground.shape().surface.height_above(view.eye_in_world(), ground.datum_m()) as f32;
         // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
         let [lowest, highest] = ground.range_m().map(|height| (height - eye_height).abs());
         let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
@@ -109,9 +110,7 @@ impl<'a> Scene<'a> {
 
     /// Whether the eye is beside the world, not over it.
     fn is_eye_beside_world(&self) -> bool {
-        let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
-        let extent = self.ground.shape().extent;
-        (0..2).any(|axis| !(0.0..=f64::from(extent[axis]) * unit).contains(&eye[axis]))
+        !self.ground.shape().surface.is_over(self.view.eye_in_world())
     }
 
     /// Whether the eye is beside the tiles that are drawn.
@@ -132,20 +131,19 @@ impl<'a> Scene<'a> {
         if is_past(at.x, direction.x, min.x, max.x) || is_past(at.y, direction.y, min.y, max.y) {
             return Place::Left;
         }
-        let unit = self.ground.shape().lattice_unit_m;
+        let surface = &self.ground.shape().surface;
         let inside = at.clamp(min, max);
-        if (inside - at).abs().max_element() > NEAR_BOUNDS * unit as f32 {
+        if (inside - at).abs().max_element() > NEAR_BOUNDS * surface.unit_m() as f32 {
             return Place::HoleUntil(s);
         }
-        let eye = self.view.eye_in_world().truncate();
-        let from_eye = |lattice: u64, axis: usize| (lattice as f64 * unit - eye[axis]) as f32;
+        let from_eye = |lattice: DVec2| surface.lattice_from_eye(lattice, self.view.eye_in_world()).as_vec2();
         let point = self.lattice_point(inside);
         match self.ground.tree().find(point) {
             Found::Tile(tile) if self.ground.tiles()[tile as usize].holds(point) => Place::Tile(tile),
             Found::Hole(corner, log) => {
-                let low = [0, 1].map(|axis| from_eye(u64::from(corner[axis]), axis));
-                let high = [0, 1].map(|axis| from_eye(u64::from(corner[axis]) + (1 << log), axis));
-                Place::HoleUntil(exit(direction, Vec2::from_array(low), Vec2::from_array(high)).max(s))
+                let corner = DVec2::from_array(corner.map(f64::from));
+                let [low, high] = [corner, corner + (1u64 << log) as f64].map(from_eye);
+                Place::HoleUntil(exit(direction, low, high).max(s))
             }
             Found::Tile(_) | Found::Outside => Place::HoleUntil(s),
         }
@@ -162,12 +160,10 @@ impl<'a> Scene<'a> {
     /// A point, metres from the eye, in lattice units, within the ground's end.
     #[inline]
     fn lattice_point(&self, point: Vec2) -> [f64; 2] {
-        let unit = self.ground.shape().lattice_unit_m;
-        let eye = self.view.eye_in_world().truncate();
         // Rounding takes a point on the outer border out of it.
         let end = self.ground.end().map(|end| f64::from(end) - JUST_INSIDE);
-        let point = point.as_dvec2();
-        [0, 1].map(|axis| ((point[axis] + eye[axis]) / unit).clamp(0.0, end[axis]))
+        let at = self.ground.shape().surface.lattice_of_way(point.as_dvec2(), self.view.eye_in_world());
+        [0, 1].map(|axis| at[axis].clamp(0.0, end[axis]))
     }
 
     /// The parameter at which a ray comes over the ground's bounds.

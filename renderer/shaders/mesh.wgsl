@@ -84,8 +84,8 @@ fn on_grid(clip: vec4<f32>) -> vec4<f32> {
 
 fn vertex_of(tile: Tile, at: vec2<u32>) -> Vertex {
     let lattice = min(tile.origin_from_cell + vec2<i32>(at << vec2(tile.level_and_snap & 0xffu)), frame.extent_from_cell);
-    let ground = vec2<f32>(lattice) * frame.unit_m - frame.eye_in_cell_m;
-    let from_eye = vec3(ground, elevations[tile.array_start + at.y * frame.posts + at.x] + frame.datum_m);
+    let height_m = elevations[tile.array_start + at.y * frame.posts + at.x] + frame.datum_m;
+    let from_eye = vertex_from_eye(lattice, height_m, frame.unit_m, frame.eye_in_cell_m);
     let texel = vec2<f32>(lattice - tile.color_origin_from_cell) * tile.color_scale + frame.color_border;
     var out: Vertex;
     out.position = on_grid(vec4(dot(frame.clip_x, from_eye), dot(frame.clip_y, from_eye), frame.near_m, dot(frame.clip_w, from_eye)));

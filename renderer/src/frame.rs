@@ -395,9 +395,9 @@ impl FrameReader {
         let view = View { camera: slot.camera, at: slot.at };
         let picture = self.frame.marker.picture;
         // The eye's cell has to be near enough for differences of 32 bits.
-        let unit = self.shape.world.lattice_unit_m();
-        let cells = view.camera.eye_in_world[..2].iter().map(|v| (v / unit).abs());
-        let is_near = cells.fold(0.0, f64::max) <= MAX_NODE_SIDE as f64;
+        let surface = self.shape.world.surface();
+        let eye_on_lattice = surface.lattice_of_foot(surface.foot(view.camera.eye()));
+        let is_near = eye_on_lattice.abs().max_element() <= MAX_NODE_SIDE as f64;
         if !view.camera.is_valid() || !view.is_within(picture) || !is_near {
             return Err(FrameError::View { frame, index, picture });
         }

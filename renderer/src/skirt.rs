@@ -12,7 +12,7 @@ use crate::frame::Frame;
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, SourceError};
 use crate::technique::NEAR_M;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use terravision_common::rig::View;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::{GROUND_PLANE, HALF};
@@ -54,7 +54,8 @@ struct Stretch {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Border {
     view: View,
-    extent_m: [f64; 2],
+    /// The world's north east corner.
+    end: DVec2,
     /// Metres above the eye.
     low: f64,
     /// Whether it is a block with a floor.
@@ -94,9 +95,10 @@ impl Skirt {
         source: &mut dyn FrameSource,
     ) -> Result<Option<Border>, SourceError> {
         let camera = &view.camera;
-        let extent_m = self.world.extent_m();
-        self.datum_m = frame.marker.camera.eye_in_world[2] - camera.eye_in_world[2];
-        if (0..2).all(|axis| (0.0..=extent_m[axis]).contains(&camera.eye_in_world[axis])) {
+        let surface = self.world.surface();
+        let eye_m = surface.height_m(camera.eye());
+        self.datum_m = surface.height_above(frame.marker.camera.eye(), eye_m);
+        if surface.is_over(camera.eye()) {
             return Ok(None);
         }
         let mut sides: [Vec<Stretch>; 4] = Default::default();
@@ -123,8 +125,8 @@ impl Skirt {
         }
         Ok(Some(Border {
             view: *view,
-            extent_m,
-            low: self.low_m - camera.eye_in_world[2],
+            end: surface.end(),
+            low: self.low_m - eye_m,
             has_floor: !self.world.has_holes(),
             sides,
         }))
@@ -134,7 +136,11 @@ impl Skirt {
     fn follow(&self, tile: &TileSlot, axis: usize, at: u32, out: &mut Vec<Stretch>) {
         let (other, step) = (1 - axis, 1u32 << tile.grid_snap);
         let [first, last] = [tile.start[other], tile.end[other]].map(u32::from);
-        let along = |k: u32| f64::from(lattice(&self.world, tile, other, k)) * self.world.lattice_unit_m();
+        let surface = self.world.surface();
+        let along = |k: u32| {
+            let at = lattice(&self.world, tile, other, k).into();
+            if other == 0 { surface.column(at) } else { surface.row(at) }
+        };
         let cut = cut_of(&self.world, tile, axis, at);
         let mut k = first;
         while k + step <= last {
@@ -211,7 +217,7 @@ fn add_stretch(out: &mut Vec<Stretch>, ends: [f64; 2], heights: [f64; 2], cut: O
 /// Lattice coordinate of post `k` of a tile's array along an axis; posts past the extent lie on it.
 fn lattice(world: &World, tile: &TileSlot, axis: usize, k: u32) -> u32 {
     let past = u64::from(tile.elevation_origin[axis]) + (u64::from(k) << tile.elevation_level);
-    past.min(u64::from(world.extent()[axis])) as u32
+    world.surface().canonical(axis, past) as u32
 }
 
 /// Which column or row of a tile's block lies on the world's west, east, south and north side.
@@ -254,9 +260,9 @@ impl Border {
         let eye = self.view.camera.eye();
         let (mut near, mut far, mut side) = (0.0f64, f64::INFINITY, None);
         for axis in 0..2 {
-            let [a, b] = [-eye[axis] / ray[axis], (self.extent_m[axis] - eye[axis]) / ray[axis]];
+            let [a, b] = [-eye[axis] / ray[axis], (self.end[axis] - eye[axis]) / ray[axis]];
             if ray[axis] == 0.0 {
-                if !(0.0..=self.extent_m[axis]).contains(&eye[axis]) {
+                if !(0.0..=self.end[axis]).contains(&eye[axis]) {
                     return None;
                 }
                 continue;
@@ -327,7 +333,7 @@ mod tests {
         let west = Stretch { ends: [0.0, 100.0], heights: [-20.0, 30.0] };
         Border {
             view: View { camera, at: [0; 2] },
-            extent_m: [100.0; 2],
+            end: DVec2::splat(100.0),
             low: -30.0,
             has_floor: true,
             sides: [vec![west], vec![], vec![], vec![]],

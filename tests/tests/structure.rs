@@ -23,7 +23,7 @@ const LONG_FUNCTIONS: &[&str] = &[
     "ingest/src/plan.rs: new",
     "ingest/src/sparse.rs: write",
     "ingest/src/work.rs: in_order",
-    "tests/tests/metrics.rs: a_scrape_during_a_flight_says_what_the_report_says_after_it",
+    "renderer/tests/flow.rs: live",
 ];
 /// Crates whose circles are still to be broken.
 const CIRCLES: &[&str] = &["common", "ingest", "renderer"];
@@ -254,6 +254,33 @@ fn reached(uses: &BTreeMap<String, BTreeSet<String>>) -> BTreeMap<String, BTreeS
         }
         if !has_grown {
             return reached;
+        }
+    }
+}
+
+/// Names that were replaced by what a graphics or GIS engineer calls these things.
+const REPLACED: &[(&str, &str)] = &[
+    ("become_program", "exec_program"),
+    ("passed_on", "exec subcommand"),
+    ("strange_events", "malformed_events"),
+    ("RunFigures", "RunStats"),
+    ("FrameFigures", "FrameStats"),
+    ("PrefetchFigures", "PrefetchStats"),
+    ("take_what_is_there", "pin_resident"),
+    ("Books", "request table"),
+    ("CrewError", "executor"),
+    ("Accounts", "usage"),
+];
+
+#[test]
+fn names_that_were_replaced_do_not_come_back() {
+    for (file, text) in crates().into_iter().flat_map(|name| sources(&name)) {
+        if file.ends_with("structure.rs") {
+            continue;
+        }
+        let words: BTreeSet<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+        for (name, replacement) in REPLACED {
+            assert!(!words.contains(name), "{file}: {name} is called {replacement} now");
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::checks::in_range;
 use crate::cli::pose::PoseArgs;
-use crate::cli::values::Place;
+use crate::cli::values::{Place, Triple};
 use crate::failure::Failure;
 use crate::ground::{self, CLEARANCE_M};
 use crate::path::crs::{Georeference, Transform};
@@ -27,69 +27,80 @@ pub(super) struct PoseContext<'a> {
 /// # Errors
 /// Bad input: too little or too much is said, or a place has no ground.
 pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose, Option<String>), Failure> {
-    let bad = |text: String| Err(Failure::bad_input(anyhow!(text)));
-    const ANGLE: &str = "degrees from -1000000 to 1000000";
-    let roll_rad = in_range("--roll", args.roll.unwrap_or(0.0), -1e6, 1e6, ANGLE)?.to_radians();
-    let places = PlaceReader::new(args, context)?;
-    let direction = args.heading.map(|_| "--heading").or(args.pitch.map(|_| "--pitch"));
-    let (mut pose, target) = match (args.eye, args.look_at, args.from) {
-        (Some(eye), None, None) => {
-            let (Some(heading), Some(pitch)) = (args.heading, args.pitch) else {
-                return bad("--eye says where the camera is, but not where it looks: add --look-at X,Y, or --heading and --pitch".into());
-            };
-            let heading_rad = places.heading(eye, in_range("--heading", heading, -1e6, 1e6, ANGLE)?)?;
-            let pitch_rad = in_range("--pitch", pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians();
-            (Pose { position: places.eye(eye)?, heading_rad, pitch_rad, roll_rad }, None)
-        }
-        (Some(_) | None, Some(_), _) if direction.is_some() => {
-            return bad(format!(
-                "{} and --look-at both say where the camera looks: leave one out",
-                direction.unwrap_or_default()
-            ));
-        }
-        (Some(eye), Some(target), None) => {
-            let (eye, target) = (places.eye(eye)?, places.target(target)?);
-            if eye.distance(target) < 1e-3 {
-                return bad("--look-at and --eye are the same place: expected two different ones".into());
-            }
-            (towards(eye, target, roll_rad), Some(target))
-        }
-        (None, Some(target), Some(from)) => {
-            let [azimuth, elevation, distance] = from.0;
-            in_range("--from: the azimuth", azimuth, -1e6, 1e6, ANGLE)?;
-            let elevation = in_range("--from: the elevation", elevation, -90.0, 90.0, "degrees from -90 to 90")?;
-            in_range("--from: the distance", distance, 1e-3, 1e9, "metres, from 0.001 to 1000000000")?;
-            let azimuth = places.heading(target, azimuth)?;
-            let target = places.target(target)?;
-            let eye = target + surface::direction(azimuth, elevation.to_radians()) * distance;
-            // Straight down the direction alone would not tell what is up in the picture.
-            let heading_rad = azimuth + std::f64::consts::PI;
-            (Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target))
-        }
-        (None, Some(_), None) => {
-            return bad("--look-at says where the camera looks, but not where it is: add --from AZIMUTH,ELEVATION,DISTANCE, or --eye X,Y,Z".into());
-        }
-        (Some(_), _, Some(_)) => return bad("--from and --eye both say where the camera is: leave one out".into()),
-        (None, None, _) => {
-            return bad(
-                "no pose is given: expected --eye with --heading and --pitch, --eye with --look-at, or --look-at with \
-                 --from AZIMUTH,ELEVATION,DISTANCE"
-                    .into(),
-            );
-        }
-    };
+    let (mut pose, target) = aimed(args, &PlaceReader::new(args, context)?)?;
     let before = pose.position.z;
     if !ground::lift(&mut pose, context.ground) {
         return Ok((pose, None));
     }
     let lifted = pose.position.z - before;
     if let Some(target) = target {
-        pose = Pose { roll_rad, ..towards(pose.position, target, roll_rad) };
+        pose = towards(pose.position, target, pose.roll_rad);
     }
     let warning = format!(
         "the camera was lifted by {lifted:.1} m, to {CLEARANCE_M} m above the ground: it would have been below that"
     );
     Ok((pose, (lifted > 0.01).then_some(warning)))
+}
+
+const ANGLE: &str = "degrees from -1000000 to 1000000";
+
+fn bad(text: impl Into<String>) -> Failure {
+    Failure::bad_input(anyhow!(text.into()))
+}
+
+/// The pose as it is given, and the place that it looks at, if it is given by one.
+fn aimed(args: &PoseArgs, places: &PlaceReader<'_>) -> Result<(Pose, Option<DVec3>), Failure> {
+    let roll_rad = in_range("--roll", args.roll.unwrap_or(0.0), -1e6, 1e6, ANGLE)?.to_radians();
+    let direction = args.heading.map(|_| "--heading").or(args.pitch.map(|_| "--pitch"));
+    match (args.eye, args.look_at, args.from, direction) {
+        (Some(eye), None, None, _) => {
+            let (Some(heading), Some(pitch)) = (args.heading, args.pitch) else {
+                return Err(bad(
+                    "--eye says where the camera is, but not where it looks: add --look-at X,Y, or --heading and --pitch",
+                ));
+            };
+            let heading_rad = places.heading(eye, in_range("--heading", heading, -1e6, 1e6, ANGLE)?)?;
+            let pitch_rad = in_range("--pitch", pitch, -90.0, 90.0, "degrees from -90 to 90")?.to_radians();
+            Ok((Pose { position: places.eye(eye)?, heading_rad, pitch_rad, roll_rad }, None))
+        }
+        (_, Some(_), _, Some(flag)) => {
+            Err(bad(format!("{flag} and --look-at both say where the camera looks: leave one out")))
+        }
+        (Some(eye), Some(target), None, None) => {
+            let (eye, target) = (places.eye(eye)?, places.target(target)?);
+            if eye.distance(target) < 1e-3 {
+                return Err(bad("--look-at and --eye are the same place: expected two different ones"));
+            }
+            Ok((towards(eye, target, roll_rad), Some(target)))
+        }
+        (None, Some(target), Some(from), None) => from_a_distance(target, from, roll_rad, places),
+        (None, Some(_), None, None) => Err(bad(
+            "--look-at says where the camera looks, but not where it is: add --from AZIMUTH,ELEVATION,DISTANCE, or --eye X,Y,Z",
+        )),
+        (Some(_), _, Some(_), _) => Err(bad("--from and --eye both say where the camera is: leave one out")),
+        (None, None, _, _) => Err(bad(
+            "no pose is given: expected --eye with --heading and --pitch, --eye with --look-at, or --look-at with \
+             --from AZIMUTH,ELEVATION,DISTANCE",
+        )),
+    }
+}
+
+/// The pose that `--from` gives.
+fn from_a_distance(
+    target: Place,
+    Triple([azimuth, elevation, distance]): Triple,
+    roll_rad: f64,
+    places: &PlaceReader<'_>,
+) -> Result<(Pose, Option<DVec3>), Failure> {
+    in_range("--from: the azimuth", azimuth, -1e6, 1e6, ANGLE)?;
+    let elevation = in_range("--from: the elevation", elevation, -90.0, 90.0, "degrees from -90 to 90")?;
+    in_range("--from: the distance", distance, 1e-3, 1e9, "metres, from 0.001 to 1000000000")?;
+    let azimuth = places.heading(target, azimuth)?;
+    let target = places.target(target)?;
+    let eye = target + surface::direction(azimuth, elevation.to_radians()) * distance;
+    // Straight down the direction alone would not tell what is up in the picture.
+    let heading_rad = azimuth + std::f64::consts::PI;
+    Ok((Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target)))
 }
 
 /// A camera that looks at a place; straight down it has north at the top.

@@ -71,14 +71,15 @@ impl Scene<'_> {
         if low.z - margin > self.highest {
             return true;
         }
-        let (eye, unit) = (self.view.eye_in_world(), self.ground.shape().lattice_unit_m);
-        let lattice = |at: Vec3, by: f32| [0, 1].map(|axis| (f64::from(at[axis] + by) + eye[axis]) / unit);
+        let (eye, surface) = (self.view.eye_in_world(), &self.ground.shape().surface);
+        let lattice = |at: Vec3, by: f32| surface.lattice_of_way((at.truncate() + by).as_dvec2(), eye).to_array();
         let top = |tile: u32| self.ground.tiles()[tile as usize].top_m;
         let highest_in = |by: f32| {
             let (low, high) = (lattice(low, -by), lattice(high, by));
             HighestSeen { low, high, highest: self.ground.tree().highest_in(low, high, &top) }
         };
-        let is_below = |highest: f32| f64::from(low.z - margin) + eye.z - self.ground.datum_m() > f64::from(highest);
+        let lowest = f64::from(low.z - margin) + surface.height_m(eye) - self.ground.datum_m();
+        let is_below = |highest: f32| lowest > f64::from(highest);
         if !seen.holds(lattice(low, -margin), lattice(high, margin)) {
             *seen = highest_in(margin + furthest * SEEN_AROUND);
         }

@@ -14,6 +14,7 @@ use crate::view::Ray;
 use crate::workers::Workers;
 use glam::Vec2;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use terravision_common::surface::facet::{facet_slope, is_south_east};
 use terravision_common::validity::HALF;
 
 /// A ray passes no more holes: a bound that no rounding can keep from being reached.
@@ -104,10 +105,7 @@ impl Canvas<'_> {
         let cell = [(at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1)];
         let by = at - Vec2::new(cell[0] as f32, cell[1] as f32);
         // Up per cell of the facet that the point is on.
-        let slope = |[sw, se, nw, ne]: [f32; 4]| match by.x >= by.y {
-            true => Vec2::new(se - sw, ne - se),
-            false => Vec2::new(ne - nw, nw - sw),
-        };
+        let slope = |corners: [f32; 4]| Vec2::from_array(facet_slope(corners, is_south_east(by.x, by.y)));
         let shares = self.scene.ground.shares_of_cell(current.tile, cell);
         let share = |plane: usize| {
             let corners = shares.map(|share| share[plane]);

@@ -119,7 +119,7 @@ fn project(scene: &Scene<'_>, tile: &Tile, placed: &Placed, out: &mut [[f32; 4]]
     let [columns, _] = tile.posts();
     let stride = columns + 2;
     // No cell that reaches beyond the border.
-    let extent = scene.ground.shape().extent;
+    let extent = scene.ground.shape().surface.extent();
     let inside = [0, 1].map(|axis| (extent[axis].saturating_sub(tile.origin[axis]) >> tile.log_spacing) as usize + 1);
     let [column, row, depth] = scene.view.inverse();
     let of = |axis: usize| Vec4::new(column[axis], row[axis], depth[axis], 0.0);

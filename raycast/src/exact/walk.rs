@@ -7,7 +7,7 @@ use crate::counts::Counts;
 use crate::model::Link;
 use crate::scene::{Place, Scene, exit};
 use crate::view::Ray;
-use glam::Vec2;
+use glam::{DVec2, Vec2};
 
 /// Where a ray is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,11 +119,10 @@ impl Scene<'_> {
     #[inline]
     pub(crate) fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
         let tree = self.ground.tree();
-        let unit = self.ground.shape().lattice_unit_m;
-        let eye = self.view.eye_in_world();
-        let at = (ray.direction * s).as_dvec3() + eye;
+        let (surface, eye) = (&self.ground.shape().surface, self.view.eye_in_world());
+        let at = surface.lattice_of_way((ray.direction * s).truncate().as_dvec2(), eye);
         let size = (1u64 << (tree.log_side() + tree.root_level())) as f64;
-        let point = [at.x, at.y].map(|v| (v / unit).clamp(0.0, size - 1.0) as u32);
+        let point = [at.x, at.y].map(|v| v.clamp(0.0, size - 1.0) as u32);
         let direction = ray.direction.truncate();
         let mut log = tree.log_side() + tree.root_level();
         let mut link = tree.root();
@@ -133,9 +132,9 @@ impl Scene<'_> {
                 Link::Tile(tile) => self.ground.tiles()[tile as usize].top_m,
                 Link::Node(node) => tree.node(node).highest_m,
             };
-            let low = [0, 1].map(|axis| (f64::from((point[axis] >> log) << log) * unit - eye[axis]) as f32);
-            let side = ((1u64 << log) as f64 * unit) as f32;
-            let low = Vec2::from_array(low);
+            let low = DVec2::from_array(point.map(|at| f64::from((at >> log) << log)));
+            let low = surface.lattice_from_eye(low, eye).as_vec2();
+            let side = ((1u64 << log) as f64 * surface.unit_m()) as f32;
             let out = exit(direction, low, low + Vec2::splat(side)).max(s);
             let lowest = self.eye_height + (ray.direction.z * s).min(ray.direction.z * out);
             if lowest > highest {

@@ -57,8 +57,9 @@ impl ColorPlace {
     pub fn of_tile(world: &World, layer: u32, origin: [u32; 2], level: u8) -> Self {
         let texel_m = world.color_spacing_m(level);
         let border = f64::from(COLOR_BORDER) * texel_m;
-        let corner = DVec2::new(f64::from(origin[0]), f64::from(origin[1])) * world.lattice_unit_m();
-        let north_west_in_world = corner + DVec2::new(-border, world.node_side_m(level) + border);
+        let surface = world.surface();
+        let corner = surface.foot_of_lattice(DVec2::from_array(origin.map(f64::from)));
+        let north_west_in_world = corner + DVec2::new(-border, surface.node_side_m(level) + border);
         Self { layer, north_west_in_world, texel_m }
     }
 

@@ -1,6 +1,7 @@
 //! The two facets of a cell, the same that the mesh draws.
 
 use glam::Vec2;
+use terravision_common::surface::facet::facet_slope;
 
 /// Half of a cell, cut from south west to north east, and the plane through it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,12 +18,10 @@ pub(crate) struct Facet {
 impl Facet {
     /// Those of a cell, south eastern half first, given the heights of its corners.
     #[inline(always)]
-    pub(crate) fn of_cell(corner: Vec2, [sw, se, nw, ne]: [f32; 4]) -> [Self; 2] {
-        [(true, Vec2::new(se - sw, ne - se)), (false, Vec2::new(ne - nw, nw - sw))].map(|(is_south_east, slope)| Self {
-            corner,
-            is_south_east,
-            slope,
-            height: sw - slope.dot(corner),
+    pub(crate) fn of_cell(corner: Vec2, corners: [f32; 4]) -> [Self; 2] {
+        [true, false].map(|is_south_east| {
+            let slope = Vec2::from_array(facet_slope(corners, is_south_east));
+            Self { corner, is_south_east, slope, height: corners[0] - slope.dot(corner) }
         })
     }
 

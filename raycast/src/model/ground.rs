@@ -6,7 +6,7 @@ use super::steep::SteepBlock;
 use super::tile::Tile;
 use super::tree::Tree;
 use super::voxels::{TileVoxels, Voxels};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// Boundary cells reach no more voxels above the highest post: their upper faces lie within a voxel
 /// of it, or within the radius of the Gaussian, two voxels; one more for rounding.
@@ -66,7 +66,7 @@ impl Ground {
     pub fn clear(&mut self, datum_m: f64) {
         self.datum_m = datum_m;
         self.tiles.clear();
-        self.tree.clear(self.shape.side.ilog2(), u32::from(self.shape.levels.max(1)) - 1);
+        self.tree.clear(self.shape.surface.cells().ilog2(), u32::from(self.shape.levels.max(1)) - 1);
         self.heights.clear();
         self.shares.clear();
         self.maxima.clear();
@@ -93,7 +93,7 @@ impl Ground {
             self.heights.truncate(heights_at);
             return Err(GroundError::Height { origin, index });
         };
-        let spacing_m = (self.shape.lattice_unit_m * f64::from(1u32 << log_spacing)) as f32;
+        let spacing_m = self.shape.surface.spacing_m(log_spacing) as f32;
         let top_m = if self.has_voxels() { highest_m + VOXELS_ABOVE * spacing_m } else { highest_m };
         if self.tree.insert(origin, u32::from(level), self.tiles.len() as u32, top_m).is_err() {
             self.heights.truncate(heights_at);
@@ -102,10 +102,10 @@ impl Ground {
         let shares_at = self.add_shares(spec);
         self.lowest_m = self.lowest_m.min(lowest_m);
         self.highest_m = self.highest_m.max(highest_m);
-        for (axis, end) in self.end.iter_mut().enumerate() {
+        for ((axis, end), extent) in self.end.iter_mut().enumerate().zip(self.shape.surface.extent()) {
             let reach = origin[axis].saturating_add(cells[axis] << log_spacing);
-            self.is_cut |= reach > self.shape.extent[axis];
-            *end = (*end).max(reach.min(self.shape.extent[axis]));
+            self.is_cut |= reach > extent;
+            *end = (*end).max(reach.min(extent));
         }
         self.tiles.push(Tile {
             origin,
@@ -188,14 +188,13 @@ impl Ground {
 
     /// How far a tile's ground is from the eye at least, metres.
     fn distance_m(&self, tile: &Tile, eye: DVec3) -> f64 {
-        let unit = self.shape.lattice_unit_m;
-        let beside = |axis: usize| {
-            let low = f64::from(tile.origin[axis]) * unit;
-            let high = low + f64::from(tile.cells[axis]) * f64::from(tile.spacing_m);
-            (low - eye[axis]).max(eye[axis] - high).max(0.0)
-        };
-        let above = (eye.z - self.datum_m - f64::from(tile.top_m)).max(0.0);
-        DVec3::new(beside(0), beside(1), above).length()
+        let surface = &self.shape.surface;
+        let low = surface.foot_of_lattice(tile.corner());
+        let high = low + DVec2::from_array(tile.cells.map(f64::from)) * f64::from(tile.spacing_m);
+        let foot = surface.foot(eye);
+        let beside = (low - foot).max(foot - high).max(DVec2::ZERO);
+        let above = (surface.height_above(eye, self.datum_m) - f64::from(tile.top_m)).max(0.0);
+        surface.position(beside, above).length()
     }
 
     /// Its geometry.

@@ -3,6 +3,8 @@
 use super::Ground;
 use super::tile::Tile;
 use super::tree::Found;
+use terravision_common::surface::facet::facet_linear;
+use terravision_common::surface::tile::CellPosition;
 
 impl Ground {
     /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no tile
@@ -20,21 +22,13 @@ impl Ground {
         let unit = f64::from(1u32 << tile.log_spacing);
         let place = |axis: usize| {
             let at = (point[axis] - f64::from(tile.origin[axis])) / unit;
-            let at = at.clamp(0.0, f64::from(tile.cells[axis]));
-            let cell = (at as usize).min(tile.cells[axis] as usize - 1);
-            (cell, (at - cell as f64) as f32)
+            CellPosition::within(at, tile.cells[axis])
         };
-        let ((i, u), (j, v)) = (place(0), place(1));
+        let (x, y) = (place(0), place(1));
         let stride = tile.posts()[0];
-        let heights = self.heights(tile);
-        let z = |i: usize, j: usize| heights[j * stride + i];
-        let (sw, ne) = (z(i, j), z(i + 1, j + 1));
-        if u >= v {
-            let se = z(i + 1, j);
-            sw + (se - sw) * u + (ne - se) * v
-        } else {
-            let nw = z(i, j + 1);
-            sw + (nw - sw) * v + (ne - nw) * u
-        }
+        let south = y.cell as usize * stride + x.cell as usize;
+        let z = self.heights(tile);
+        let by = [x.offset as f32, y.offset as f32];
+        facet_linear(z[south], z[south + 1], z[south + stride], z[south + stride + 1], by[0], by[1])
     }
 }

@@ -3,19 +3,16 @@
 use super::color::{ColorLayout, ColorPlace};
 use super::density::Filter;
 use glam::DVec3;
+use terravision_common::surface::Surface;
 
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundShape {
-    /// Side of a node of level 0, lattice units (elevation posts of level 0): a power of two.
-    pub side: u32,
-    /// Distance of two lattice points, metres.
-    pub lattice_unit_m: f64,
+    /// Where lattice points lie, and where the ground ends east and north: at an extent of `u32::MAX`
+    /// where tiles end it. Cells may reach beyond.
+    pub surface: Surface,
     /// Levels of the quad tree.
     pub levels: u8,
-    /// Where the ground ends east and north, lattice units; `u32::MAX` where tiles end it. Cells may
-    /// reach beyond.
-    pub extent: [u32; 2],
     /// Layers of color.
     pub color: ColorLayout,
     /// How densities are made. `None`: the ground has heights alone, no voxels.
@@ -93,8 +90,8 @@ impl GroundShape {
     pub(super) fn check(&self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
         let TileSpec { origin, level, cells, stride, .. } = *spec;
         let levels = self.levels;
-        let log_node = self.side.ilog2() + u32::from(level);
-        let log_root = self.side.ilog2() + u32::from(levels) - 1;
+        let log_node = self.surface.cells().ilog2() + u32::from(level);
+        let log_root = self.surface.cells().ilog2() + u32::from(levels) - 1;
         let is_place = level < levels
             && log_root < 32
             && origin.iter().all(|v| v % (1 << log_node) == 0)

@@ -1,12 +1,11 @@
 use super::color::{ColorLayout, ColorPlace};
 use super::*;
 use glam::{DVec2, DVec3};
+use terravision_common::surface::Surface;
 
 const SHAPE: GroundShape = GroundShape {
-    side: 16,
-    lattice_unit_m: 10.0,
+    surface: Surface::new(10.0, [u32::MAX; 2], 16),
     levels: 3,
-    extent: [u32::MAX; 2],
     color: ColorLayout { side: 16, mips: 1 },
     filter: Some(Filter::OrientedBox),
 };

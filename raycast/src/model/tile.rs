@@ -3,6 +3,7 @@
 use super::Ground;
 use super::color::ColorPlace;
 use super::voxels::{Span, TileVoxels};
+use glam::DVec2;
 
 /// A tile. Heights are metres above the ground's datum.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +29,12 @@ impl Tile {
     #[inline]
     pub(crate) fn posts(&self) -> [usize; 2] {
         self.cells.map(|n| n as usize + 1)
+    }
+
+    /// Its lower left corner on the lattice.
+    #[inline]
+    pub(crate) fn corner(&self) -> DVec2 {
+        DVec2::from_array(self.origin.map(f64::from))
     }
 
     /// Whether a point, lattice units, lies over its cells.

@@ -36,14 +36,7 @@ pub enum FillError {
 /// Geometry of a ground for a world.
 #[must_use]
 pub fn ground_shape(world: &World, filter: Option<Filter>) -> GroundShape {
-    GroundShape {
-        side: world.elevation_tile(),
-        lattice_unit_m: world.lattice_unit_m(),
-        levels: world.levels(),
-        extent: world.extent(),
-        color: ColorLayout::of(world),
-        filter,
-    }
+    GroundShape { surface: world.surface(), levels: world.levels(), color: ColorLayout::of(world), filter }
 }
 
 /// Reads tiles for views of a world.
@@ -91,7 +84,7 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         level: &LevelFunction,
         accurate_m: f64,
     ) -> Result<(), FillError> {
-        ground.clear(camera.eye_in_world[2]);
+        ground.clear(self.world.surface().height_m(camera.eye()));
         let frustum = Frustum::new(camera);
         let mut open = vec![self.world.root()];
         while let Some(node) = open.pop() {
@@ -142,10 +135,8 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         }
         let origin = world.node_origin(node).map(|v| v as u32);
         // Posts past the extent repeat its border.
-        let cells = [0, 1].map(|axis| {
-            let left = u64::from(world.extent()[axis]).saturating_sub(u64::from(origin[axis]));
-            left.div_ceil(1 << node.q()).min(u64::from(posts - 1)) as u32
-        });
+        let inside = world.surface().cells_inside(world.node_origin(node), node.q());
+        let cells = inside.map(|cells| cells.unwrap_or_default().min(u64::from(posts - 1)) as u32);
         let distance = bounds.seen_from(level.frame().eye()).nearest().length();
         let mut planes = self.elevations[&node].chunks_exact((posts * posts) as usize);
         let heights = planes.next().unwrap_or_default();

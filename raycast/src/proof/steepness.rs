@@ -91,7 +91,7 @@ impl Steepness {
     /// Sets it for a ground seen from an eye: in lattice units, and metres above the datum.
     pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], eye_m: f32, surface: Surface) {
         self.clear(SLOPE_BOUND);
-        let unit = ground.shape().lattice_unit_m as f32;
+        let unit = ground.shape().surface.unit_m() as f32;
         self.nearest_m = NEAREST_UNITS * unit;
         for block in ground.steep_blocks() {
             let slope = MARGIN

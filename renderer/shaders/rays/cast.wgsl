@@ -129,8 +129,7 @@ fn meet_cell(side: f32, tile: Tile, index: u32, corners: vec4<f32>, place: vec2<
     var is_south_east = across > 0.0 || (across == 0.0 && across_per_s >= 0.0);
     var begin = start;
     for (var half = 0u; half < 2u; half++) {
-        var slope = vec2(corners.w - corners.z, corners.z - corners.x);
-        if is_south_east { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
+        let slope = facet_slope(corners, is_south_east);
         var end = until;
         if begin < change { end = min(until, change); }
         // Height over the plane.
@@ -204,9 +203,7 @@ fn is_below(index: u32, direction: vec3<f32>, s: f32) -> bool {
     let at = min(vec2<u32>(place), tile.cells - 1u);
     let by = place - vec2<f32>(at);
     let corners = corners_of(tile, at);
-    var slope = vec2(corners.w - corners.z, corners.z - corners.x);
-    if by.x >= by.y { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
-    return direction.z * s < corners.x + dot(slope, by) - LEAST_BELOW * s - LEAST_BELOW_M;
+    return direction.z * s < facet_linear(corners, by) - LEAST_BELOW * s - LEAST_BELOW_M;
 }
 
 // Where a ray that is under a tile's ground comes out of it.
@@ -257,10 +254,8 @@ fn share_at(index: u32, direction: vec3<f32>, s: f32, plane: u32) -> f32 {
     let at = min(vec2<u32>(place), tile.cells - 1u);
     let by = place - vec2<f32>(at);
     let corners = corners_of(tile, at);
-    var slope = vec2(corners.w - corners.z, corners.z - corners.x);
-    if by.x >= by.y { slope = vec2(corners.y - corners.x, corners.w - corners.y); }
     // A share is no height.
-    return corners.x + dot(slope, by) - frame.datum_m;
+    return facet_linear(corners, by) - frame.datum_m;
 }
 
 fn first_hit(direction_of_pixel: vec3<f32>) -> Hit {

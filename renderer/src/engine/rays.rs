@@ -211,18 +211,16 @@ impl RaysEngine {
     fn cast(&mut self, method: Method, frame: &Frame, source: &mut dyn FrameSource) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
-        ground.clear(frame.marker.camera.eye_in_world[2]);
+        let eye = frame.marker.camera.eye();
+        let eye_m = ground.shape().surface.height_m(eye);
+        ground.clear(eye_m);
         self.blocks.forget();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let spec = self.blocks.read(tile, source, frame.marker.camera.eye_in_world[2], index as u32)?;
+            let spec = self.blocks.read(tile, source, eye_m, index as u32)?;
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
-        ground.finish_for(&Detail {
-            eye_in_world: frame.marker.camera.eye_in_world.into(),
-            reach: ACCURATE_REACH,
-            most_bytes: MOST_VOXEL_BYTES,
-        });
+        ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES });
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {

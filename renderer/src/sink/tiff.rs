@@ -8,6 +8,7 @@ use std::fs;
 use std::path::Path;
 use terravision_common::camera::Camera;
 use terravision_common::run::{MadeUp, PlaneTarget};
+use terravision_common::surface::CrsFrame;
 use tiff::encoder::colortype::{ColorType, Gray32Float, RGB64Float};
 use tiff::encoder::{TiffEncoder, TiffValue};
 use tiff::tags::{PhotometricInterpretation, SampleFormat, Tag};
@@ -164,7 +165,7 @@ pub(super) struct GroundView {
     axes: [DVec3; 3],
     half_tangents: [f64; 2],
     size: [f64; 2],
-    origin: [f64; 2],
+    crs: CrsFrame,
     exaggeration: f64,
 }
 
@@ -172,7 +173,7 @@ impl GroundView {
     pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
         let size = [f64::from(camera.width), f64::from(camera.height)];
         let (eye, axes, half_tangents) = (camera.eye(), camera.axes_in_world(), camera.half_tangents());
-        Self { eye, axes, half_tangents, size, origin, exaggeration }
+        Self { eye, axes, half_tangents, size, crs: CrsFrame::new(origin), exaggeration }
     }
 
     /// Of all pixels, in rows of `width` from the top.
@@ -190,7 +191,8 @@ impl GroundView {
         let x = (2.0 * px / self.size[0] - 1.0) * self.half_tangents[0];
         let y = (1.0 - 2.0 * py / self.size[1]) * self.half_tangents[1];
         let at = self.eye + (forward + right * x + up * y) * depth_m(reversed);
-        [self.origin[0] + at.x, self.origin[1] + at.y, at.z / self.exaggeration]
+        let place = self.crs.place(at);
+        [place.x, place.y, place.z / self.exaggeration]
     }
 }
 

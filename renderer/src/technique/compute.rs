@@ -1,7 +1,7 @@
 //! Exact rays by a Vulkan device: the same surface and the same walk as the processor's (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
-use super::view::{NEAR_M, datum_above_eye_m, is_over_world};
+use super::view::{NEAR_M, datum_above_eye_m};
 use super::{ArrayPlaces, Technique, outline_of};
 use crate::engine::EngineError;
 use crate::frame::{Frame, FrameError, TileFault};
@@ -89,7 +89,7 @@ impl ComputeRays {
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
     ) -> Result<(), EngineError> {
-        let world = &self.world;
+        let (world, surface) = (&self.world, self.world.surface());
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         self.tiles.clear();
         self.tree.clear(world.elevation_tile().ilog2(), u32::from(world.root().q()));
@@ -103,23 +103,23 @@ impl ComputeRays {
             let is_free = self.tree.insert(origin, level, self.tiles.len() as u32, f32::INFINITY);
             is_free.map_err(|_occupied| fail(index, TileFault::Occupied))?;
             let made = ray_tile(tile, &block, world, camera, start);
-            let corner = DVec2::from_array(origin.map(f64::from)) * world.lattice_unit_m();
+            let corner = surface.foot_of_lattice(DVec2::from_array(origin.map(f64::from)));
             let side = DVec2::from_array(block.cells.map(f64::from)) * spacing_m(tile, world);
             ground = [ground[0].min(corner), ground[1].max(corner + side)];
             self.tiles.push(made);
         }
         // Cells may reach over the world's border.
-        ground[1] = ground[1].min(DVec2::from_array(world.extent_m()));
+        ground[1] = ground[1].min(surface.end());
         self.nodes.clear();
-        let eye = camera.eye().truncate();
+        let eye = surface.foot(camera.eye());
         place_nodes(&self.tree, world, eye, &mut self.nodes);
         let view = RayView {
-            has_undersides: u32::from(!is_over_world(camera, world) || world.has_holes()),
+            has_undersides: u32::from(!surface.is_over(camera.eye()) || world.has_holes()),
             plane: if world.has_validity() { world.elevation_posts().pow(2) } else { 0 },
-            datum_m: datum_above_eye_m(camera, frame.marker.camera.eye_in_world[2]),
+            datum_m: datum_above_eye_m(camera, world, surface.height_m(frame.marker.camera.eye())),
             root: code(self.tree.root()),
             root_low: (-eye).as_vec2().to_array(),
-            root_side: world.node_side_m(world.root().q()) as f32,
+            root_side: surface.node_side_m(world.root().q()) as f32,
             ..ray_view(camera, [ground[0] - eye, ground[1] - eye])
         };
         self.views.push(view);
@@ -129,15 +129,15 @@ impl ComputeRays {
 
 /// Distance of the posts of a slot's block, metres.
 fn spacing_m(tile: &TileSlot, world: &World) -> f64 {
-    f64::from(1u32 << (tile.elevation_level + tile.grid_snap)) * world.lattice_unit_m()
+    world.surface().spacing_m(tile.elevation_level + tile.grid_snap)
 }
 
 fn ray_tile(tile: &TileSlot, block: &SlotBlock, world: &World, camera: &Camera, array_start: u32) -> RayTile {
-    let eye = camera.eye().truncate();
-    let from_eye = |lattice: [f64; 2]| DVec2::from_array(lattice) * world.lattice_unit_m() - eye;
+    let surface = world.surface();
+    let from_eye = |lattice: [f64; 2]| surface.lattice_from_eye(DVec2::from_array(lattice), camera.eye());
     let posts = world.elevation_posts();
     let step = 1u32 << tile.grid_snap;
-    let color_side_m = world.node_side_m(tile.color_level);
+    let color_side_m = surface.node_side_m(tile.color_level);
     let color_per_m = f64::from(world.color_tile()) / color_side_m / f64::from(world.color_stored());
     let border_m = color_side_m * f64::from(COLOR_BORDER) / f64::from(world.color_tile());
     RayTile {
@@ -194,7 +194,7 @@ fn place_nodes(tree: &Tree, world: &World, eye: DVec2, out: &mut Vec<RayNode>) {
         middle: [0.0; 2],
         reserved: [0; 2],
     }));
-    place_node(tree, tree.root(), DVec2::ZERO, world.node_side_m(world.root().q()), eye, out);
+    place_node(tree, tree.root(), DVec2::ZERO, world.surface().node_side_m(world.root().q()), eye, out);
 }
 
 fn place_node(tree: &Tree, link: Link, corner: DVec2, side_m: f64, eye: DVec2, out: &mut [RayNode]) {

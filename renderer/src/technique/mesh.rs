@@ -1,6 +1,6 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
-use super::view::{from_cell, is_over_world, view_parameters};
+use super::view::view_parameters;
 use super::{ArrayPlaces, Technique, outline_of};
 use crate::engine::EngineError;
 use crate::frame::Frame;
@@ -12,6 +12,7 @@ use terravision_common::camera::Camera;
 use terravision_common::rig::MAX_VIEWS;
 use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
+use terravision_common::surface::EyeCell;
 use terravision_common::world::World;
 
 /// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about `r_c` pixels, so the
@@ -40,7 +41,7 @@ struct MeshView {
     parameters: ViewParameters,
     sides: Sides,
     /// The lattice cell of its eye.
-    cell: [i64; 2],
+    cell: EyeCell,
     /// Its first tile.
     first_tile: usize,
 }
@@ -83,11 +84,13 @@ impl Technique for MeshTechnique {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
+        let datum_m = self.world.surface().height_m(frame.marker.camera.eye());
         for view in frame.views.iter() {
-            let (parameters, cell) = view_parameters(&view.camera, &self.world, frame.marker.camera.eye_in_world[2]);
+            let (parameters, cell) = view_parameters(&view.camera, &self.world, datum_m);
             let sides = visible_sides(&view.camera, &self.world);
             // Eyes in one cell see the same tiles.
-            let seen = self.views.iter().find(|before| before.cell == cell).map(|before| before.first_tile);
+            let seen =
+                self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
             let first_tile = seen.unwrap_or(self.tiles.len());
             self.views.push(MeshView { parameters, sides, cell, first_tile });
             if seen.is_none() {
@@ -117,7 +120,7 @@ impl Technique for MeshTechnique {
 /// any ray, so the lower one (the far slopes of ridges, from behind) need not be drawn: a fifth of the time in mountains.
 /// An eye beside the world may look under its edge, and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
-    if is_over_world(camera, world) && !world.has_holes() { Sides::Upper } else { Sides::Both }
+    if world.surface().is_over(camera.eye()) && !world.has_holes() { Sides::Upper } else { Sides::Both }
 }
 
 /// The tiles that are drawn, each with the first value of its elevation array.
@@ -135,8 +138,8 @@ fn block(tile: &TileSlot) -> Block {
     Block { start, size, snap: tile.grid_snap.into() }
 }
 
-fn tile_parameters(tile: &TileSlot, world: &World, cell: [i64; 2], array_start: u32) -> TileParameters {
-    let relative = |origin: [u32; 2]| [0, 1].map(|axis| from_cell(origin[axis], cell[axis]));
+fn tile_parameters(tile: &TileSlot, world: &World, cell: EyeCell, array_start: u32) -> TileParameters {
+    let relative = |origin: [u32; 2]| [0, 1].map(|axis| cell.count(axis, origin[axis]));
     let texels_per_unit = f64::from(world.color_tile()) / world.node_side(tile.color_level) as f64;
     let [west, east, south, north] = tile.edge_snap.map(u32::from);
     let pair = |v: [u16; 2]| u32::from(v[0]) | u32::from(v[1]) << 16;
@@ -174,7 +177,7 @@ mod tests {
             color_slot: 7,
             ..TileSlot::zeroed()
         };
-        let made = tile_parameters(&tile, &world, [70, -5], 99);
+        let made = tile_parameters(&tile, &world, EyeCell { corner: [70, -5], eye_m: [0.0; 2] }, 99);
         assert_eq!(made.origin_from_cell, [-6, 5]);
         assert_eq!(made.level_and_snap, 1 | 1 << 8 | 2 << 12 | 3 << 16);
         assert_eq!((made.array_start, made.color_layer), (99, 7));

@@ -118,13 +118,12 @@ pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
         return None;
     }
     let origin = world.node_origin(node);
+    let inside = world.surface().cells_inside(origin, tile.elevation_level + tile.grid_snap);
     let (mut start, mut cells) = ([0; 2], [0; 2]);
     for axis in 0..2 {
         let from_array = origin[axis].checked_sub(u64::from(tile.elevation_origin[axis]))?;
         start[axis] = u32::try_from(from_array >> tile.elevation_level).ok()?;
-        let left = u64::from(world.extent()[axis]).checked_sub(origin[axis]).filter(|left| *left > 0)?;
-        let inside = left.div_ceil(u64::from(step) << tile.elevation_level);
-        cells[axis] = inside.min(u64::from(posts / step)) as u32;
+        cells[axis] = inside[axis].filter(|cells| *cells > 0)?.min(u64::from(posts / step)) as u32;
         let is_in_array = start[axis].is_multiple_of(step) && start[axis] + posts <= world.elevation_tile();
         // The block that is to be drawn is part of it.
         let [first, last] = [tile.start[axis], tile.end[axis]].map(u32::from);

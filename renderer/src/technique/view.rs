@@ -3,6 +3,7 @@
 use crate::gpu::ViewParameters;
 use glam::DVec3;
 use terravision_common::camera::Camera;
+use terravision_common::surface::EyeCell;
 use terravision_common::world::{COLOR_BORDER, World};
 
 /// Near plane, metres. Depth is reversed and the far plane infinitely far: a depth buffer of 32-bit floats then has a
@@ -14,46 +15,33 @@ const SUBPIXELS: f32 = 256.0;
 
 /// The view, and the eye's lattice cell, which all lattice points are relative to. `datum_z_m`: what elevations are above.
 #[must_use]
-pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewParameters, [i64; 2]) {
-    let unit = world.lattice_unit_m();
-    let cell = [0, 1].map(|axis| (camera.eye_in_world[axis] / unit).floor());
-    let eye_in_cell = [0, 1].map(|axis| (camera.eye_in_world[axis] - cell[axis] * unit) as f32);
-    let cell = cell.map(|v| v as i64);
+pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewParameters, EyeCell) {
+    let surface = world.surface();
+    let cell = surface.eye_cell(camera.eye());
     let [right, up, forward] = camera.axes_in_world();
     let [tan_x, tan_y] = camera.half_tangents();
     let row = |v: DVec3| v.as_vec3().to_array();
     let extent = world.extent();
     let view = ViewParameters {
         clip_x: row(right / tan_x),
-        unit_m: unit as f32,
+        unit_m: surface.unit_m() as f32,
         // Vulkan's y points down the picture.
         clip_y: row(-up / tan_y),
         near_m: NEAR_M as f32,
         clip_w: row(forward),
         posts_reciprocal: 1.0 / world.elevation_posts() as f32,
-        eye_in_cell_m: eye_in_cell,
-        extent_from_cell: [0, 1].map(|axis| from_cell(extent[axis], cell[axis])),
+        eye_in_cell_m: cell.eye_m,
+        extent_from_cell: [0, 1].map(|axis| cell.count(axis, extent[axis])),
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
         grid: [camera.width, camera.height].map(|side| 0.5 * side as f32 * SUBPIXELS),
-        datum_m: datum_above_eye_m(camera, datum_z_m),
+        datum_m: datum_above_eye_m(camera, world, datum_z_m),
         reserved: [0; 3],
     };
     (view, cell)
 }
 
 /// What elevations are above, metres above the eye: 0 for the view that the frame's pose itself is.
-pub(super) fn datum_above_eye_m(camera: &Camera, datum_z_m: f64) -> f32 {
-    (datum_z_m - camera.eye_in_world[2]) as f32
-}
-
-/// Whether the eye is over the world. One beside it may look under its edge, and sees both sides of facets.
-pub(super) fn is_over_world(camera: &Camera, world: &World) -> bool {
-    let is_over = |axis: usize| (0.0..=world.extent_m()[axis]).contains(&camera.eye_in_world[axis]);
-    is_over(0) && is_over(1)
-}
-
-/// A lattice coordinate from the eye's cell. Frames are checked so that it fits; beyond, it saturates.
-pub(super) fn from_cell(lattice: u32, cell: i64) -> i32 {
-    (i64::from(lattice) - cell).clamp(i32::MIN.into(), i32::MAX.into()) as i32
+pub(super) fn datum_above_eye_m(camera: &Camera, world: &World, datum_z_m: f64) -> f32 {
+    (datum_z_m - world.surface().height_m(camera.eye())) as f32
 }

@@ -49,17 +49,33 @@ fn label(name: &str, value: impl Display) -> String {
 /// The page of now.
 pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
     let control = &facts.control;
-    let counter = |counter| control.counter(counter);
-    let gauge = |gauge| control.gauge(gauge) as f64;
     let mut page = Page(String::new());
-    histogram(&mut page, frames);
+    put_frames(&mut page, facts, frames);
+    put_tiles(&mut page, facts, frames);
+    put_network(&mut page, control);
+    put_prefetch(&mut page, control);
+    let restarts = Stage::ALL
+        .into_iter()
+        .map(|stage| (label("stage", stage.name()), control.generation_of(stage).saturating_sub(1)));
+    page.put("stage_restarts_total", "counter", "How often a stage was started again.", restarts);
+    page.count("events_dropped_total", "Events that found their ring full.", control.counter(Counter::EventsDropped));
+    page.0
+}
+
+fn put_frames(page: &mut Page, facts: &Facts, frames: &FrameTally) {
+    let control = &facts.control;
+    histogram(page, frames);
     page.gauge("frames", "Frames of the flight; 0 when their number is not known.", facts.asked_frames as f64);
     page.count("frames_written_total", "Frames that have left the sink.", control.written_frames());
     page.count("frames_late_total", "Frames that came too late (realtime).", frames.late);
     page.count("frames_skipped_total", "Frames that were left out (realtime).", frames.skipped);
     page.gauge("facet_pixels", "r_z: wanted size of facets on screen.", control.r_z_px().unwrap_or(0.0));
     page.gauge("texel_pixels", "r_c: wanted size of texels on screen.", control.r_c_px().unwrap_or(0.0));
+}
 
+fn put_tiles(page: &mut Page, facts: &Facts, frames: &FrameTally) {
+    let counter = |counter| facts.control.counter(counter);
+    let gauge = |gauge| facts.control.gauge(gauge) as f64;
     page.count("tiles_wanted_total", "Tiles that frames wanted, each frame for itself.", counter(Counter::TilesWanted));
     page.gauge("frame_tiles_wanted", "Tiles that the newest frame wants.", frames.wanted as f64);
     let resident = frames.wanted.saturating_sub(frames.lacked);
@@ -87,7 +103,10 @@ pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
         "Of these, holding a tile.",
         POOLS.map(|p| label("pool", p)).into_iter().zip(used),
     );
+}
 
+fn put_network(page: &mut Page, control: &Control) {
+    let counter = |counter| control.counter(counter);
     page.count("tile_bytes_total", "Bytes of tiles that the database gave.", counter(Counter::BytesReceived));
     page.count("network_requests_total", "Requests to the database's server.", counter(Counter::NetworkRequests));
     page.count("network_repeated_total", "Of these, asked again.", counter(Counter::NetworkRepeated));
@@ -100,6 +119,10 @@ pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
         .into_iter()
         .map(|cause| (label("cause", cause.name()), failures.get(cause.number()).copied().unwrap_or(0)));
     page.put("failures_total", "counter", "Failures while the database was read, also those made good.", failures);
+}
+
+fn put_prefetch(page: &mut Page, control: &Control) {
+    let gauge = |gauge| control.gauge(gauge) as f64;
     page.gauge("prefetch_window", "N: tiles asked for at a time.", gauge(Gauge::PrefetchWindow));
     page.gauge(
         "prefetch_received_ratio",
@@ -117,13 +140,6 @@ pub(super) fn write(facts: &Facts, frames: &FrameTally) -> String {
         "From a request until its tile is there, smoothed.",
         gauge(Gauge::TileLatencyNanos) / NANOS,
     );
-
-    let restarts = Stage::ALL
-        .into_iter()
-        .map(|stage| (label("stage", stage.name()), control.generation_of(stage).saturating_sub(1)));
-    page.put("stage_restarts_total", "counter", "How often a stage was started again.", restarts);
-    page.count("events_dropped_total", "Events that found their ring full.", counter(Counter::EventsDropped));
-    page.0
 }
 
 fn histogram(page: &mut Page, frames: &FrameTally) {
