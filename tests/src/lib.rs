@@ -6,6 +6,7 @@ pub mod folder;
 pub mod geotiff;
 pub mod live;
 pub mod metrics;
+pub mod posed;
 pub mod process;
 pub mod rays;
 pub mod reference;
