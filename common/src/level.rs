@@ -252,6 +252,13 @@ pub fn log2_approximate(x: f64) -> f64 {
     exponent + (f + f * (1.0 - f) * p)
 }
 
+/// Levels that a colour leaf may lie below its elevation leaf. Its block is then two cells wide at least: where the edge
+/// of a restricted tree's leaf collapses every other vertex, no facet reaches into the next block.
+#[must_use]
+pub fn deepest_color_below(world: &World) -> u8 {
+    world.elevation_tile().ilog2() as u8 - 1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

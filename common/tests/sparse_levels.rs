@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, Layers, NodeRange, NodeRanges, NodesRecord, RangesError};
-use terravision_common::level::{LevelFunction, Measure};
+use terravision_common::level::{LevelFunction, Measure, deepest_color_below};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
-use terravision_common::traversal::{Traversal, TreeLimits, deepest_color_below};
+use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::{World, WorldFields};
 

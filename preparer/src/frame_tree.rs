@@ -3,8 +3,8 @@
 use glam::DVec3;
 use terravision_common::database::Layer;
 pub use terravision_common::database::Tile;
+use terravision_common::level::deepest_color_below;
 use terravision_common::node::NodeId;
-use terravision_common::traversal::deepest_color_below;
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 

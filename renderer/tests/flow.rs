@@ -13,7 +13,7 @@ use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::ids::Sequence;
 use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
-use terravision_common::shm::{RunState, memory};
+use terravision_common::shm::{Control, ElevationWriter, PoolWriter, Producer, RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::EngineOptions;
@@ -287,14 +287,76 @@ fn a_device_that_is_not_there_is_said() {
     assert!(error.to_string().starts_with("no Vulkan device matches \"abacus\"; there are: 0: "), "{error}");
 }
 
+/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or the run is stopped.
+fn feed(
+    recording: &Arc<Recording>,
+    stop_after: Option<usize>,
+    control: &Control,
+    mut ring: Producer<Slot>,
+    mut arrays: ElevationWriter,
+    mut pool: PoolWriter,
+) {
+    let world = recording.world();
+    let mut inner = RecordedSource::new(Arc::clone(recording), 1);
+    let mut tile_bytes = vec![0; (0..3).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum()];
+    let mut placed = std::collections::HashMap::new();
+    for (sequence, frame) in recording.frames().iter().enumerate() {
+        if stop_after == Some(sequence) {
+            control.set_state(RunState::Stopping);
+            return;
+        }
+        let (sequence, elevation_start) = (sequence as u64 + 1, arrays.next_position());
+        let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
+        if ring.push(&Slot::new(&SlotContent::Marker(marker)), control).is_err() {
+            return;
+        }
+        for (index, view) in (0..).zip(frame.views.iter()) {
+            let count = frame.views.len() as u32;
+            let view = ViewSlot { camera: view.camera, at: view.at, index, count };
+            if ring.push(&Slot::new(&SlotContent::View(view)), control).is_err() {
+                return;
+            }
+        }
+        let mut tiles = frame.tiles.clone();
+        for tile in &mut tiles {
+            let mut values = vec![0.0; world.elevation_posts().pow(2) as usize];
+            assert!(
+                inner
+                    .read_elevation(tile.elevation_position, &mut values)
+                    .expect("memory of this process holds the recording")
+            );
+            let Ok(mut guard) = arrays.begin(control) else { return };
+            guard.values_mut().copy_from_slice(&values);
+            tile.elevation_position = guard.publish();
+            let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
+            let key = *placed.entry(tile.color_slot).or_insert_with(|| {
+                assert!(inner.read_color(tile.color(), &mut tile_bytes));
+                let mut fill = pool
+                    .allocate(node, Sequence::new(sequence), control.completed_sequence())
+                    .expect("memory of this process holds the recording");
+                fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
+                fill.publish()
+            });
+            *tile = tile.with_color(key);
+            if ring.push(&Slot::new(&SlotContent::Tile(*tile)), control).is_err() {
+                return;
+            }
+        }
+        let end = terravision_common::slot::FrameEnd { elevation_end: arrays.next_position(), ..frame.end };
+        if ring.push(&Slot::new(&SlotContent::End(end)), control).is_err() {
+            return;
+        }
+    }
+}
+
 /// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
 fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<usize>) -> Lived {
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);
     let control = Arc::new(memory::control().expect("memory of this process holds the recording"));
-    let (mut ring, consumer) = memory::ring::<Slot>(4).expect("memory of this process holds the recording");
-    let (mut arrays, elevation) = memory::elevation_ring(8, posts).expect("memory of this process holds the recording");
-    let (mut pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
+    let (ring, consumer) = memory::ring::<Slot>(4).expect("memory of this process holds the recording");
+    let (arrays, elevation) = memory::elevation_ring(8, posts).expect("memory of this process holds the recording");
+    let (pool, colors) = memory::pool(6, 16384).expect("memory of this process holds the recording");
     let (events, mut drained) = memory::ring::<Event>(1024).expect("memory of this process holds the recording");
     let frames = [0, recording.frames().len() as u64];
     let mut source = LiveSource::new(
@@ -311,58 +373,7 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     let lanes = Lanes::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
     let result = std::thread::scope(|scope| {
         let control = Arc::clone(&control);
-        scope.spawn(move || {
-            let mut inner = RecordedSource::new(Arc::clone(recording), 1);
-            let mut tile_bytes = vec![0; (0..3).map(|mip| (world.color_stored() as usize >> mip).pow(2) * 4).sum()];
-            let mut placed = std::collections::HashMap::new();
-            for (sequence, frame) in recording.frames().iter().enumerate() {
-                if stop_after == Some(sequence) {
-                    control.set_state(RunState::Stopping);
-                    return;
-                }
-                let (sequence, elevation_start) = (sequence as u64 + 1, arrays.next_position());
-                let marker = FrameMarker { sequence, elevation_start, maker: 1, ..frame.marker };
-                if ring.push(&Slot::new(&SlotContent::Marker(marker)), &control).is_err() {
-                    return;
-                }
-                for (index, view) in (0..).zip(frame.views.iter()) {
-                    let count = frame.views.len() as u32;
-                    let view = ViewSlot { camera: view.camera, at: view.at, index, count };
-                    if ring.push(&Slot::new(&SlotContent::View(view)), &control).is_err() {
-                        return;
-                    }
-                }
-                let mut tiles = frame.tiles.clone();
-                for tile in &mut tiles {
-                    let mut values = vec![0.0; posts as usize];
-                    assert!(
-                        inner
-                            .read_elevation(tile.elevation_position, &mut values)
-                            .expect("memory of this process holds the recording")
-                    );
-                    let Ok(mut guard) = arrays.begin(&control) else { return };
-                    guard.values_mut().copy_from_slice(&values);
-                    tile.elevation_position = guard.publish();
-                    let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
-                    let key = *placed.entry(tile.color_slot).or_insert_with(|| {
-                        assert!(inner.read_color(tile.color(), &mut tile_bytes));
-                        let mut fill = pool
-                            .allocate(node, Sequence::new(sequence), control.completed_sequence())
-                            .expect("memory of this process holds the recording");
-                        fill.bytes_mut()[..tile_bytes.len()].copy_from_slice(&tile_bytes);
-                        fill.publish()
-                    });
-                    *tile = tile.with_color(key);
-                    if ring.push(&Slot::new(&SlotContent::Tile(*tile)), &control).is_err() {
-                        return;
-                    }
-                }
-                let end = terravision_common::slot::FrameEnd { elevation_end: arrays.next_position(), ..frame.end };
-                if ring.push(&Slot::new(&SlotContent::End(end)), &control).is_err() {
-                    return;
-                }
-            }
-        });
+        scope.spawn(move || feed(recording, stop_after, &control, ring, arrays, pool));
         run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {})
     });
     let events =

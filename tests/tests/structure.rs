@@ -19,14 +19,10 @@ const FUNCTION_LINES: usize = 80;
 /// Longer files that are still to be split.
 const LONG_FILES: &[&str] = &["common/tests/database.rs"];
 /// Longer functions that are still to be split.
-const LONG_FUNCTIONS: &[&str] = &[
-    "ingest/src/plan.rs: new",
-    "ingest/src/sparse.rs: write",
-    "ingest/src/work.rs: in_order",
-    "renderer/tests/flow.rs: live",
-];
+const LONG_FUNCTIONS: &[&str] =
+    &["ingest/src/plan.rs: new", "ingest/src/sparse.rs: write", "ingest/src/work.rs: in_order"];
 /// Crates whose circles are still to be broken.
-const CIRCLES: &[&str] = &["common", "ingest", "renderer"];
+const CIRCLES: &[&str] = &["ingest", "renderer"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()

@@ -3,9 +3,9 @@
 //! south, then column: column and row (u32), low and high (f32), layers (u32); little endian.)
 
 use super::{Layer, RangesError};
+use crate::level::deepest_color_below;
 use crate::node::NodeId;
 use crate::surface::SIDES;
-use crate::traversal::deepest_color_below;
 use crate::world::World;
 use std::io::Read;
 

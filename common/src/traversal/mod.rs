@@ -20,7 +20,7 @@ mod view;
 pub use view::{Frustum, HeightRanges, node_box};
 
 use crate::database::Layer;
-use crate::level::LevelFunction;
+use crate::level::{LevelFunction, deepest_color_below};
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
 use crate::rig::{MAX_VIEWS, Views};
@@ -298,13 +298,6 @@ impl Traversal {
             self.found[at].is_drawn = is_drawn;
         }
     }
-}
-
-/// Levels that a colour leaf may lie below its elevation leaf. Its block is then two cells wide at least: where the edge
-/// of a restricted tree's leaf collapses every other vertex, no facet reaches into the next block.
-#[must_use]
-pub fn deepest_color_below(world: &World) -> u8 {
-    world.elevation_tile().ilog2() as u8 - 1
 }
 
 #[cfg(test)]

@@ -29,8 +29,8 @@ use crate::tint::{Place, Tint};
 use crate::work::Work;
 use std::path::Path;
 use terravision_common::database::Layer;
+use terravision_common::level::deepest_color_below;
 use terravision_common::node::NodeId;
-use terravision_common::traversal::deepest_color_below;
 
 /// The levels of both pyramids, which of their nodes exist, and what was found.
 pub(crate) struct Nested {
