@@ -86,7 +86,7 @@ impl Pair {
     fn start(queue: Queue, count: u64, is_acknowledged: bool) -> anyhow::Result<Self> {
         // Unlike the launcher, a bench has several runs, in tests at the same time.
         let run = RunId::unique_for_tests();
-        let layout = Layout { ring_slots: 8192, tree_nodes: 65_536, ..Layout::small() };
+        let layout = Layout::small().with_room(8192, 65_536);
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;
         let program = sibling("terravision-bench")?;

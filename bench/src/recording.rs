@@ -6,7 +6,7 @@ use anyhow::{Context, bail, ensure};
 use std::ops::Range;
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::event::{Event, SpanName, monotonic_nanos};
-use terravision_common::ids::{Sequence, SlotKey};
+use terravision_common::ids::{RingPosition, Sequence, SlotKey};
 use terravision_common::node::NodeId;
 use terravision_common::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, PoolWriter, Producer, Residency, RunId,
@@ -201,7 +201,7 @@ impl RecordedFrames {
     ) -> anyhow::Result<()> {
         let first_slot = self.slots.len();
         let first_array = self.arrays.len();
-        let first_position = elevation.released_position();
+        let first_position = elevation.released_position().get();
         loop {
             let slot = loop {
                 if let Some(slot) = ring.try_pop()? {
@@ -215,13 +215,13 @@ impl RecordedFrames {
             }
             match slot.read() {
                 Some(SlotContent::End(end)) => {
-                    for position in elevation.released_position()..end.elevation_end {
+                    for position in elevation.released_position().get()..end.elevation_end {
                         let array = elevation.read_array(position)?.context("an array is not where it should be")?;
                         if is_kept {
                             self.arrays.extend_from_slice(array);
                         }
                     }
-                    elevation.released(end.elevation_end)?;
+                    elevation.released(RingPosition::new(end.elevation_end))?;
                     ensure!(end.unavailable_count == 0, "a tile of the database cannot be had");
                     break;
                 }

@@ -34,7 +34,7 @@ pub fn record(settings: &Settings, flight: &Flight) -> anyhow::Result<Recorded> 
     Ok(Recorded { trees, frames })
 }
 
-/// Figures of generator and preparer from their recordings.
+/// StoreStats of generator and preparer from their recordings.
 pub fn generator_and_preparer(recorded: &Recorded, findings: &mut Findings) {
     let Recorded { trees, frames } = recorded;
     let count = trees.trees.len() as u64;
@@ -227,7 +227,7 @@ pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
 /// Frames of each grid of the floor.
 const FLOOR_FRAMES: u32 = 60;
 
-/// Figures of the floor, and of the renderer against it, of turns in which one followed the other.
+/// StoreStats of the floor, and of the renderer against it, of turns in which one followed the other.
 pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], findings: &mut Findings) {
     let passes = |pass: fn(&[FloorPass]) -> Option<&FloorPass>| -> Vec<&FloorPass> {
         floors.iter().filter_map(|floors| pass(&floors.passes)).collect()
@@ -272,7 +272,7 @@ impl Flown {
     }
 }
 
-/// Figures of the renderer alone: medians of the turns.
+/// StoreStats of the renderer alone: medians of the turns.
 pub fn renderer(settings: &Settings, alone: &[Flown], findings: &mut Findings) {
     let pixels = f64::from(settings.size[0]) * f64::from(settings.size[1]);
     let count = alone.iter().map(|flown| flown.frame_ms.len() as u64).sum();
@@ -288,7 +288,7 @@ pub fn renderer(settings: &Settings, alone: &[Flown], findings: &mut Findings) {
     add("renderer: processor time of a frame", median_of(alone, &|flown| flown.cpu_ms[2]), "ms");
 }
 
-/// Figures of the whole against the renderer alone, of turns in which one followed the other:
+/// StoreStats of the whole against the renderer alone, of turns in which one followed the other:
 /// medians of the turns.
 pub fn replay(recorded: &Recorded, whole: &[Flown], alone: &[Flown], findings: &mut Findings) {
     let count = whole.iter().map(|flown| flown.frame_ms.len() as u64).sum();

@@ -53,7 +53,7 @@ fn words_of(payload: &(dyn Any + Send)) -> &str {
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
 }
 
-/// Does work on foreign bytes by code that is not ours. A panic of it is an error, without a word on standard error; what the
+/// Does work on foreign bytes by code that is not ours. A panic of it is an error, without a message on standard error; what the
 /// work was changing is then in an undefined, but safe state.
 ///
 /// # Errors

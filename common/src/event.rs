@@ -159,7 +159,7 @@ impl SpanName {
         matches!(self, Self::LoadTile | Self::FetchTile)
     }
 
-    /// The name with this number; `None` for a number that is none (it came from shared memory).
+    /// The name with this number; `None` for another number (it came from shared memory).
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|name| u64::from(*name as u32) == number)

@@ -77,6 +77,11 @@ impl Sequence {
 }
 
 number! {
+    /// Position of an item in a ring: counts up over all that was ever put in, so it is never used twice.
+    RingPosition(u64)
+}
+
+number! {
     /// Index of a slot of a tile pool, from 0.
     SlotIndex(u32)
 }

@@ -102,7 +102,7 @@ impl RunConfig {
 pub struct DatabaseConfig {
     /// A folder, or a URL as the user gave it.
     pub location: String,
-    /// Folder of the disk cache of databases that are elsewhere; the user's own when there is none here.
+    /// Folder of the disk cache of remote databases; the user's own when there is none here.
     pub cache: Option<PathBuf>,
     /// Most bytes that it may take.
     pub cache_bytes: u64,

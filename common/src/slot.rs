@@ -7,6 +7,7 @@
 
 use crate::camera::Camera;
 use crate::ids::SlotKey;
+use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 
 /// Kind of a [`FrameMarker`] slot.
@@ -31,7 +32,7 @@ pub struct FrameMarker {
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
     pub r_c_px: f64,
-    /// The frame is the so many-th of the run that was prepared, counted from 1.
+    /// The frame's place among those of the run that were prepared, from 1 ([`crate::ids::Sequence`]).
     pub sequence: u64,
     /// Position in the elevation ring of its first array. Arrays between the end of the frame before and this one
     /// belong to no frame: their preparer was killed.
@@ -64,7 +65,7 @@ pub struct ViewSlot {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileSlot {
-    /// [`crate::node::NodeId::pack`] of the colour leaf; for overlays and messages, drawing does not need it.
+    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing does not need it.
     pub node: u64,
     /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's index).
     pub elevation_position: u64,
@@ -97,6 +98,12 @@ pub struct TileSlot {
 }
 
 impl TileSlot {
+    /// The colour leaf; `None` when the number is no node's (it came from shared memory).
+    #[must_use]
+    pub const fn node(&self) -> Option<NodeId> {
+        NodeId::unpack(self.node)
+    }
+
     /// Where the colour tile lies in its pool.
     #[must_use]
     pub const fn color(&self) -> SlotKey {

@@ -55,7 +55,7 @@ pub enum UsageError {
         /// What a run may have.
         most: u64,
     },
-    /// The run's id is none.
+    /// The run's id is not valid.
     #[error("the run cannot be read: {source}")]
     RunId {
         /// What is wrong with it.
@@ -211,7 +211,7 @@ pub fn set_up_process() -> Result<(), std::io::Error> {
 }
 
 /// A write beyond the limit of a file's size (`ulimit -f`) is an error with a sentence from now on, and not the signal SIGXFSZ,
-/// which ends a process without a word. Programs that this one starts do not inherit it.
+/// which ends a process without a message. Programs that this one starts do not inherit it.
 ///
 /// # Errors
 /// The system refuses.

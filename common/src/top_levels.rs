@@ -7,10 +7,10 @@ use crate::world::World;
 /// Nodes of the top levels: two levels below a root, 1 + 4 + 16.
 const LOCKED_NODES: u64 = 21;
 
-/// Tiles of the top levels, coarse to fine, and the level below them; that is -1 when the world has no more. Sparse levels are
+/// Tiles of the top levels, coarse to fine, and the level below them, if the world has more. Sparse levels are
 /// not among them.
 #[must_use]
-pub fn top_levels(world: &World) -> (Vec<Tile>, i32) {
+pub fn top_levels(world: &World) -> (Vec<Tile>, Option<u8>) {
     let mut tiles = Vec::new();
     let mut count = 0;
     for q in (0..world.levels()).rev() {
@@ -18,7 +18,7 @@ pub fn top_levels(world: &World) -> (Vec<Tile>, i32) {
         count += u64::from(columns) * u64::from(rows);
         // Of a sparse level a world without its index does not know what there is.
         if count > LOCKED_NODES || q < world.complete_level() {
-            return (tiles, i32::from(q));
+            return (tiles, Some(q));
         }
         for node in (0..rows).flat_map(|n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))) {
             if world.has_elevation(node) {
@@ -29,7 +29,7 @@ pub fn top_levels(world: &World) -> (Vec<Tile>, i32) {
             }
         }
     }
-    (tiles, -1)
+    (tiles, None)
 }
 
 #[cfg(test)]
@@ -54,18 +54,18 @@ mod tests {
     #[test]
     fn three_full_levels_are_locked_and_more_where_nodes_are_few() {
         let (tiles, first) = top_levels(&world([256, 256], 7, 0));
-        assert_eq!((tiles.len(), first), (42, 3));
+        assert_eq!((tiles.len(), first), (42, Some(3)));
         // A strip: 1 + 1 + 2 + 4 + 8 nodes, then 16.
         let (tiles, first) = top_levels(&world([128, 1], 7, 0));
-        assert_eq!((tiles.len(), first), (32, 1));
+        assert_eq!((tiles.len(), first), (32, Some(1)));
         // All of a small world.
         let (tiles, first) = top_levels(&world([16, 16], 3, 0));
-        assert_eq!((tiles.len(), first), (42, -1));
+        assert_eq!((tiles.len(), first), (42, None));
         // Colour ends at level 5 of 7.
         let (tiles, first) = top_levels(&world([256, 256], 7, 5));
-        assert_eq!((tiles.len(), first), (21 + 5, 3));
+        assert_eq!((tiles.len(), first), (21 + 5, Some(3)));
         // Only the root and the level below it are everywhere.
         let (tiles, first) = top_levels(&world([256, 256], 7, 0).with_complete_level(5));
-        assert_eq!((tiles.len(), first), (10, 4));
+        assert_eq!((tiles.len(), first), (10, Some(4)));
     }
 }

@@ -36,7 +36,7 @@ pub struct TreeNode {
 }
 
 impl TreeNode {
-    /// The node's id, or `None` when the number is none.
+    /// The node's id, or `None` when the number is no node's.
     #[must_use]
     pub fn id(&self) -> Option<NodeId> {
         NodeId::unpack(self.node)

@@ -132,7 +132,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     // Memory bounds the pools, not the elevation ring.
     let layout = Layout::for_run(world, u64::MAX >> 8, config.texels)?;
     let layout = layout.for_picture(world, config.pixels(), config.r_z_px);
-    let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays };
+    let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays() };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;
     tracing::debug!(next_frame = generator.next_frame, nodes = limits.nodes, "generates trees");

@@ -4,7 +4,7 @@ use std::future::Future;
 use std::sync::Arc;
 use terravision_common::database::Tile;
 use terravision_common::outcome::TileFailure;
-use terravision_store::{ErrorLog, Figures, Payload, Store};
+use terravision_store::{ErrorLog, Payload, Store, StoreStats};
 
 /// A terrain database, wherever it is. It alone decides when a request is made again, and when a tile that could not be had
 /// is asked for again (docs/retries.md); deadlines and caches are its business, too.
@@ -20,8 +20,8 @@ pub trait PayloadSource: Send + Sync + 'static {
     fn reject(&self, tile: Tile);
 
     /// What reading has cost so far.
-    fn figures(&self) -> Figures {
-        Figures::default()
+    fn stats(&self) -> StoreStats {
+        StoreStats::default()
     }
 
     /// What went wrong so far, those failures too that a later request made good; `None` for a source that keeps no log.
@@ -43,8 +43,8 @@ impl PayloadSource for Arc<Store> {
         Store::reject(self, tile);
     }
 
-    fn figures(&self) -> Figures {
-        Store::figures(self)
+    fn stats(&self) -> StoreStats {
+        Store::stats(self)
     }
 
     fn errors(&self) -> Option<&ErrorLog> {

@@ -8,19 +8,19 @@ use std::collections::BTreeMap;
 use terravision_common::event::{Event, TextKind};
 use terravision_common::shm::{Control, Counter};
 use terravision_common::stage::Events;
-use terravision_store::{Cause, Figures};
+use terravision_store::{Cause, StoreStats};
 
 /// What has been told so far.
 #[derive(Debug, Default)]
 pub struct Usage {
-    figures: Figures,
+    told: StoreStats,
     failures: BTreeMap<Cause, u64>,
 }
 
 impl Usage {
     /// Tells what is new since the last call.
     pub fn publish(&mut self, source: &impl PayloadSource, control: &Control, events: &mut Events) {
-        let (now, told) = (source.figures(), std::mem::take(&mut self.figures));
+        let (now, told) = (source.stats(), std::mem::take(&mut self.told));
         for (counter, now, told) in [
             (Counter::NetworkRequests, now.requests, told.requests),
             (Counter::NetworkRepeated, now.repeated, told.repeated),
@@ -35,7 +35,7 @@ impl Usage {
         if (now.requests, now.bytes) != (told.requests, told.bytes) {
             control.progress();
         }
-        self.figures = now;
+        self.told = now;
         let Some(errors) = source.errors() else { return };
         let counts = errors.counts();
         for (cause, count) in &counts {

@@ -5,6 +5,7 @@ use crate::loader::{LoadError, TileLoader, TileState};
 use std::time::{Duration, Instant};
 use terravision_common::database::Layer;
 use terravision_common::ids::{FrameNumber, Sequence};
+use terravision_common::node::NodeId;
 use terravision_common::shm::{Control, Layout, WaitError};
 use terravision_common::texels::TexelFormat;
 use terravision_common::top_levels::top_levels;
@@ -61,8 +62,8 @@ pub struct TileWait {
     pending: Vec<Tile>,
     /// The top levels, which are in the pools whatever a frame wants.
     locked: Vec<Tile>,
-    /// The coarsest level that is not locked; -1 when all are.
-    first_unlocked: i32,
+    /// The coarsest level that is not locked; none when all are.
+    first_unlocked: Option<u8>,
 }
 
 impl TileWait {
@@ -199,7 +200,8 @@ impl TileWait {
     fn check_room(&self, wanted: &[Tile], loader: &impl TileLoader, frame: FrameNumber) -> Result<(), AwaitError> {
         let needed = |layer: Layer| {
             let locked = self.locked.iter().filter(|t| t.layer == layer).count();
-            let others = wanted.iter().filter(|t| t.layer == layer && i32::from(t.node.q()) <= self.first_unlocked);
+            let is_unlocked = |node: NodeId| self.first_unlocked.is_some_and(|first| node.q() <= first);
+            let others = wanted.iter().filter(|t| t.layer == layer && is_unlocked(t.node));
             (locked + others.count()) as u64
         };
         for layer in [Layer::Color, Layer::Elevation] {
@@ -215,7 +217,7 @@ impl TileWait {
     fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: FrameNumber) -> AwaitError {
         let slots = |memory: u64| {
             let layout = Layout::for_run(&self.world, memory, self.texels).ok()?;
-            Some(u64::from(if layer == Layer::Color { layout.color_slots } else { layout.elevation_slots }))
+            Some(u64::from(if layer == Layer::Color { layout.color_slots() } else { layout.elevation_slots() }))
         };
         // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by halving.
         let least = |wanted: u64| {
@@ -237,7 +239,6 @@ impl TileWait {
 mod tests {
     use super::*;
     use terravision_common::ids::SlotKey;
-    use terravision_common::node::NodeId;
     use terravision_common::shm::memory;
     use terravision_testkit::worlds;
 

@@ -76,7 +76,7 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
             tile.color_origin[1] / (case.world.elevation_tile() << tile.color_level),
             tile.color_level,
         );
-        let leaf = NodeId::unpack(tile.node).expect("an id");
+        let leaf = tile.node().expect("an id");
         prop_assert_eq!(Some(leaf.ancestor(tile.color_level)), color);
         prop_assert_eq!(tiles.color.get(&leaf.ancestor(tile.color_level)).map(|key| key.slot), Some(tile.color().slot));
     }

@@ -5,7 +5,7 @@ mod support;
 
 use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
 use terravision_common::event::{Event, EventContent, SpanName};
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::shm::RunState;
 use terravision_common::stage::StageError;
@@ -139,7 +139,7 @@ fn a_frame_in_the_steady_state_allocates_nothing() {
         });
         allocations.push(made.count_total);
         while parts.ring.try_pop().expect("not corrupt").is_some() {}
-        parts.elevation.released(parts.ports.elevation.next_position()).expect("not corrupt");
+        parts.elevation.released(RingPosition::new(parts.ports.elevation.next_position())).expect("not corrupt");
         parts.control.set_completed_sequence(Sequence::new(k + 1));
     }
     // The first frame may size buffers of the system's (locks, queues).

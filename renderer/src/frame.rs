@@ -3,7 +3,7 @@
 //! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
 
 use crate::source::{Done, FrameSource, SourceError, SourceShape};
-use terravision_common::ids::Generation;
+use terravision_common::ids::{Generation, RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::rig::{MAX_VIEWS, View, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
@@ -193,9 +193,9 @@ pub struct Frame {
     /// Position of its first elevation array.
     pub elevation_start: u64,
     /// Counts the frames of the run that were made from 1.
-    pub sequence: u64,
+    pub sequence: Sequence,
     /// One past its last slot.
-    pub slots_end: u64,
+    pub slots_end: RingPosition,
 }
 
 /// Reads frames from a source.
@@ -213,7 +213,7 @@ pub struct FrameReader {
     /// How far frames were done with when reading began: those before are passed over.
     done: Done,
     /// Sequence of the last frame that was read.
-    sequence: u64,
+    sequence: Sequence,
     /// Slots before the first marker may be the rest of a frame that nobody has the beginning of.
     may_begin_within: bool,
     /// Counts the frames that were opened.
@@ -242,8 +242,8 @@ impl FrameReader {
             tiles: Vec::with_capacity(4096),
             end: bytemuck::Zeroable::zeroed(),
             elevation_start: 0,
-            sequence: 0,
-            slots_end: 0,
+            sequence: Sequence::NONE,
+            slots_end: RingPosition::default(),
         };
         let mut reader = Self {
             named: vec![(0, Generation::NEVER_FILLED); shape.color_slots as usize],
@@ -255,7 +255,7 @@ impl FrameReader {
             view_count: 0,
             next: 0,
             done: shape.done,
-            sequence: 0,
+            sequence: Sequence::NONE,
             may_begin_within: false,
             opened: 0,
         };
@@ -270,16 +270,17 @@ impl FrameReader {
         self.may_begin_within = true;
         self.done = done;
         self.sequence = done.sequence;
-        self.frame.end.elevation_end = done.elevation_end;
+        self.frame.end.elevation_end = done.elevation_end.get();
         // Frames may have been left out, but none has come twice.
-        self.next = self.shape.frames[0].saturating_add(done.sequence);
+        self.next = self.shape.frames[0].saturating_add(done.sequence.get());
     }
 
     /// How far frames are done with when this one is, [`FrameReader::frame`].
     #[must_use]
     pub fn done_with_frame(&self) -> Done {
         let Frame { sequence, end, slots_end, .. } = &self.frame;
-        Done { sequence: *sequence, elevation_end: end.elevation_end, slots_end: *slots_end }
+        let elevation_end = RingPosition::new(end.elevation_end);
+        Done { sequence: *sequence, elevation_end, slots_end: *slots_end }
     }
 
     /// Frames that are still to come; with gaps, at most.
@@ -339,14 +340,14 @@ impl FrameReader {
     fn open(&mut self, expected: u64, marker: &FrameMarker) -> Result<(), FrameError> {
         let wrong = |field, found, wanted| Err(FrameError::Marker { frame: expected, field, found, expected: wanted });
         // A renderer that was killed had completed it, but not given it back.
-        let is_stale = self.is_stale(marker.sequence);
+        let is_stale = self.is_stale(Sequence::new(marker.sequence));
         let is_later = self.shape.has_gaps && (expected..self.shape.frames[1]).contains(&marker.frame);
         if marker.frame != expected && !is_later && !is_stale {
             return wrong("its number", marker.frame, expected);
         }
-        let ahead = marker.sequence.wrapping_sub(self.sequence);
+        let ahead = marker.sequence.wrapping_sub(self.sequence.get());
         if !is_stale && (ahead == 0 || ahead > if self.shape.has_gaps { MOST_LOST } else { 1 }) {
-            return wrong("its place in the run", marker.sequence, self.sequence.wrapping_add(1));
+            return wrong("its place in the run", marker.sequence, self.sequence.get().wrapping_add(1));
         }
         let lost = marker.elevation_start.wrapping_sub(self.frame.end.elevation_end);
         if !is_stale && lost > self.shape.elevation_arrays {
@@ -363,15 +364,15 @@ impl FrameReader {
         self.view_count = 0;
         self.frame.tiles.clear();
         self.frame.elevation_start = marker.elevation_start;
-        self.frame.sequence = marker.sequence;
+        self.frame.sequence = Sequence::new(marker.sequence);
         self.opened += 1;
         self.is_open = true;
         self.may_begin_within = false;
         Ok(())
     }
 
-    fn is_stale(&self, sequence: u64) -> bool {
-        sequence != 0 && sequence <= self.done.sequence
+    fn is_stale(&self, sequence: Sequence) -> bool {
+        sequence != Sequence::NONE && sequence <= self.done.sequence
     }
 
     fn has_all_views(&self) -> bool {
@@ -467,7 +468,7 @@ impl FrameReader {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
                 // Arrays that a killed stage has left between the frames: the preparer may be waiting for them.
-                source.release_elevations(self.frame.elevation_start)?;
+                source.release_elevations(RingPosition::new(self.frame.elevation_start))?;
             }
             let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };
             let Some(slot) = slot else { return Ok(false) };
@@ -478,7 +479,10 @@ impl FrameReader {
             if !self.is_stale(self.frame.sequence) {
                 return Ok(true);
             }
-            source.complete(&Done { elevation_end: self.frame.elevation_start, ..self.done_with_frame() })?;
+            source.complete(&Done {
+                elevation_end: RingPosition::new(self.frame.elevation_start),
+                ..self.done_with_frame()
+            })?;
         }
     }
 }
@@ -486,5 +490,5 @@ impl FrameReader {
 /// Level of the colour leaf of a tile, for overlays; 0 when its node's number is none.
 #[must_use]
 pub fn leaf_level(tile: &TileSlot) -> u8 {
-    NodeId::unpack(tile.node).map_or(0, NodeId::q)
+    tile.node().map_or(0, NodeId::q)
 }

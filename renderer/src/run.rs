@@ -378,7 +378,7 @@ impl<'a> FrameLoop<'a> {
         });
         self.source.timed(&FrameTiming {
             frame: finished.frame,
-            sequence: finished.sequence,
+            sequence: finished.sequence.get(),
             r_z_px: finished.r_px[0],
             r_c_px: finished.r_px[1],
             work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(self.last_finished)),
@@ -420,7 +420,8 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::FramesUnsettled, 1);
         }
         // What repeats in place of frames that were left out is part of the film, too.
-        let count = if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence + self.summary.frames };
+        let count =
+            if self.shape.has_gaps { written_up_to } else { self.shape.done.sequence.get() + self.summary.frames };
         self.source.written(count);
         self.free.push(written.pixels);
         Ok(())

@@ -5,6 +5,7 @@ mod support;
 use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
+use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
@@ -50,7 +51,7 @@ fn shape() -> SourceShape {
     SourceShape {
         world: world([64, 64]),
         elevation_arrays: 16,
-        done: Done { elevation_end: 100, ..Done::default() },
+        done: Done { elevation_end: RingPosition::new(100), ..Done::default() },
         is_resumed: false,
         color_slots: 4,
         texels: TexelFormat::Rgba8,
@@ -131,7 +132,7 @@ fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
             .map_err(|error| error.to_string())
     };
     let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
-    assert_eq!((read(&mut reader, 9), reader.remaining(), reader.frame().sequence), (Ok(true), 10, 1));
+    assert_eq!((read(&mut reader, 9), reader.remaining(), reader.frame().sequence), (Ok(true), 10, Sequence::FIRST));
     for wrong in [9, 8, 20, u64::MAX] {
         let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
         assert_eq!(read(&mut reader, 9), Ok(true));
@@ -144,7 +145,7 @@ fn in_realtime_frames_may_be_left_out_but_none_comes_twice_or_after_the_last() {
         SlotContent::End(FrameEnd { frame: 19, tile_count: 0, elevation_end: 101, ..end() }),
     ];
     assert!(with_view(&last).iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect("in order"));
-    assert_eq!((reader.remaining(), reader.frame().sequence), (0, 2));
+    assert_eq!((reader.remaining(), reader.frame().sequence), (0, Sequence::new(2)));
 }
 
 #[test]
@@ -159,10 +160,14 @@ fn a_frame_that_a_killed_preparer_has_begun_is_broken_off_by_the_next() {
     assert!(feed(&stray).expect_err("an array of the other frame").contains("none of the frame's"));
 }
 
+fn done(sequence: u64, elevation_end: u64) -> Done {
+    let (sequence, elevation_end) = (Sequence::new(sequence), RingPosition::new(elevation_end));
+    Done { sequence, elevation_end, slots_end: RingPosition::default() }
+}
+
 #[test]
 fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_given_back() {
-    let done = Done { sequence: 1, elevation_end: 100, slots_end: 0 };
-    let shape = SourceShape { done, is_resumed: true, frames: [7, 12], ..shape() };
+    let shape = SourceShape { done: done(1, 100), is_resumed: true, frames: [7, 12], ..shape() };
     let mut reader = FrameReader::new(shape, SIZE).expect("the world is small");
     let tile = |position| SlotContent::Tile(TileSlot { elevation_position: position, ..good_tile() });
     let marker = |frame, sequence, elevation_start| {
@@ -182,7 +187,7 @@ fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_gi
     assert_eq!(add(marker(8, 2, 104)), Ok(false));
     assert_eq!(add(tile(104)), Ok(false));
     assert_eq!(add(close(8, 105)), Ok(true));
-    let expected = Done { sequence: 2, elevation_end: 105, slots_end: 0 };
+    let expected = done(2, 105);
     assert_eq!((reader.done_with_frame(), reader.remaining()), (expected, 3));
 }
 

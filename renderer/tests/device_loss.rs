@@ -4,7 +4,6 @@ mod support;
 
 use std::sync::{Arc, Mutex};
 use support::{Scene, camera, node, options, world};
-use terravision_common::node::NodeId;
 use terravision_renderer::engine::{EngineError, EngineOptions};
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::run::{RunError, RunSummary, run};
@@ -43,7 +42,7 @@ fn flight() -> Arc<Recording> {
     for camera in &views {
         let mut own = tiles.clone();
         for tile in &mut own {
-            let node = NodeId::unpack(tile.node).expect("the recording is whole");
+            let node = tile.node().expect("the recording is whole");
             tile.elevation_position = scene.add_array(node, camera);
         }
         scene.frame(camera, own);

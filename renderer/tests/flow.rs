@@ -11,7 +11,6 @@ use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent};
 use terravision_common::film::{self, FrameEncoding, PacketHeader};
 use terravision_common::ids::Sequence;
-use terravision_common::node::NodeId;
 use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{Control, ElevationWriter, PoolWriter, Producer, RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, ViewSlot};
@@ -47,8 +46,7 @@ fn flight(frames: u32) -> Arc<Recording> {
     for camera in views(frames) {
         let mut own = tiles.clone();
         for tile in &mut own {
-            tile.elevation_position =
-                scene.add_array(NodeId::unpack(tile.node).expect("the recording is whole"), &camera);
+            tile.elevation_position = scene.add_array(tile.node().expect("the recording is whole"), &camera);
         }
         scene.frame(&camera, own);
     }
@@ -328,7 +326,7 @@ fn feed(
             let Ok(mut guard) = arrays.begin(control) else { return };
             guard.values_mut().copy_from_slice(&values);
             tile.elevation_position = guard.publish();
-            let node = NodeId::unpack(tile.node).expect("memory of this process holds the recording");
+            let node = tile.node().expect("memory of this process holds the recording");
             let key = *placed.entry(tile.color_slot).or_insert_with(|| {
                 assert!(inner.read_color(tile.color(), &mut tile_bytes));
                 let mut fill = pool

@@ -235,7 +235,9 @@ impl FetchError {
     pub fn into_tile_error(self, layer: Layer, node: NodeId) -> TileError {
         match self {
             Self::Absent => TileError::Missing { layer, node },
-            Self::Damaged { reason } => TileError::Corrupt { layer, node, reason: TileDamage::Shared(reason) },
+            Self::Damaged { reason } => {
+                TileError::Corrupt { layer, node, reason: TileDamage::Shared { damage: reason } }
+            }
             failed @ Self::Failed { .. } => TileError::Read { layer, node, source: std::io::Error::other(failed) },
         }
     }

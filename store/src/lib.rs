@@ -39,7 +39,7 @@ mod transport;
 mod wire;
 mod wire_error;
 
-pub use cache::CacheFigures;
+pub use cache::CacheStats;
 pub use error::{Cause, Fault, FetchError, StoreError};
 pub use error_log::{ErrorLog, Folded};
 pub use location::{Location, LocationError};
@@ -47,7 +47,7 @@ pub use mirror::OnProgress;
 pub use options::{DEFAULT_CACHE_BYTES, StoreOptions, default_cache_dir};
 pub use payload::Payload;
 pub use retry::{FailedTiles, NegativeCache, RetryOptions, patience};
-pub use store::{Figures, Store};
+pub use store::{Store, StoreStats};
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -95,7 +95,7 @@ impl Location {
         }
     }
 
-    /// A folder of this machine, or an archive when its name says so and it is no folder.
+    /// A folder of this machine, or an archive when its name says so and it is not a folder.
     fn path(path: &Path) -> Self {
         let has_name = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("tar"));
         if has_name && !path.is_dir() { Self(Kind::Archive(path.to_owned())) } else { Self::folder(path) }

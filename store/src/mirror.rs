@@ -332,7 +332,7 @@ impl NewFile {
 
 impl Drop for NewFile {
     fn drop(&mut self) {
-        // After a rename there is none of this name.
+        // After a rename no file has this name.
         drop(fs::remove_file(&self.temporary));
     }
 }

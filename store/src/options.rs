@@ -1,4 +1,4 @@
-//! How a database that is elsewhere is read.
+//! How a remote database is read.
 
 use crate::retry::{FailedTiles, RetryOptions};
 use std::path::PathBuf;
@@ -8,7 +8,8 @@ use terravision_common::run::DatabaseConfig;
 /// Bytes of the disk cache unless told otherwise.
 pub const DEFAULT_CACHE_BYTES: u64 = 10 << 30;
 
-/// How a database that is elsewhere is read. None of it matters to one in a folder of this machine.
+/// How a remote database is read. None of it matters to one in a folder of this machine, but for
+/// [`StoreOptions::failed_tiles`].
 #[derive(Debug, Clone)]
 pub struct StoreOptions {
     /// Folder of the disk cache; [`default_cache_dir`] when there is none here.
@@ -24,7 +25,7 @@ pub struct StoreOptions {
     /// How failed requests are asked again.
     pub retries: RetryOptions,
     /// Requests for tiles are made anew when their answer takes much longer than usual, before they time out. Better on links
-    /// that lose requests without a word, and more load for a server that is slow.
+    /// that lose requests silently, and more load for a server that is slow.
     pub is_hasty: bool,
     /// What becomes of tiles that could not be had.
     pub failed_tiles: FailedTiles,

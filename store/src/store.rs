@@ -1,6 +1,6 @@
 //! A terrain database, wherever it is.
 
-use crate::cache::CacheFigures;
+use crate::cache::CacheStats;
 use crate::error::{Cause, FetchError, StoreError};
 use crate::error_log::ErrorLog;
 use crate::local::local_payload;
@@ -27,7 +27,7 @@ use terravision_common::world::World;
 
 /// What a store has done so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Figures {
+pub struct StoreStats {
     /// Requests to the server, those for credentials included.
     pub requests: u64,
     /// Of these, asked again after a failure.
@@ -37,7 +37,7 @@ pub struct Figures {
     /// Pieces being read now.
     pub under_way: usize,
     /// The disk cache.
-    pub cache: CacheFigures,
+    pub cache: CacheStats,
 }
 
 /// A terrain database, open for reading, wherever it is. Used by any thread; reads are shared, and their results are
@@ -138,16 +138,16 @@ impl Store {
 
     /// What it has done so far; all zeros for a folder of this machine.
     #[must_use]
-    pub fn figures(&self) -> Figures {
-        let Backend::Remote(backend) = &self.backend else { return Figures::default() };
+    pub fn stats(&self) -> StoreStats {
+        let Backend::Remote(backend) = &self.backend else { return StoreStats::default() };
         let remote = backend.remote();
         let wire = |read: fn(&Network) -> u64| remote.network().map_or(0, read);
-        Figures {
+        StoreStats {
             requests: wire(|network| network.transport().wire().requests()),
             repeated: wire(|network| network.policy().repeated()),
             bytes: wire(|network| network.transport().wire().bytes()),
             under_way: remote.under_way().0,
-            cache: remote.cache_figures(),
+            cache: remote.cache_stats(),
         }
     }
 

@@ -9,14 +9,14 @@ use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, NO
 
 /// Headers and members begin at multiples of this.
 pub(crate) const BLOCK: u64 = 512;
-/// An archive that has more members is none of a database.
+/// An archive with more members does not hold a database.
 pub(crate) const MOST_MEMBERS: usize = 256;
 /// Longest extended header that is read.
 pub(crate) const MOST_EXTENDED: u64 = 64 << 10;
 
 /// What an archive's bytes are not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("it is no tar archive that can be read, or is cut short")]
+#[error("it is not a tar archive that can be read, or it was cut short")]
 pub(crate) struct NoArchive;
 
 /// What the reader needs next.

@@ -195,7 +195,7 @@ impl Transport {
                     self.fault(file, cause, error.to_string())
                 })
             }
-            (Access::Server(_), None) => Err(self.fault(file, Cause::NotFound, "it is no archive".to_owned())),
+            (Access::Server(_), None) => Err(self.fault(file, Cause::NotFound, "it is not an archive".to_owned())),
         }
     }
 
@@ -213,7 +213,7 @@ impl Transport {
     ) -> Result<Answer, Fault> {
         let fault = |cause, why: String| self.fault(file, cause, why);
         let Access::Server(store) = &self.access else {
-            return Err(fault(Cause::Disk, "it is no server".to_owned()));
+            return Err(fault(Cause::Disk, "it is not a server".to_owned()));
         };
         let options = GetOptions { range: range.clone().map(GetRange::Bounded), ..GetOptions::default() };
         let told = |error: object_store::Error| {
@@ -305,7 +305,7 @@ fn certificate_sentence(reason: &rustls::CertificateError) -> String {
             .to_owned(),
         Reason::BadSignature => "is not trusted: it was not signed by the one that it names".to_owned(),
         Reason::Revoked => "was revoked".to_owned(),
-        // Only the words of this one tell what it is: it is no reason of rustls itself.
+        // Only its text tells what it is: rustls has no reason of its own for it.
         other if format!("{other:?}").contains("CaUsedAsEndEntity") => {
             "is not trusted: it is that of an authority (CA:TRUE), and a server needs one of its own; openssl req -x509 makes it \
              with -addext basicConstraints=critical,CA:FALSE, and SSL_CERT_FILE names it"

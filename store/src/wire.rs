@@ -1,4 +1,4 @@
-//! What passes between us and a server: requests are counted, and an answer that is none becomes an error that keeps
+//! What passes between us and a server: requests are counted, and an answer with an error status becomes an error that keeps
 //! what the server said, `Retry-After` included (which `object_store` does not pass on).
 
 use crate::error::Cause;
@@ -23,7 +23,7 @@ use tokio::time::Instant;
 pub(crate) const LONGEST_HOLD: Duration = Duration::from_secs(600);
 /// So much of an error's text is read.
 pub(crate) const ERROR_BYTES: usize = 4096;
-/// Credentials that are longer are none.
+/// Longer credentials are refused.
 pub(crate) const MOST_CREDENTIAL_BYTES: usize = 64 << 10;
 /// Paths below which instances and containers of clouds are given their credentials.
 const CREDENTIAL_PATHS: [&str; 3] = ["/latest/api/token", "/latest/meta-data/", "/v2/credentials"];
@@ -137,7 +137,7 @@ impl HttpService for Counted {
             return Ok(HttpResponse::from_parts(parts, content.into()));
         }
         let status = answer.status();
-        // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one all the same.
+        // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one nevertheless.
         let is_page = status == StatusCode::OK && is_for_range && is_html(answer.headers());
         if status.is_success() && !is_page {
             return Ok(answer);

@@ -247,7 +247,7 @@ fn damage_in_an_archive_of_this_machine_is_looked_at_twice_and_no_more() {
     let store = Store::open(&Location::parse(path.to_str().unwrap()).unwrap(), &patient).unwrap();
     let tiles = tiles(store.world());
     let failed = served::read(&store, &tiles).iter().filter(|tile| tile.is_err()).count() as u64;
-    let figures = store.figures();
+    let figures = store.stats();
     assert!(failed > 10, "{failed} tiles");
     assert!(figures.repeated <= failed, "{} repeated for {failed} tiles", figures.repeated);
 }

@@ -26,8 +26,8 @@ fn a_server_gives_the_tiles_of_the_folder_in_ranges_over_few_connections() {
     let tiles = tiles(store.world());
     assert_same("plain", &tiles, &read(&store, &tiles));
     let asked = server.asked_by_path();
-    println!("{} tiles: {asked:?}, {} connections, {:?}", tiles.len(), server.connections(), store.figures());
-    assert_eq!((asked["world.tv/manifest.json"], store.figures().repeated), (1, 0));
+    println!("{} tiles: {asked:?}, {} connections, {:?}", tiles.len(), server.connections(), store.stats());
+    assert_eq!((asked["world.tv/manifest.json"], store.stats().repeated), (1, 0));
     assert!(asked["world.tv/elevation.pmtiles"] * 4 < tiles.len(), "neighbours share extents");
     assert!(server.connections() <= 17, "connections are used again");
     for asked in server.take_asked() {
@@ -70,10 +70,10 @@ fn an_archive_gives_the_tiles_of_the_folder_from_this_machine_and_from_a_server(
         assert_eq!(store.manifest(), local().manifest());
         let tiles = tiles(store.world());
         assert_same("archive", &tiles, &read(&store, &tiles));
-        assert!(store.errors().folded().is_empty() && store.figures().requests > 10, "{:?}", store.figures());
+        assert!(store.errors().folded().is_empty() && store.stats().requests > 10, "{:?}", store.stats());
     }
     fs::write(folder.join("no.tar"), vec![b'x'; 4096]).unwrap();
-    for (name, words) in [("no.tar", "no tar archive"), ("none.tar", "No such file")] {
+    for (name, words) in [("no.tar", "not a tar archive"), ("none.tar", "No such file")] {
         let error = Store::open(&Location::parse(&folder.join(name).display().to_string()).unwrap(), &options(&folder));
         let error = error.unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(words), "{error}");
@@ -101,7 +101,7 @@ fn what_passes_is_asked_again_until_it_came() {
         let tiles: Vec<_> = tiles(store.world()).into_iter().step_by(3).collect();
         let found = read(&store, &tiles);
         let struck = server.take_asked().iter().filter(|asked| asked.fault.is_some()).count();
-        println!("{rule:?}: {struck} struck, {:?}", store.figures());
+        println!("{rule:?}: {struck} struck, {:?}", store.stats());
         assert!(struck > 2, "{rule:?} struck {struck} times");
         server.misbehave([]);
         assert_same(&format!("{rule:?}"), &tiles, &found);
@@ -145,7 +145,7 @@ fn a_server_that_restarts_for_seconds_costs_no_tile_and_few_requests() {
             let readings: Vec<_> = (0..4).map(|_| scope.spawn(|| read(&store, &tiles))).collect();
             std::thread::sleep(Duration::from_secs(6));
             let asked = server.take_asked().len();
-            let before = store.figures();
+            let before = store.stats();
             println!("{fault:?}: {asked} requests in 6 s, {before:?}");
             // Two files, the first failures of all readers, then a probe after 0.2, 0.4 ... 2 s for each.
             assert!(asked <= 64 && before.repeated <= 64, "{fault:?}: {asked} requests, {before:?}");
@@ -154,7 +154,7 @@ fn a_server_that_restarts_for_seconds_costs_no_tile_and_few_requests() {
             readings.into_iter().map(|reading| reading.join().unwrap()).next_back().unwrap()
         });
         assert_same("restart", &tiles, &found);
-        println!("{fault:?}: {:?}", store.figures());
+        println!("{fault:?}: {:?}", store.stats());
     }
 }
 
@@ -299,11 +299,11 @@ fn reads_that_nobody_waits_for_are_cancelled() {
             }
             std::thread::sleep(Duration::from_millis(2));
         }
-        panic!("{what}: {:?}", store.figures());
+        panic!("{what}: {:?}", store.stats());
     };
-    until("they are asked", &|| store.figures().under_way == 8);
+    until("they are asked", &|| store.stats().under_way == 8);
     drop(reads);
-    until("they are cancelled", &|| store.figures().under_way == 0);
+    until("they are cancelled", &|| store.stats().under_way == 0);
     // Cancelled reads are no failures: the tiles may be asked for at once.
     server.misbehave([]);
     assert!(block_on(store.payload(Layer::Color, fine(1))).is_ok());

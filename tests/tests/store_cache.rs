@@ -30,7 +30,7 @@ fn a_second_run_asks_for_the_manifest_alone_and_an_offline_one_for_nothing() {
     let offline = StoreOptions { is_offline: true, ..options(&folder) };
     let store = Store::open(&location(&server), &offline).unwrap();
     assert_same("offline", &tiles, &read(&store, &tiles));
-    assert_eq!((server.take_asked().len(), store.figures().requests), (0, 0));
+    assert_eq!((server.take_asked().len(), store.stats().requests), (0, 0));
     // What it has not is an error that says so.
     let error = block_on(store.payload(Layer::Color, fine(1))).unwrap_err();
     assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("not in the cache"), "{error}");
@@ -75,7 +75,7 @@ fn damaged_entries_of_the_cache_are_read_anew() {
     });
     let store = Store::open(&location(&server), &options(&folder)).unwrap();
     assert_same("damaged", &tiles, &read(&store, &tiles));
-    assert!(store.figures().cache.damaged > 10, "{:?}", store.figures());
+    assert!(store.stats().cache.damaged > 10, "{:?}", store.stats());
     let news = store.errors().take_news();
     assert!(news.iter().any(|line| line.contains("damaged")), "{news:?}");
 }

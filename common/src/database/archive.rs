@@ -108,7 +108,7 @@ fn crc32_of_index(file: &File, layout: &ArchiveLayout) -> io::Result<u32> {
 /// Called by ingest when it has written one.
 ///
 /// # Errors
-/// [`ArchiveError`] when it is no archive or cannot be read.
+/// [`ArchiveError`] when it is not an archive or cannot be read.
 pub fn index_crc32(path: &Path) -> Result<u32, ArchiveError> {
     let file = open_regular(path)?;
     let layout = open_layout(&file)?;

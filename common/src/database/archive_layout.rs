@@ -74,7 +74,7 @@ impl ArchiveLayout {
     /// Reads the header, the first [`ARCHIVE_HEADER_BYTES`] bytes of an archive of `file_bytes` bytes.
     ///
     /// # Errors
-    /// [`ArchiveError`] when it is no archive, or one that cannot be.
+    /// [`ArchiveError`] when it is not an archive, or its numbers contradict each other.
     pub fn parse(header: &[u8], file_bytes: u64) -> Result<Self, ArchiveError> {
         if header.len() < ARCHIVE_HEADER_BYTES || &header[..7] != b"PMTiles" || header[7] != 3 {
             return Err(ArchiveError::NotPmtiles);
@@ -133,7 +133,7 @@ impl ArchiveLayout {
     /// Reads a directory from its bytes.
     ///
     /// # Errors
-    /// [`ArchiveError`] when it does not decompress or is none.
+    /// [`ArchiveError`] when it does not decompress or is not a directory.
     pub fn directory(&self, bytes: &[u8]) -> Result<Directory, ArchiveError> {
         if !self.is_gzip {
             return parse_directory(bytes).map(Directory);

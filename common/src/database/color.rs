@@ -16,7 +16,7 @@ const TRAILER_BYTES: usize = 8;
 #[non_exhaustive]
 pub enum ColorCodecError {
     /// They do not end like one.
-    #[error("it is no colour tile ({found} bytes)")]
+    #[error("it is not a colour tile ({found} bytes)")]
     NotATile {
         /// How many there are.
         found: usize,

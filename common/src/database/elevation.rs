@@ -33,7 +33,7 @@ const HEADER_BYTES: usize = 12;
 #[non_exhaustive]
 pub enum ElevationCodecError {
     /// They do not begin like one.
-    #[error("it is no elevation tile ({found} bytes)")]
+    #[error("it is not an elevation tile ({found} bytes)")]
     NotATile {
         /// How many there are.
         found: usize,

@@ -80,6 +80,6 @@ pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseEr
         Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
     let world = manifest
         .geometry()
-        .map_err(|source| DatabaseError::Manifest { source: ManifestError::World(source), path: manifest_path })?;
+        .map_err(|source| DatabaseError::Manifest { source: ManifestError::World { source }, path: manifest_path })?;
     Ok((manifest, world))
 }

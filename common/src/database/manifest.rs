@@ -64,8 +64,12 @@ pub enum ManifestError {
         source: serde_json::Error,
     },
     /// Its world cannot be.
-    #[error("its world is wrong: {0}")]
-    World(#[source] WorldError),
+    #[error("its world is wrong: {source}")]
+    World {
+        /// What is wrong.
+        #[source]
+        source: WorldError,
+    },
 }
 
 /// Coordinate reference system of a database.

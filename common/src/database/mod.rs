@@ -182,16 +182,31 @@ pub enum TileError {
 pub enum TileDamage {
     /// The archive's directory is.
     #[error(transparent)]
-    Directory(#[from] ArchiveError),
+    Directory {
+        /// How.
+        #[from]
+        source: ArchiveError,
+    },
     /// The elevation payload is.
     #[error(transparent)]
-    Elevation(#[from] ElevationCodecError),
+    Elevation {
+        /// How.
+        #[from]
+        source: ElevationCodecError,
+    },
     /// The colour payload is.
     #[error(transparent)]
-    Color(#[from] ColorCodecError),
+    Color {
+        /// How.
+        #[from]
+        source: ColorCodecError,
+    },
     /// Damage that several readers were told of.
-    #[error("{0}")]
-    Shared(Arc<TileDamage>),
+    #[error("{damage}")]
+    Shared {
+        /// What.
+        damage: Arc<TileDamage>,
+    },
 }
 
 /// Checks by its checksum that bytes are a tile of a layer as it was written, without decoding it.

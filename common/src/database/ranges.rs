@@ -24,7 +24,7 @@ pub const MOST_NODES_BYTES: u64 = 1 << 30;
 #[non_exhaustive]
 pub enum RangesError {
     /// It does not begin like one.
-    #[error("it is no file of height ranges")]
+    #[error("it is not a file of height ranges")]
     NotRanges,
     /// It is not as long as it should be.
     #[error("it has {found} bytes, expected {expected}")]
@@ -82,7 +82,7 @@ pub enum RangesError {
         /// What the nodes are.
         found: u8,
     },
-    /// A range is none.
+    /// A range is not valid.
     #[error("the range of node {node} is {} to {}", range[0], range[1])]
     Range {
         /// The node.

@@ -108,7 +108,7 @@ pub struct RateSettings {
     pub rest_px: [f64; 2],
 }
 
-/// Why settings are none.
+/// Why settings cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("the {what} of the rate control is {found}, expected {expected}")]
 pub struct BadSettings {

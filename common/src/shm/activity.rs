@@ -85,7 +85,7 @@ mod tests {
     fn what_a_stage_awaits_stands_until_it_gets_something_done() {
         let control = memory::control().unwrap();
         control.progress();
-        assert_eq!(Stage::ALL.map(|stage| control.progress_of(stage)), [0; 4], "it is no stage yet");
+        assert_eq!(Stage::ALL.map(|stage| control.progress_of(stage)), [0; 4], "it is not a stage yet");
         control.register(Stage::Preparer).unwrap();
         let all = Stage::ALL.map(Activity::Awaits).into_iter().chain([
             Activity::Works,

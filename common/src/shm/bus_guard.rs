@@ -25,7 +25,7 @@ static LAST_WORDS: OnceLock<LastWords> = OnceLock::new();
 /// # Errors
 /// The system refuses.
 pub fn end_on_bus_error(sentence: &str, files: Vec<PathBuf>, exit_code: u8) -> Result<(), io::Error> {
-    // A path with a zero byte is none.
+    // A text with a zero byte is not a path.
     let files = files.into_iter().filter_map(|file| CString::new(file.as_os_str().as_bytes()).ok()).collect();
     let words = LastWords { sentence: format!("{sentence}\n").into_bytes(), files, exit_code: exit_code.into() };
     LAST_WORDS.get_or_init(|| words);

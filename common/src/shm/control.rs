@@ -109,7 +109,7 @@ impl Control {
         self.words().is_supervised.0.load(Ordering::Acquire) != 0
     }
 
-    /// All frames of the run are prepared; the last is the so many-th.
+    /// All frames of the run are prepared; `sequence` is the last one's.
     pub fn set_last_sequence(&self, sequence: Sequence) {
         // Release: SYNC control.last, the frame is in the ring.
         self.words().last_sequence.0.store(sequence.get(), Ordering::Release);
@@ -340,13 +340,13 @@ impl Control {
         self.words().r_c_bits.0.store(r_c_px.to_bits(), Ordering::Relaxed);
     }
 
-    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is no positive number.
+    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is not a positive number.
     #[must_use]
     pub fn r_z_px(&self) -> Option<f64> {
         positive(self.words().r_z_bits.0.load(Ordering::Relaxed))
     }
 
-    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is no positive number.
+    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is not a positive number.
     #[must_use]
     pub fn r_c_px(&self) -> Option<f64> {
         positive(self.words().r_c_bits.0.load(Ordering::Relaxed))

@@ -8,6 +8,7 @@ use super::header::{Role, RoleClaim, Segment};
 use super::kind::{SegmentKind, Stage};
 use super::run_id::RunId;
 use super::segments::{SegmentMemory, open_segment};
+use crate::ids::RingPosition;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
@@ -198,8 +199,8 @@ impl ElevationReader {
 
     /// The position up to which arrays were given back.
     #[must_use]
-    pub fn released_position(&self) -> u64 {
-        self.cursor.position()
+    pub fn released_position(&self) -> RingPosition {
+        RingPosition::new(self.cursor.position())
     }
 
     /// Whether the array at `position` is published and not given back: the device may read it. The check for each
@@ -239,7 +240,8 @@ impl ElevationReader {
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when that is more than was published; nothing is given back then.
-    pub fn released(&mut self, upto: u64) -> Result<(), ShmError> {
+    pub fn released(&mut self, upto: RingPosition) -> Result<(), ShmError> {
+        let upto = upto.get();
         let count = upto.wrapping_sub(self.cursor.position());
         if count == 0 || count > u64::MAX / 2 {
             return Ok(());

@@ -26,29 +26,29 @@ const _: () = assert!(size_of::<CameraRecord>() == 80);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     /// Slots of the ring.
-    pub ring_slots: u32,
+    pub(crate) ring_slots: u32,
     /// Nodes of one half of the ping-pong buffer.
-    pub tree_nodes: u32,
+    pub(crate) tree_nodes: u32,
     /// Arrays of the elevation ring.
-    pub elevation_arrays: u32,
+    pub(crate) elevation_arrays: u32,
     /// Numbers in one elevation array, (Nz + 1)²; arrays begin at multiples of 64 bytes.
-    pub elevation_array_f32: u32,
+    pub(crate) elevation_array_f32: u32,
     /// Slots of the colour pool.
-    pub color_slots: u32,
+    pub(crate) color_slots: u32,
     /// Bytes of one slot of the colour pool, a multiple of 4096: mips back to back.
-    pub color_slot_bytes: u64,
+    pub(crate) color_slot_bytes: u64,
     /// Slots of the elevation pool.
-    pub elevation_slots: u32,
+    pub(crate) elevation_slots: u32,
     /// Bytes of one slot of the elevation pool, a multiple of 64.
-    pub elevation_slot_bytes: u64,
+    pub(crate) elevation_slot_bytes: u64,
     /// Records of the camera ring, and of the path ring.
-    pub camera_slots: u32,
+    pub(crate) camera_slots: u32,
     /// Events of each stage's event ring.
-    pub event_slots: u32,
+    pub(crate) event_slots: u32,
     /// Tiles that a want list holds; what a frame wants beyond that is asked for when these are there.
-    pub want_tiles: u32,
+    pub(crate) want_tiles: u32,
     /// Outcomes in the ring of tile outcomes.
-    pub outcome_slots: u32,
+    pub(crate) outcome_slots: u32,
 }
 
 /// Layers that an image array has on every Vulkan device that we know; a colour slot is a layer.
@@ -143,6 +143,14 @@ impl Layout {
         ((facet_px * 10.0).ceil() / 10.0).max(1.0)
     }
 
+    /// With a ring of so many slots, and so many nodes in half of the ping-pong buffer, for benches: each is raised to a power of
+    /// two.
+    #[must_use]
+    pub fn with_room(self, ring_slots: u32, tree_nodes: u32) -> Self {
+        let power = |count: u32| count.clamp(1, 1 << 24).next_power_of_two();
+        Self { ring_slots: power(ring_slots), tree_nodes: power(tree_nodes), ..self }
+    }
+
     /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in all.
     #[must_use]
     pub fn small() -> Self {
@@ -160,6 +168,24 @@ impl Layout {
             want_tiles: 64,
             outcome_slots: 64,
         }
+    }
+
+    /// Arrays of the elevation ring.
+    #[must_use]
+    pub fn elevation_arrays(&self) -> u32 {
+        self.elevation_arrays
+    }
+
+    /// Slots of the colour pool.
+    #[must_use]
+    pub fn color_slots(&self) -> u32 {
+        self.color_slots
+    }
+
+    /// Slots of the elevation pool.
+    #[must_use]
+    pub fn elevation_slots(&self) -> u32 {
+        self.elevation_slots
     }
 
     /// Bytes of shared memory that the run's segments take together.

@@ -266,7 +266,7 @@ pub(crate) fn launcher_pid(region: &Region) -> u32 {
 /// Removes the segment of this name if its maker is dead; whether it was there.
 ///
 /// # Errors
-/// [`ShmError::NameTaken`] when it lives, [`ShmError::NotOurs`] when the file is none of ours.
+/// [`ShmError::NameTaken`] when it lives, [`ShmError::NotOurs`] when the file is not one of ours.
 fn remove_dead(name: &str) -> Result<bool, ShmError> {
     let flags = OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = match rustix::fs::open(path(name), flags, Mode::empty()) {

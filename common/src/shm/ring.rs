@@ -13,6 +13,7 @@ use super::ring_core::{Items, ReadEnd, WriteEnd};
 use super::run_id::RunId;
 use super::segments::open_segment;
 use crate::event::monotonic_nanos;
+use crate::ids::RingPosition;
 use bytemuck::Pod;
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -272,8 +273,8 @@ impl<T: Pod> Consumer<T> {
     }
 
     /// Gives the items back that lie before `position` ([`Consumer::position`]), as far as they are held.
-    pub fn give_back(&mut self, position: u64) {
-        let behind = self.end.position().wrapping_sub(position);
+    pub fn give_back(&mut self, position: RingPosition) {
+        let behind = self.end.position().wrapping_sub(position.get());
         self.end.give_back(self.end.held().saturating_sub(behind));
     }
 
@@ -284,8 +285,8 @@ impl<T: Pod> Consumer<T> {
 
     /// Position of the item that is taken next; counts up over all items.
     #[must_use]
-    pub fn position(&self) -> u64 {
-        self.end.position()
+    pub fn position(&self) -> RingPosition {
+        RingPosition::new(self.end.position())
     }
 
     /// Whether every slot of the ring is held, so that the writer cannot put anything in.

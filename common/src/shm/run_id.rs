@@ -57,7 +57,7 @@ impl RunId {
         (id.to_string() == text).then_some(id)
     }
 
-    /// The run and the kind of the segment that has this name; `None` for a name that is none of ours.
+    /// The run and the kind of the segment that has this name; `None` for a name that is not one of ours.
     pub(crate) fn of_segment(name: &str) -> Option<(Self, SegmentKind)> {
         SegmentKind::ALL.iter().find_map(|&kind| {
             let run = name.strip_suffix(kind.name())?.strip_suffix('-')?;

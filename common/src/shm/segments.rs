@@ -35,7 +35,7 @@ pub struct RunSegments {
 }
 
 impl RunSegments {
-    /// Makes the segments of a run, with all their memory, so that no stage dies of a page that cannot be had.
+    /// Makes the segments of a run, with all their memory, so that no stage dies because a page is missing.
     ///
     /// # Errors
     /// [`ShmError::NotEnoughSpace`] with what is needed; nothing is left behind then.

@@ -59,7 +59,7 @@ impl TexelQuestion {
         };
         let answer = question.answer();
         let compression = Compression::of(answer.as_ref().map_err(String::as_str));
-        let is_compressed = is_compressed(compression, is_demanded)?;
+        let is_compressed = compress(compression, is_demanded)?;
         Ok(match (is_compressed, technique) {
             (false, technique) => (TexelFormat::Rgba8, technique),
             (true, TechniqueChoice::Auto) => (TexelFormat::Bc1, TechniqueChoice::Mesh),
@@ -69,7 +69,7 @@ impl TexelQuestion {
 }
 
 /// Whether tiles are compressed for a device that is so good at it; `is_demanded`: with `on`.
-fn is_compressed(compression: Compression, is_demanded: bool) -> Result<bool, Failure> {
+fn compress(compression: Compression, is_demanded: bool) -> Result<bool, Failure> {
     match compression {
         Compression::Fast(_) => Ok(true),
         Compression::Slow(_) => Ok(is_demanded),
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn only_fast_devices_get_compressed_tiles_unasked() {
         let [fast, slow, impossible] = [Compression::Fast, Compression::Slow, Compression::Impossible]
-            .map(|kind| [false, true].map(|is_demanded| is_compressed(kind("it lacks it".to_owned()), is_demanded)));
+            .map(|kind| [false, true].map(|is_demanded| compress(kind("it lacks it".to_owned()), is_demanded)));
         assert!(matches!(fast, [Ok(true), Ok(true)]) && matches!(slow, [Ok(false), Ok(true)]));
         let [Ok(false), Err(refused)] = impossible else { panic!("{impossible:?}") };
         assert_eq!(refused.status, ExitStatus::BadInput);

@@ -10,7 +10,7 @@ use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
@@ -303,7 +303,7 @@ impl Flight {
         let mut ends = vec![];
         let complete = |count: usize, ends: &[u64], elevation: &mut ElevationReader| {
             if count > 0 {
-                elevation.released(ends[count - 1]).expect("not corrupt");
+                elevation.released(RingPosition::new(ends[count - 1])).expect("not corrupt");
                 control.set_completed_sequence(Sequence::new(count as u64));
             }
         };

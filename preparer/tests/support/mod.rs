@@ -188,7 +188,7 @@ impl Mesh {
     pub fn of(world: &World, frame: &FrameBuffer) -> Mesh {
         let mut mesh = Mesh::default();
         for tile in tile_slots(frame).into_iter().filter(|tile| tile.is_hidden == 0) {
-            mesh.leaves.insert(NodeId::unpack(tile.node).expect("an id"));
+            mesh.leaves.insert(tile.node().expect("an id"));
             let array = frame.array(tile.elevation_position).expect("an array");
             let last = world.elevation_tile();
             let vertex = |i: u32, j: u32| -> Vertex {

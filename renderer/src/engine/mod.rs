@@ -16,6 +16,7 @@ use crate::source::{Done, FrameSource, SourceError};
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::rig::Views;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_raycast::workers::WorkersError;
@@ -199,11 +200,11 @@ pub struct Finished {
     /// Its number.
     pub frame: u64,
     /// Counts the frames of the run from 1.
-    pub sequence: u64,
+    pub sequence: Sequence,
     /// One past its last position in the elevation ring.
-    pub elevation_end: u64,
+    pub elevation_end: RingPosition,
     /// One past its last slot in the ring.
-    pub slots_end: u64,
+    pub slots_end: RingPosition,
     /// The camera that its tree was made for.
     pub pose: Camera,
     /// What its picture shows, and where.
@@ -244,7 +245,11 @@ impl InFlight {
     fn new(frame: &Frame, triangles: u64, started_nanos: u64, submitted_nanos: u64) -> Self {
         Self {
             frame: frame.marker.frame,
-            done: Done { sequence: frame.sequence, elevation_end: frame.end.elevation_end, slots_end: frame.slots_end },
+            done: Done {
+                sequence: frame.sequence,
+                elevation_end: RingPosition::new(frame.end.elevation_end),
+                slots_end: frame.slots_end,
+            },
             pose: frame.marker.camera,
             views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],

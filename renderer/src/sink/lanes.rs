@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync
 use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::Sequence;
 
 /// Frames that wait for one lane, at most. More than there are read-back buffers: handing one over does not wait.
 const QUEUE: usize = 24;
@@ -21,7 +22,7 @@ pub struct Written {
     /// Its number.
     pub frame: u64,
     /// Counts the frames of the run from 1.
-    pub sequence: u64,
+    pub sequence: Sequence,
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
     /// The lane that wrote it.

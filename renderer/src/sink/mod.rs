@@ -52,7 +52,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Of each pixel, whether it shows ground that was made up.
-    pub fn is_made_up(&self) -> impl Iterator<Item = bool> + use<'a> {
+    pub fn made_up(&self) -> impl Iterator<Item = bool> + use<'a> {
         self.rgba.chunks_exact(4).map(|texel| texel[3] & 1 == 0)
     }
 }

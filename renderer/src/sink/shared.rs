@@ -45,7 +45,7 @@ impl FrameSink for SharedSink {
             None => &[],
         };
         let width = picture.size[0] as usize;
-        let is_told = || picture.is_made_up().map(|is_made_up| is_made_up && self.made_up == MadeUp::Nan);
+        let is_told = || picture.made_up().map(|is_made_up| is_made_up && self.made_up == MadeUp::Nan);
         let depth = reversed.iter().map(|&depth| depth_m(depth) as f32).zip(is_told());
         let depth = depth.map(|(depth, is_nan)| if is_nan { f32::NAN } else { depth });
         let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);

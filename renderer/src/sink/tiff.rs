@@ -42,7 +42,7 @@ impl FrameSink for DepthSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         let path = self.target.path(picture.frame);
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
-        let pixels = depths.iter().map(|&depth| depth_m(depth) as f32).zip(picture.is_made_up());
+        let pixels = depths.iter().map(|&depth| depth_m(depth) as f32).zip(picture.made_up());
         match self.made_up {
             MadeUp::Nan => write_tiff::<Gray32Float>(
                 &path,
@@ -96,7 +96,7 @@ impl FrameSink for GroundSink {
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
         let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
-        let pixels = view.positions(depths, width).zip(picture.is_made_up());
+        let pixels = view.positions(depths, width).zip(picture.made_up());
         match self.made_up {
             MadeUp::Nan => {
                 let samples = pixels.flat_map(|(at, is_made_up)| if is_made_up { [f64::NAN; 3] } else { at });

@@ -4,7 +4,7 @@ use super::{Done, FrameSource, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
-use terravision_common::ids::{Sequence, SlotKey};
+use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
     Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
@@ -76,7 +76,7 @@ impl LiveSource {
     /// How far frames are done with, by this renderer or those before it.
     fn done(&self) -> Done {
         Done {
-            sequence: self.control.completed_sequence().get(),
+            sequence: self.control.completed_sequence(),
             elevation_end: self.elevation.released_position(),
             slots_end: self.ring.position(),
         }
@@ -159,18 +159,18 @@ impl FrameSource for LiveSource {
         tile.is_still_valid()
     }
 
-    fn position(&self) -> u64 {
+    fn position(&self) -> RingPosition {
         self.ring.position()
     }
 
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
-        self.control.set_completed_sequence(Sequence::new(done.sequence));
+        self.control.set_completed_sequence(done.sequence);
         self.ring.give_back(done.slots_end);
         Ok(self.elevation.released(done.elevation_end)?)
     }
 
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError> {
         Ok(self.elevation.released(upto)?)
     }
 

@@ -10,7 +10,7 @@ pub use recorder::Recorder;
 
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{RingPosition, Sequence, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{Activity, Counter, ShmError, WaitError};
 use terravision_common::slot::Slot;
@@ -41,12 +41,12 @@ pub struct SourceShape {
 /// How far the frames of a source are done with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Done {
-    /// The frame is the so many-th of the run; 0 before the first.
-    pub sequence: u64,
+    /// The frame's place in the run.
+    pub sequence: Sequence,
     /// One past its last position in the elevation ring.
-    pub elevation_end: u64,
+    pub elevation_end: RingPosition,
     /// One past its last slot ([`FrameSource::position`]).
-    pub slots_end: u64,
+    pub slots_end: RingPosition,
 }
 
 /// Why a source has no next frame.
@@ -136,7 +136,7 @@ pub trait FrameSource {
     fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool;
 
     /// Position of the slot that comes next; counts up over all slots.
-    fn position(&self) -> u64;
+    fn position(&self) -> RingPosition;
 
     /// A frame is done with, and so are those before it: what it named may be replaced.
     ///
@@ -148,7 +148,7 @@ pub trait FrameSource {
     ///
     /// # Errors
     /// The source is damaged.
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError>;
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError>;
 
     /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
     /// done with.

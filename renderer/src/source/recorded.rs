@@ -5,7 +5,7 @@ use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
 use terravision_common::event::Event;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::rig::Views;
 use terravision_common::shm::Counter;
@@ -176,7 +176,7 @@ impl RecordedSource {
 
     fn values(&self, position: u64) -> Option<u64> {
         let values = self.recording.world.elevation_values() as u64;
-        (position >= self.done.elevation_end && self.recording.arrays > 0)
+        (position >= self.done.elevation_end.get() && self.recording.arrays > 0)
             .then(|| position % self.recording.arrays * values)
     }
 }
@@ -281,8 +281,8 @@ impl FrameSource for RecordedSource {
         true
     }
 
-    fn position(&self) -> u64 {
-        self.position
+    fn position(&self) -> RingPosition {
+        RingPosition::new(self.position)
     }
 
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
@@ -290,15 +290,15 @@ impl FrameSource for RecordedSource {
         Ok(())
     }
 
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError> {
         self.done.elevation_end = self.done.elevation_end.max(upto);
         Ok(())
     }
 
     fn rewind(&mut self) -> Done {
         let frames = self.recording.frames.len().max(1) as u64;
-        (self.lap, self.frame) = (self.done.sequence / frames, (self.done.sequence % frames) as usize);
-        (self.slot, self.position) = (0, self.done.slots_end);
+        (self.lap, self.frame) = (self.done.sequence.get() / frames, (self.done.sequence.get() % frames) as usize);
+        (self.slot, self.position) = (0, self.done.slots_end.get());
         self.done
     }
 

@@ -3,7 +3,7 @@
 use super::{Done, FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
-use terravision_common::ids::SlotKey;
+use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::rig::{View, Views};
 use terravision_common::shm::Counter;
@@ -136,7 +136,7 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.read_color(key, out)
     }
 
-    fn position(&self) -> u64 {
+    fn position(&self) -> RingPosition {
         self.inner.position()
     }
 
@@ -144,7 +144,7 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.complete(done)
     }
 
-    fn release_elevations(&mut self, upto: u64) -> Result<(), SourceError> {
+    fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError> {
         self.inner.release_elevations(upto)
     }
 

@@ -111,7 +111,7 @@ pub(super) struct SlotBlock {
 
 /// The block of a slot: all of its colour leaf, also what was trimmed.
 pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
-    let node = NodeId::unpack(tile.node).filter(|node| node.q() <= tile.elevation_level)?;
+    let node = tile.node().filter(|node| node.q() <= tile.elevation_level)?;
     let posts = world.elevation_tile() >> (tile.elevation_level - node.q());
     let step = 1u32 << tile.grid_snap;
     if posts < step {

@@ -63,9 +63,9 @@ pub(crate) struct Key {
     pub(crate) range: Range<u64>,
 }
 
-/// Figures of a cache.
+/// Counts of a cache.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct CacheFigures {
+pub struct CacheStats {
     /// Pieces that were there.
     pub hits: u64,
     /// Their bytes.
@@ -134,9 +134,9 @@ impl DiskCache {
         cache
     }
 
-    pub(crate) fn figures(&self) -> CacheFigures {
+    pub(crate) fn stats(&self) -> CacheStats {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        CacheFigures {
+        CacheStats {
             hits: read(&self.counters.hits),
             bytes: read(&self.counters.bytes),
             misses: read(&self.counters.misses),

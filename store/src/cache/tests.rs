@@ -64,7 +64,7 @@ fn what_was_kept_is_read_again_by_another_process_too() {
         assert_eq!(cache.get(&key(1)).as_deref(), Some(content(1).as_slice()));
         assert_eq!(cache.get(&Key { file: "elevation", ..key(1) }), None);
     }
-    assert_eq!(cache.figures(), CacheFigures { hits: 1, bytes: 10_000, misses: 2, written: 1, damaged: 0 });
+    assert_eq!(cache.stats(), CacheStats { hits: 1, bytes: 10_000, misses: 2, written: 1, damaged: 0 });
     assert_eq!(
         DiskCache::open(&folder.0, "fedcba9876543210fedcba9876543210", 1 << 20, Arc::default()).get(&key(1)),
         None
@@ -130,7 +130,7 @@ fn damaged_entries_are_removed_and_noted_once() {
         fs::write(&path, &bytes[..change]).unwrap();
         assert_eq!(cache.get(&key), None, "cut short");
     }
-    assert_eq!(cache.figures().damaged, 8);
+    assert_eq!(cache.stats().damaged, 8);
     let news = log.take_news();
     assert!(news.len() == 1 && news[0].contains("8 times"), "{news:?}");
     assert_eq!(cache.ledger.as_ref().unwrap().total().unwrap(), 0);

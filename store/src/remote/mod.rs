@@ -13,7 +13,7 @@ mod archive;
 mod extents;
 mod identity;
 
-use crate::cache::{CacheFigures, DiskCache, Key};
+use crate::cache::{CacheStats, DiskCache, Key};
 use crate::coalescing::RequestCoalescer;
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
@@ -101,8 +101,8 @@ impl Remote {
         self.network.as_ref()
     }
 
-    pub(crate) fn cache_figures(&self) -> CacheFigures {
-        self.cache.figures()
+    pub(crate) fn cache_stats(&self) -> CacheStats {
+        self.cache.stats()
     }
 
     /// Pieces being read, and pieces waiting to be written to disk.

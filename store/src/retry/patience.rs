@@ -1,5 +1,5 @@
 //! How long a request for a tile waits for its answer before it is made anew, although nothing has failed: on a link that
-//! loses requests without a word, waiting for the timeout of each would show the loss for as long.
+//! loses requests silently, waiting for the timeout of each would show the loss for as long.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;

@@ -49,7 +49,7 @@ impl FrameRingReader {
     /// Opens the ring of this name.
     ///
     /// # Errors
-    /// There is none, or its header is not one.
+    /// There is no ring, or its header is not that of one.
     pub fn open(name: &SharedName) -> Result<Self, ShmError> {
         let name = name.ring_file();
         let region = named::open(&name, FRAMES, false)?;

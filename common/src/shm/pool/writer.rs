@@ -244,7 +244,7 @@ impl PoolWriter {
             }
             let (seen, slot) = self.candidates.pop()?;
             let words = self.place.words(slot)?;
-            // A candidate that was wanted since is none any more.
+            // A candidate that was wanted since is no longer one.
             if self.rank(slot, words, completed) != Some(seen) {
                 continue;
             }

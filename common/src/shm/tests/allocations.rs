@@ -2,7 +2,7 @@
 
 use super::within_deadline;
 use crate::camera::Camera;
-use crate::ids::Sequence;
+use crate::ids::{RingPosition, Sequence};
 use crate::node::NodeId;
 use crate::shm::pool::Residency;
 use crate::shm::{Counter, Stage, memory};
@@ -75,7 +75,7 @@ fn frames_pass_without_an_allocation() {
             for _ in 0..16 {
                 slots.pop(&control).unwrap();
             }
-            read.released(4 * number).unwrap();
+            read.released(RingPosition::new(4 * number)).unwrap();
             control.publish_camera(&Camera::zeroed());
             control.heartbeat(Stage::Preparer);
             control.count(Counter::FramesPrepared, 1);

@@ -1,7 +1,7 @@
 //! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor hang.
 
 use crate::database::{Layer, Tile};
-use crate::ids::{Sequence, SlotIndex, SlotKey};
+use crate::ids::{RingPosition, Sequence, SlotIndex, SlotKey};
 use crate::shm::control::{Control, Counter};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
@@ -136,7 +136,7 @@ proptest! {
                 if let Ok(Some(values)) = reader.read_array(position) {
                     prop_assert_eq!(values.len(), 25);
                 }
-                reader.released(position).ok();
+                reader.released(RingPosition::new(position)).ok();
                 segment.words::<Positions>().overwrite(position, write);
             }
         }

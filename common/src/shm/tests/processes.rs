@@ -1,7 +1,7 @@
 //! Two processes: the test, and this very binary started again to run one of the parts below.
 
 use super::{DEADLINE, within_deadline};
-use crate::ids::Sequence;
+use crate::ids::{RingPosition, Sequence};
 use crate::node::NodeId;
 use crate::shm::{
     CameraRecord, Consumer, Control, ElevationReader, ElevationWriter, Layout, PoolReader, PoolWriter, Producer, RunId,
@@ -144,7 +144,7 @@ fn frames_pass_from_process_to_process_through_every_segment() {
                 assert!(bytes.iter().all(|&byte| byte == frame as u8));
                 let Some(SlotContent::End(end)) = ring.pop(&control).unwrap().read() else { panic!("no end") };
                 assert_eq!(end.frame, frame);
-                arrays.released(end.elevation_end).unwrap();
+                arrays.released(RingPosition::new(end.elevation_end)).unwrap();
                 control.set_completed_sequence(Sequence::new(sequence));
             }
         });

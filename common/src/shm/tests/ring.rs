@@ -1,6 +1,7 @@
 //! Ring, ping-pong buffer and elevation ring against simple models, and between threads.
 
 use super::within_deadline;
+use crate::ids::RingPosition;
 use crate::shm::memory;
 use crate::tree::{TreeHeader, TreeNode};
 use bytemuck::Zeroable;
@@ -57,7 +58,7 @@ proptest! {
                 prop_assert_eq!(values, expected);
             }
             let upto = released + ahead;
-            prop_assert_eq!(reader.released(upto).is_ok(), upto <= written);
+            prop_assert_eq!(reader.released(RingPosition::new(upto)).is_ok(), upto <= written);
             if upto <= written {
                 released = upto;
             }

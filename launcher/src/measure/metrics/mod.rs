@@ -104,7 +104,7 @@ impl Metrics {
         let [first, end] = config.frames;
         let facts = Facts {
             control: Control::open(run)?,
-            pool_slots: [layout.elevation_slots, layout.color_slots],
+            pool_slots: [layout.elevation_slots(), layout.color_slots()],
             asked_frames: if end == OPEN_END { 0 } else { end.saturating_sub(first) },
         };
         let tally = Arc::new(Mutex::new(FrameTally::new(config)));
