@@ -125,6 +125,13 @@ impl Rig {
         Views::new(views.take(MAX_VIEWS)).unwrap_or(Views::single(pose))
     }
 
+    /// Width and height of the picture that holds all views, pixels.
+    #[must_use]
+    pub fn picture(&self) -> [u32; 2] {
+        let end = |axis: usize| self.views.iter().map(|view| view.at[axis].saturating_add(view.size[axis])).max();
+        [end(0).unwrap_or(1), end(1).unwrap_or(1)]
+    }
+
     /// A size that no view exceeds, pixels.
     #[must_use]
     pub fn view_size(&self) -> [u32; 2] {

@@ -29,8 +29,8 @@ pub enum GeneratorError {
         /// The next one.
         expected: u64,
     },
-    /// The launcher sent something that is no camera.
-    #[error("the camera of frame {frame} is none: a number in it is not finite or out of range")]
+    /// The launcher sent a camera that is not valid.
+    #[error("frame {frame} has no valid camera: a number in it is not finite or out of range")]
     BadCamera {
         /// Its frame.
         frame: u64,

@@ -83,6 +83,15 @@ impl TemporaryFile {
     /// # Errors
     /// [`OutputError`].
     pub fn create(path: &Path, run: &str) -> Result<Self, OutputError> {
+        // So that of two runs that begin at once one sees the other.
+        Self::create_under(&FolderLock::wait(folder_of(path)), path, run)
+    }
+
+    /// The same, for whoever holds the lock of the file's folder already.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn create_under(_lock: &FolderLock, path: &Path, run: &str) -> Result<Self, OutputError> {
         let fail = |source| OutputError::Write { path: path.to_owned(), source };
         if path.is_dir() {
             return Err(OutputError::IsFolder { path: path.to_owned() });
@@ -95,8 +104,6 @@ impl TemporaryFile {
         let Some(stem) = path.file_stem() else {
             return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "it is not a file name")));
         };
-        // So that of two runs that begin at once one sees the other.
-        let _lock = FolderLock::wait(folder_of(path));
         if let Some(pid) = other_writer(path, &stem.to_string_lossy(), run) {
             return Err(OutputError::Taken { path: path.to_owned(), pid });
         }

@@ -1,9 +1,9 @@
 //! What the device can do at best (the *floor*), and what the renderer does with recorded frames, in one process.
 
-use crate::engine::{Engine, EngineError, EngineOptions};
+use crate::engine::{self, EngineError, EngineOptions};
 use crate::frame::FrameReader;
 use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Readback, Target};
-use crate::source::{FrameSource, RecordedSource, Recording};
+use crate::source::{Completion, FrameSource, RecordedSource, Recording};
 use crate::technique::{LOD_BIAS, MAX_ANISOTROPY};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
@@ -128,7 +128,7 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
 pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) -> Result<Measured, EngineError> {
     let mut source = RecordedSource::new(Arc::clone(recording), laps + 1);
     let mut reader = FrameReader::new(source.shape(), options.size)?;
-    let mut engine = Engine::new(options.clone(), &source)?;
+    let mut engine = engine::open(options.clone(), &source)?;
     let mut spare = (0..engine.frames_in_flight()).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
     let lap = recording.frames().len();
     let frames = lap * laps as usize;

@@ -10,7 +10,7 @@
 
 use crate::frame::Frame;
 use crate::pixels::Pixels;
-use crate::source::{FrameSource, SourceError};
+use crate::source::{Pools, SourceError};
 use crate::technique::NEAR_M;
 use glam::{DVec2, DVec3};
 use terravision_common::rig::View;
@@ -83,17 +83,12 @@ impl Skirt {
     ///
     /// # Errors
     /// The source is damaged.
-    pub fn borders(&mut self, frame: &Frame, source: &mut dyn FrameSource) -> Result<Vec<Border>, SourceError> {
-        let borders = frame.views.iter().map(|view| self.border(view, frame, source));
+    pub fn borders(&mut self, frame: &Frame, pools: &mut dyn Pools) -> Result<Vec<Border>, SourceError> {
+        let borders = frame.views.iter().map(|view| self.border(view, frame, pools));
         borders.filter_map(Result::transpose).collect()
     }
 
-    fn border(
-        &mut self,
-        view: &View,
-        frame: &Frame,
-        source: &mut dyn FrameSource,
-    ) -> Result<Option<Border>, SourceError> {
+    fn border(&mut self, view: &View, frame: &Frame, pools: &mut dyn Pools) -> Result<Option<Border>, SourceError> {
         let camera = &view.camera;
         let surface = self.world.surface();
         let eye_m = surface.height_m(camera.eye());
@@ -109,7 +104,7 @@ impl Skirt {
                 continue;
             }
             if position != Some(tile.elevation_position) {
-                if !source.read_elevation(tile.elevation_position, &mut self.array)? {
+                if !pools.read_elevation(tile.elevation_position, &mut self.array)? {
                     continue;
                 }
                 position = Some(tile.elevation_position);

@@ -7,7 +7,7 @@ use support::{Scene, camera, node, options, world};
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::run::run;
 use terravision_renderer::sink::NullSink;
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::source::{RecordedSource, Recording};
 
 const SIZE: [u32; 2] = [64, 48];
@@ -28,11 +28,11 @@ fn more_frames_take_no_more_allocations() {
     for change in support::paths(&EngineOptions { has_validation: false, ..options(SIZE) }) {
         let allocations = |laps: u64| {
             let mut source = RecordedSource::new(Arc::clone(&recording), laps);
-            let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+            let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
             let options = change.clone();
             // Of this thread: the frame loop's.
             let info = allocation_counter::measure(|| {
-                run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+                run(options, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap();
             });
             info.count_total
         };

@@ -1,4 +1,4 @@
-//! The whole flow: sources, frame loop, lanes and sinks.
+//! The whole flow: sources, frame loop, workers and sinks.
 
 mod support;
 
@@ -18,11 +18,11 @@ use terravision_common::texels::TexelFormat;
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::sink::{
     AllOf, DepthSink, FrameSink, GroundSink, NullSink, Picture, PngFileSink, PngFolderSink, SinkError, StreamSink,
 };
-use terravision_renderer::source::{FrameSource, LiveSource, RecordedSource, Recorder, Recording};
+use terravision_renderer::source::{LiveSource, Pools, RecordedSource, Recorder, Recording};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -55,8 +55,8 @@ fn flight(frames: u32) -> Arc<Recording> {
 
 fn play(recording: &Arc<Recording>, laps: u64, sinks: Vec<Box<dyn FrameSink>>) -> Result<RunSummary, RunError> {
     let mut source = RecordedSource::new(Arc::clone(recording), laps);
-    let lanes = Lanes::start(sinks)?;
-    run(options(SIZE), &mut source, lanes, &mut |_, _| {}, &mut |_| {})
+    let workers = SinkWorkers::start(sinks)?;
+    run(options(SIZE), &mut source, workers, &mut |_, _| {}, &mut |_| {})
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -78,10 +78,11 @@ fn names(folder: &PathBuf) -> Vec<String> {
 #[test]
 fn a_folder_of_pictures_is_the_same_with_one_lane_and_with_three() {
     let recording = flight(9);
-    let base = folder("lanes");
-    for (name, lanes) in [("a", 1), ("b", 3)] {
-        let sinks =
-            (0..lanes).map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>).collect();
+    let base = folder("workers");
+    for (name, workers) in [("a", 1), ("b", 3)] {
+        let sinks = (0..workers)
+            .map(|_| Box::new(PngFolderSink::new(&base.join(name)).unwrap()) as Box<dyn FrameSink>)
+            .collect();
         let summary = play(&recording, 1, sinks).unwrap();
         assert_eq!(summary, RunSummary { frames: 9, unsettled: 0, uploads: 4 });
     }
@@ -114,7 +115,7 @@ fn a_still_has_picture_depth_and_ground() {
     ]))];
     let mut source = RecordedSource::new(recording, 1);
     let with_depth = EngineOptions { has_depth: true, ..options(SIZE) };
-    run(with_depth, &mut source, Lanes::start(sinks).unwrap(), &mut |_, _| {}, &mut |_| {}).unwrap();
+    run(with_depth, &mut source, SinkWorkers::start(sinks).unwrap(), &mut |_, _| {}, &mut |_| {}).unwrap();
     assert_eq!(names(&base), ["a.png", "d.tif", "g.tif"]);
     let read = |path| tiff::decoder::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_image().unwrap();
     let tiff::decoder::DecodingResult::F32(depths) = read(&depth) else { panic!("depth is float32") };
@@ -165,8 +166,8 @@ fn frames_reach_a_sink_in_order_and_a_recording_of_a_recording_is_the_same() {
     let recording = flight(7);
     let (first, second) = (Kept::default(), Kept::default());
     let mut recorder = Recorder::new(RecordedSource::new(Arc::clone(&recording), 2));
-    let lanes = Lanes::start(vec![Box::new(first.clone())]).unwrap();
-    run(options(SIZE), &mut recorder, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(first.clone())]).unwrap();
+    run(options(SIZE), &mut recorder, workers, &mut |_, _| {}, &mut |_| {}).unwrap();
     let again = Arc::new(recorder.finish());
     assert_eq!(again.frames().len(), 14);
     play(&again, 1, vec![Box::new(second.clone())]).unwrap();
@@ -201,7 +202,7 @@ fn a_sink_that_fails_ends_the_run_with_its_sentence() {
     for sinks in [vec![Box::new(Failing(3)) as Box<dyn FrameSink>], vec![Box::new(NullSink), Box::new(Failing(0))]] {
         let error = play(&recording, 20, sinks).unwrap_err();
         assert!(error.to_string().starts_with("cannot write somewhere: "), "{error}");
-        assert_eq!(error.exit_code(), 1);
+        assert!(!error.is_bad_input() && !error.is_stopping(), "{error}");
     }
 }
 
@@ -266,22 +267,22 @@ fn y4m_is_read_by_ffmpeg_with_the_colours_that_were_drawn() {
 }
 
 #[test]
-fn a_picture_that_is_too_large_is_refused_with_exit_code_2() {
+fn a_picture_that_is_too_large_is_bad_input() {
     let recording = flight(1);
     let mut source = RecordedSource::new(recording, 1);
-    let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
     let too_large = EngineOptions { size: [60_000, 60_000], ..options(SIZE) };
-    let error = run(too_large, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap_err();
-    assert_eq!(error.exit_code(), 2);
+    let error = run(too_large, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap_err();
+    assert!(error.is_bad_input(), "{error}");
     assert!(error.to_string().contains("60000x60000"), "{error}");
 }
 
 #[test]
 fn a_device_that_is_not_there_is_said() {
     let mut source = RecordedSource::new(flight(1), 1);
-    let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+    let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
     let wanted = EngineOptions { device: DeviceChoice::Matching("abacus".into()), ..options(SIZE) };
-    let error = run(wanted, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap_err();
+    let error = run(wanted, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap_err();
     assert!(error.to_string().starts_with("no Vulkan device matches \"abacus\"; there are: 0: "), "{error}");
 }
 
@@ -368,11 +369,11 @@ fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<u
     )
     .expect("memory of this process holds the recording");
     let kept = Kept::default();
-    let lanes = Lanes::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
+    let workers = SinkWorkers::start(vec![Box::new(kept.clone())]).expect("memory of this process holds the recording");
     let result = std::thread::scope(|scope| {
         let control = Arc::clone(&control);
         scope.spawn(move || feed(recording, stop_after, &control, ring, arrays, pool));
-        run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {})
+        run(options, &mut source, workers, &mut |_, _| {}, &mut |_| {})
     });
     let events =
         std::iter::from_fn(|| drained.try_pop().expect("memory of this process holds the recording")).collect();
@@ -406,5 +407,5 @@ fn live_frames_are_the_recorded_ones_by_both_paths() {
 #[test]
 fn a_stopped_run_ends_with_130() {
     let (result, _, _) = live(&flight(12), options(SIZE), Some(6));
-    assert_eq!(result.unwrap_err().exit_code(), 130);
+    assert!(result.unwrap_err().is_stopping());
 }

@@ -9,10 +9,10 @@ use support::{Scene, camera, draw, keep, node, options, pixel, sky_pixels, world
 use terravision_common::camera::Camera;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
-use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
+use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
 use terravision_renderer::run::run;
 use terravision_renderer::sink::NullSink;
-use terravision_renderer::sink::lanes::Lanes;
+use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::source::{RecordedSource, Recording};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -248,14 +248,14 @@ fn rays_refuse_what_only_the_mesh_does() {
     for options in
         [EngineOptions { samples: 4, ..usual.clone() }, EngineOptions { size: [60_000, 10], ..usual.clone() }]
     {
-        let error = Engine::new(options, &source).unwrap_err();
+        let error = engine::open(options, &source).unwrap_err();
         assert!(matches!(error, EngineError::MeshOnly { .. } | EngineError::PictureSize { .. }), "{error}");
     }
-    let error = Engine::new(EngineOptions { samples: 4, ..compute() }, &source).unwrap_err();
+    let error = engine::open(EngineOptions { samples: 4, ..compute() }, &source).unwrap_err();
     assert!(matches!(error, EngineError::MeshOnly { .. }), "{error}");
-    let described = Engine::new(compute(), &source).unwrap().describe();
+    let described = engine::open(compute(), &source).unwrap().describe();
     assert!(described.technique == "rays" && described.driver.contains("compute"), "{described:?}");
-    let described = Engine::new(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
+    let described = engine::open(EngineOptions { workers: 2, ..usual }, &source).unwrap().describe();
     assert_eq!((described.technique, described.device.as_str()), ("rays", "CPU, 2 workers"));
 }
 
@@ -266,7 +266,7 @@ fn a_height_that_is_no_number_is_refused() {
     let tiles = vec![scene.leaf(node(0, 0, 0), &camera, [0; 4])];
     scene.frame(&camera, tiles);
     let error = draw(&rays(RaysChoice::Mipmap), &scene.finish()).unwrap_err().to_string();
-    assert!(error.contains("no finite number"), "{error}");
+    assert!(error.contains("not a finite number"), "{error}");
 }
 
 #[test]
@@ -280,10 +280,10 @@ fn more_frames_of_rays_take_no_more_allocations() {
     ] {
         let allocations = |laps: u64| {
             let mut source = RecordedSource::new(Arc::clone(&recording), laps);
-            let lanes = Lanes::start(vec![Box::new(NullSink)]).unwrap();
+            let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
             let info = allocation_counter::measure(|| {
                 let options = EngineOptions { has_tree_overlay, ..rays(choice) };
-                run(options, &mut source, lanes, &mut |_, _| {}, &mut |_| {}).unwrap();
+                run(options, &mut source, workers, &mut |_, _| {}, &mut |_| {}).unwrap();
             });
             info.count_total
         };

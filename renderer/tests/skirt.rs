@@ -9,7 +9,7 @@ use std::time::Duration;
 use support::{SKY, Scene, camera, keep, node, options, world};
 use terravision_common::camera::Camera;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
-use terravision_renderer::engine::{Engine, EngineOptions, Finished};
+use terravision_renderer::engine::{self, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
 use terravision_renderer::skirt::Skirt;
 use terravision_renderer::source::{FrameSource, RecordedSource, Recording};
@@ -48,7 +48,7 @@ fn draw(options: &EngineOptions, camera: &Camera) -> Option<Finished> {
     let recording = recording(camera);
     let mut source = RecordedSource::new(Arc::clone(&recording), 1);
     let mut reader = FrameReader::new(source.shape(), options.size).unwrap();
-    let mut engine = Engine::new(options.clone(), &source).unwrap();
+    let mut engine = engine::open(options.clone(), &source).unwrap();
     reader.read(&mut source, true).unwrap();
     let mut borders = Skirt::new(&source.shape().world, LOW_M).borders(reader.frame(), &mut source).unwrap();
     let pixels = engine.new_pixels().unwrap();

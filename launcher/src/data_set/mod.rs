@@ -14,6 +14,7 @@ use std::collections::BTreeSet;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 use terravision_common::camera::Camera;
+use terravision_common::rig::RigView;
 use terravision_common::run::frame_file_name;
 
 /// Lists the frames.
@@ -21,7 +22,7 @@ pub const FRAMES_FILE: &str = "frames.json";
 /// The same for nerfstudio.
 pub const TRANSFORMS_FILE: &str = "transforms.json";
 
-/// A frame's camera, in the coordinates of the world (not of its CRS).
+/// A frame's pose, as a camera, in the coordinates of the world (not of its CRS).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlownFrame {
     /// Number in the flight.
@@ -39,6 +40,8 @@ pub struct DataSet {
     pub head: Head,
     /// Easting and northing of the world's origin.
     pub origin: [f64; 2],
+    /// The camera of the rig that they are of; `None` for the pose's own.
+    pub view: Option<RigView>,
     /// Folder of depths.
     pub depth: Option<FrameFolder>,
     /// Folder of ground positions.
@@ -96,21 +99,28 @@ impl DataSet {
         let folder = self.folder();
         let fail = |source: io::Error| OutputError::Write { path: folder.join(FRAMES_FILE), source };
         // Another flight into this folder lists its frames before or after, not meanwhile.
-        let _lock = crate::output::FolderLock::wait(folder);
+        let lock = crate::output::FolderLock::wait(folder);
+        let flown: Vec<FlownFrame> = flown.iter().map(|flown| self.seen_by(flown)).collect();
         let head = self.head.clone().with_vfov(flown.first().map(|flown| &flown.camera));
         let (mut listing, dropped) = Listing::read(&folder.join(FRAMES_FILE), head, folder).map_err(fail)?;
-        for flown in flown {
+        for flown in &flown {
             let entry = Entry::new(flown, self.origin, |key| self.file(key, flown.frame));
             listing.put(flown.frame, entry).map_err(fail)?;
         }
         let has_transforms = self.pictures.is_some();
         if has_transforms {
-            crate::output::TemporaryFile::create(&folder.join(TRANSFORMS_FILE), run)?
+            crate::output::TemporaryFile::create_under(&lock, &folder.join(TRANSFORMS_FILE), run)?
                 .finish_with(|writer| listing.write_transforms(writer))?;
         }
-        crate::output::TemporaryFile::create(&folder.join(FRAMES_FILE), run)?
+        crate::output::TemporaryFile::create_under(&lock, &folder.join(FRAMES_FILE), run)?
             .finish_with(|writer| listing.write(writer))?;
         Ok(Listed { frames: listing.len(), dropped, has_transforms })
+    }
+
+    /// The frame as the camera of these files has seen it.
+    fn seen_by(&self, flown: &FlownFrame) -> FlownFrame {
+        let camera = self.view.as_ref().map_or(flown.camera, |view| view.camera(&flown.camera));
+        FlownFrame { camera, ..*flown }
     }
 
     /// The name of a frame's file, as seen from the folder of the listings.

@@ -77,6 +77,7 @@ impl Scratch {
         DataSet {
             head: Head::new(Some("EPSG:26710".into()), "NAD27 / UTM zone 10N".into(), [640, 361], 29.97, exaggeration),
             origin: ORIGIN,
+            view: None,
             depth: Some(folder("d")),
             ground: Some(folder("frames/g")),
             pictures: Some(self.0.join("frames")),

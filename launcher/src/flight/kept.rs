@@ -2,7 +2,7 @@
 //! it is true however the flight has ended.
 
 use super::progress::Progress;
-use crate::data_set::{FRAMES_FILE, FlownFrame, TRANSFORMS_FILE};
+use crate::data_set::{DataSet, FRAMES_FILE, FlownFrame, TRANSFORMS_FILE};
 use crate::failure::Failure;
 use crate::machine::bytes_for_people;
 use crate::measure::stats::RunStats;
@@ -24,13 +24,10 @@ impl Kept {
     #[must_use]
     pub fn of(plan: &FlightPlan) -> Self {
         let range = plan.config.frames;
-        let pictures = plan.folder.as_ref().map(|folder| folder.whole_frames("png", range));
-        let planes = plan.data_set.as_ref().map(|set| set.whole_frames(range));
-        let frames = match (pictures, planes) {
-            (Some(pictures), Some(planes)) => Some(pictures.intersection(&planes).copied().collect()),
-            (one, other) => one.or(other),
-        };
-        Self { frames }
+        let pictures = plan.folders.iter().map(|folder| folder.whole_frames("png", range));
+        let planes = plan.data_sets.iter().map(|set| set.whole_frames(range));
+        let in_all = |a: BTreeSet<u64>, b: BTreeSet<u64>| a.intersection(&b).copied().collect();
+        Self { frames: pictures.chain(planes).reduce(in_all) }
     }
 
     /// How many there are, where frames go into files.
@@ -44,7 +41,7 @@ impl Kept {
     #[must_use]
     pub fn clause(&self, plan: &FlightPlan) -> String {
         let Some(frames) = self.frames.as_ref().filter(|frames| !frames.is_empty()) else { return String::new() };
-        let place = match (&plan.folder, &plan.data_set) {
+        let place = match (plan.folders.first(), plan.data_sets.first()) {
             (None, Some(set)) => set.planes().map(|(folder, _)| folder.path().display().to_string()).next(),
             _ => Some(plan.destination.clone()),
         };
@@ -69,12 +66,20 @@ impl Kept {
     /// # Errors
     /// The listing cannot be written.
     pub fn list(&self, plan: &FlightPlan, stats: &RunStats, progress: &Progress) -> Result<(), Failure> {
-        let (Some(set), Some(frames)) = (&plan.data_set, &self.frames) else { return Ok(()) };
-        if frames.is_empty() {
-            return Ok(());
-        }
+        let Some(frames) = self.frames.as_ref().filter(|frames| !frames.is_empty()) else { return Ok(()) };
         let flown: Vec<FlownFrame> = flown(plan, stats).filter(|flown| frames.contains(&flown.frame)).collect();
-        let listed = set.list(&flown, &plan.config.run_id).map_err(Failure::failed)?;
+        plan.data_sets.iter().try_for_each(|set| Self::list_in(set, frames, &flown, plan, stats, progress))
+    }
+
+    fn list_in(
+        set: &DataSet,
+        frames: &BTreeSet<u64>,
+        flown: &[FlownFrame],
+        plan: &FlightPlan,
+        stats: &RunStats,
+        progress: &Progress,
+    ) -> Result<(), Failure> {
+        let listed = set.list(flown, &plan.config.run_id).map_err(Failure::failed)?;
         let folder = set.folder();
         if listed.dropped > 0 {
             progress.warn(&format!(
@@ -123,5 +128,5 @@ fn flown<'a>(plan: &'a FlightPlan, stats: &'a RunStats) -> impl Iterator<Item = 
 
 /// Where half files of killed stages may be.
 pub fn folders(plan: &FlightPlan) -> impl Iterator<Item = &FrameFolder> {
-    plan.folder.iter().chain(plan.data_set.iter().flat_map(|set| set.planes().map(|(folder, _)| folder)))
+    plan.folders.iter().chain(plan.data_sets.iter().flat_map(|set| set.planes().map(|(folder, _)| folder)))
 }

@@ -17,12 +17,15 @@ use crate::ground::{self, WorldGround};
 use crate::machine::bytes_for_people;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
-use crate::path::{PathSettings, Pose};
+use crate::path::{Ground, PathSettings, Pose};
+use crate::rig::RigFile;
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
+use glam::DVec3;
 use std::path::Path;
 use terravision_common::camera::Camera;
+use terravision_common::rig::RigView;
 use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_common::world::World;
@@ -38,6 +41,8 @@ pub(super) struct Draft<'a> {
     access: &'a DatabaseArgs,
     settings: PathSettings,
     picture: &'a PictureArgs,
+    /// The cameras that the pose carries, as they were asked for.
+    pub(super) rig: Option<RigFile>,
     resources: &'a ResourceArgs,
     pub(super) fps: f64,
     pub(super) frames: [u64; 2],
@@ -45,12 +50,14 @@ pub(super) struct Draft<'a> {
     pub(super) notes: Vec<String>,
     pub(super) warnings: Vec<String>,
     pub(super) sink: SinkConfig,
-    pub(super) depth: Option<PlaneTarget>,
-    pub(super) ground: Option<PlaneTarget>,
+    /// One for each view, or none.
+    pub(super) depth: Vec<PlaneTarget>,
+    pub(super) ground: Vec<PlaneTarget>,
     pub(super) share: Option<ShareConfig>,
     pub(super) planes: PlaneFolders,
     pub(super) files: Vec<TemporaryFile>,
-    pub(super) folder: Option<FrameFolder>,
+    /// The folder of pictures, or one for each view.
+    pub(super) folders: Vec<FrameFolder>,
     stream: Option<StreamTarget>,
     pub(super) destination: String,
     pub(super) realtime: Option<&'a RealtimeArgs>,
@@ -72,6 +79,7 @@ impl<'a> Draft<'a> {
             access,
             settings,
             picture,
+            rig: picture.views.as_deref().map(RigFile::read).transpose().map_err(Failure::bad_input)?,
             resources,
             fps: DEFAULT_FPS,
             frames: [0, 1],
@@ -79,12 +87,12 @@ impl<'a> Draft<'a> {
             notes: Vec::new(),
             warnings: Vec::new(),
             sink: SinkConfig::Null,
-            depth: None,
-            ground: None,
+            depth: Vec::new(),
+            ground: Vec::new(),
             share: None,
             planes: PlaneFolders::default(),
             files: Vec::new(),
-            folder: None,
+            folders: Vec::new(),
             stream: None,
             destination: String::new(),
             realtime: None,
@@ -109,7 +117,9 @@ impl<'a> Draft<'a> {
     ) -> Result<FlightPlan, Failure> {
         let world = *self.database.world();
         let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
-        let choice = PictureChoice::new(self.picture, &self.settings, self.usual_quality, is_realtime, texels, &world)?;
+        let rig = self.rig.as_ref();
+        let choice =
+            PictureChoice::new(self.picture, rig, &self.settings, self.usual_quality, is_realtime, texels, &world)?;
         let exaggeration = exaggeration(self.picture.exaggeration)?;
         let layout = layout(&world, &choice, self.resources.memory)?;
         let cameras = self.cameras(&choice, exaggeration)?;
@@ -118,7 +128,7 @@ impl<'a> Draft<'a> {
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
         Ok(FlightPlan {
-            data_set: self.planes.into_data_set(&config, &self.database),
+            data_sets: self.planes.into_data_sets(&config, &self.database),
             config,
             report: measurements.report.as_deref().map(temporary).transpose()?,
             trace: measurements.trace.as_deref().map(temporary).transpose()?,
@@ -128,7 +138,7 @@ impl<'a> Draft<'a> {
             cameras,
             live: None,
             files: self.files,
-            folder: self.folder,
+            folders: self.folders,
             stream: self.stream,
             notes: self.notes,
             warnings: self.warnings,
@@ -173,6 +183,7 @@ impl<'a> Draft<'a> {
             }
             cameras.push(camera);
         }
+        self.warnings.extend(views_in_the_ground(choice, &cameras, &ground, world));
         if lifted > 0 {
             self.warnings.push(format!(
                 "{lifted} of {} frames were lifted: their poses were less than {} m above the ground",
@@ -186,14 +197,14 @@ impl<'a> Draft<'a> {
     /// What the stages are told.
     fn config(&mut self, choice: &PictureChoice, exaggeration: f64) -> Result<RunConfig, Failure> {
         let index = self.database.index().path();
-        let [r_z_px, r_c_px] = choice.wanted_px;
+        let ([r_z_px, r_c_px], [width, height]) = (choice.wanted_px, choice.picture_size());
         Ok(RunConfig {
             run_id: self.run.to_string(),
             // The stages run in this folder too, but an absolute name reads better in messages.
             world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
             database: world::config(self.database.location(), self.access),
-            width: choice.size.width,
-            height: choice.size.height,
+            width,
+            height,
             fps: self.fps,
             frames: self.frames,
             r_z_px,
@@ -205,7 +216,7 @@ impl<'a> Draft<'a> {
             prefetch: prefetch(self.realtime),
             realtime: self.realtime.and_then(|args| realtime(args, choice.wanted_px).transpose()).transpose()?,
             render: self.render_config(choice, exaggeration),
-            rig: None,
+            rig: choice.rig.clone(),
         })
     }
 
@@ -222,19 +233,33 @@ impl<'a> Draft<'a> {
             has_validation: self.resources.validation,
             frames_in_flight: FRAMES_IN_FLIGHT,
             sink: std::mem::replace(&mut self.sink, SinkConfig::Null),
-            depth: self.depth.take().into_iter().collect(),
-            ground: self.ground.take().into_iter().collect(),
+            depth: std::mem::take(&mut self.depth),
+            ground: std::mem::take(&mut self.ground),
             share: self.share.take(),
             made_up: picture.made_up.into(),
         }
     }
 }
 
+/// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig, which is worth a warning.
+fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl Ground, world: &World) -> Vec<String> {
+    let is_below = |eye: DVec3| {
+        let DVec3 { x, y, z } = world.crs_frame().place(eye);
+        // The ground may be in a database far away, as for poses.
+        let may_be = ground.bound_m(x, y).is_none_or(|bound| z < bound);
+        may_be && ground.height_m(x, y).is_some_and(|height| z < height)
+    };
+    let of_view = |view: &RigView| {
+        let below = cameras.iter().filter(|pose| is_below(view.camera(pose).eye())).count();
+        (below > 0).then(|| format!("view {} is below ground in {below} of {} frames", view.name, cameras.len()))
+    };
+    choice.rig.iter().flat_map(|rig| &rig.views).filter_map(of_view).collect()
+}
+
 /// The run's shared memory.
 fn layout(world: &World, choice: &PictureChoice, memory: MemorySize) -> Result<Layout, Failure> {
-    let pixels = u64::from(choice.size.width) * u64::from(choice.size.height);
     let layout = Layout::for_run(world, memory.0, choice.texels);
-    layout.map(|layout| layout.for_picture(world, pixels, choice.wanted_px[0])).map_err(|error| match error {
+    layout.map(|layout| layout.for_picture(world, choice.pixels(), choice.wanted_px[0])).map_err(|error| match error {
         ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
             "--memory {}: the tile pools of this world need at least {}",
             bytes_for_people(memory.0),

@@ -12,6 +12,7 @@ use crate::cli::realtime::PredictionChoice;
 use crate::failure::Failure;
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::{PathSettings, Pose};
+use crate::rig::{Pictures, RigFile, view_folder};
 use crate::stream::StreamTarget;
 use crate::stream::film::Container;
 use crate::world::open_world;
@@ -34,7 +35,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
     choose_output(&mut draft, args)?;
-    draft.planes = PlaneFolders::create(args, &draft.run.to_string())?;
+    draft.planes = PlaneFolders::create(args, draft.rig.as_ref(), &draft.run.to_string())?;
     [draft.depth, draft.ground] = draft.planes.targets();
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
@@ -77,6 +78,7 @@ fn draft_of_path(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure> 
 /// Where the frames go.
 fn choose_output(draft: &mut Draft<'_>, args: &FlyArgs) -> Result<(), Failure> {
     let (output, run) = (&args.output, draft.run.to_string());
+    check_views(draft.rig.as_ref(), args)?;
     if is_folder_name(output) || !has_extension(output, &Container::EXTENSIONS) {
         film::refuse(&args.film, output)?;
     }
@@ -85,9 +87,19 @@ fn choose_output(draft: &mut Draft<'_>, args: &FlyArgs) -> Result<(), Failure> {
     } else if output == Path::new("-") {
         stream_to_stdout(draft)?;
     } else if is_folder_name(output) {
-        let folder = FrameFolder::create(output, &run).map_err(Failure::bad_input)?;
-        draft.sink = SinkConfig::PngFolder(folder.path().to_owned());
-        draft.folder = Some(folder);
+        let folder = |path: &Path| FrameFolder::create(path, &run).map_err(Failure::bad_input);
+        let sink = |folder: &FrameFolder| SinkConfig::PngFolder(folder.path().to_owned());
+        match draft.rig.as_ref().filter(|rig| rig.pictures == Pictures::Separate) {
+            Some(rig) => {
+                draft.folders = rig.names().map(|name| folder(&view_folder(output, name))).collect::<Result<_, _>>()?;
+                draft.sink = SinkConfig::EachView(draft.folders.iter().map(sink).collect());
+            }
+            None => {
+                let folder = folder(output)?;
+                draft.sink = sink(&folder);
+                draft.folders.push(folder);
+            }
+        }
     } else if let Some(format) = film::format(output, &args.film)? {
         let file = TemporaryFile::create(output, &run).map_err(Failure::bad_input)?;
         let temporary = file.temporary().to_owned();
@@ -95,6 +107,26 @@ fn choose_output(draft: &mut Draft<'_>, args: &FlyArgs) -> Result<(), Failure> {
         draft.files.push(file);
     } else {
         return Err(no_output(output));
+    }
+    Ok(())
+}
+
+/// What takes one picture a frame cannot take views apart, and other programs know of one camera.
+fn check_views(rig: Option<&RigFile>, args: &FlyArgs) -> Result<(), Failure> {
+    let Some(rig) = rig else { return Ok(()) };
+    if args.live.share.is_some() || live::shared_name(&args.output).is_some() {
+        return Err(Failure::bad_input(anyhow!(
+            "--views and shared frames: a shared frame has one camera; write the views into a folder or a film, or leave out \
+             --views"
+        )));
+    }
+    let is_whole = is_folder_name(&args.output) || args.output == Path::new("/dev/null");
+    if rig.pictures == Pictures::Separate && !is_whole {
+        return Err(Failure::bad_input(anyhow!(
+            "-o {0}: the views of --views are \"separate\", and this takes one picture a frame; expected a folder, e.g. -o frames/, \
+             or \"side-by-side\" views",
+            args.output.display()
+        )));
     }
     Ok(())
 }

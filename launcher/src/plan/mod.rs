@@ -56,11 +56,11 @@ pub struct FlightPlan {
     pub live: Option<LiveCamera>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
-    /// Depth and ground of every frame, if they go into files. Before the folder of frames, in
-    /// which its folders may be.
-    pub data_set: Option<DataSet>,
-    /// The folder of frames, if that is where they go.
-    pub folder: Option<FrameFolder>,
+    /// Depth and ground of every frame, if they go into files, of each view by itself. Before the folders of frames, in which their
+    /// folders may be.
+    pub data_sets: Vec<DataSet>,
+    /// The folder of frames, or one for each view, if that is where they go.
+    pub folders: Vec<FrameFolder>,
     /// The stream, if that is where frames go.
     pub stream: Option<StreamTarget>,
     /// The report, if one is wanted.

@@ -6,7 +6,9 @@ use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::values::{PictureSize, Rgb};
 use crate::failure::Failure;
 use crate::path::PathSettings;
+use crate::rig::RigFile;
 use anyhow::anyhow;
+use terravision_common::rig::Rig;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::shm::Layout;
 use terravision_common::texels::TexelFormat;
@@ -32,10 +34,13 @@ fn sky_of(body: &str) -> [u8; 3] {
 }
 
 /// How the picture is made.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct PictureChoice {
+    /// Of the pose's own camera, and of views that say nothing else.
     pub(super) size: PictureSize,
     pub(super) vfov_rad: f64,
+    /// The cameras that the pose carries.
+    pub(super) rig: Option<Rig>,
     pub(super) technique: TechniqueChoice,
     pub(super) rays: RaysChoice,
     pub(super) texels: TexelFormat,
@@ -48,6 +53,7 @@ impl PictureChoice {
     /// `usual`: the preset if none is asked for.
     pub(super) fn new(
         picture: &PictureArgs,
+        rig: Option<&RigFile>,
         settings: &PathSettings,
         usual: Quality,
         is_realtime: bool,
@@ -60,6 +66,8 @@ impl PictureChoice {
         });
         let of_path = settings.vfov_of(size.width, size.height);
         let vfov_rad = vfov_rad(picture, of_path, size)?;
+        let rig = rig.map(|file| file.rig([size.width, size.height], vfov_rad)).transpose();
+        let rig = rig.map_err(Failure::bad_input)?;
         let (asked, rays) = technique(picture, is_realtime)?;
         let (texels, technique) = texels.decide(asked)?;
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
@@ -68,15 +76,29 @@ impl PictureChoice {
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
-            Quality::Finest => (Layout::finest_facet_px(world, u64::from(size.width) * u64::from(size.height)), 4),
+            Quality::Finest => (Layout::finest_facet_px(world, pixels(size, rig.as_ref())), 4),
         };
         let facet_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let texel_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
         let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
         let samples = picture.samples.unwrap_or(samples);
-        Ok(Self { size, vfov_rad, technique, rays, texels, wanted_px: [facet_px, texel_px], samples })
+        Ok(Self { size, vfov_rad, rig, technique, rays, texels, wanted_px: [facet_px, texel_px], samples })
     }
+
+    /// Pixels of all views together.
+    pub(super) fn pixels(&self) -> u64 {
+        pixels(self.size, self.rig.as_ref())
+    }
+
+    /// Width and height of the picture that holds all views, pixels.
+    pub(super) fn picture_size(&self) -> [u32; 2] {
+        self.rig.as_ref().map_or([self.size.width, self.size.height], Rig::picture)
+    }
+}
+
+fn pixels(size: PictureSize, rig: Option<&Rig>) -> u64 {
+    rig.map_or(u64::from(size.width) * u64::from(size.height), Rig::pixels)
 }
 
 /// The sky: as asked, as the path has it, or the body's.

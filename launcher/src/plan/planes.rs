@@ -8,6 +8,7 @@ use crate::data_set::DataSet;
 use crate::data_set::listing::Head;
 use crate::failure::Failure;
 use crate::output::FrameFolder;
+use crate::rig::{RigFile, view_folder};
 use anyhow::anyhow;
 use std::path::{Path, PathBuf};
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
@@ -16,16 +17,16 @@ use terravision_store::Store;
 /// Extensions of files that a user may name by mistake in place of a folder.
 const FILES: [&str; 9] = ["tif", "tiff", "png", "jpg", "jpeg", "exr", "npy", "npz", "json"];
 
-/// The folders of depth and ground, as asked for and made.
+/// The folders of depth and ground, as asked for and made: one each, or one for each view, or none.
 #[derive(Debug, Default)]
 pub(super) struct PlaneFolders {
-    pub depth: Option<FrameFolder>,
-    pub ground: Option<FrameFolder>,
+    pub depth: Vec<FrameFolder>,
+    pub ground: Vec<FrameFolder>,
 }
 
 impl PlaneFolders {
     /// Checks what is asked for, and makes the folders.
-    pub(super) fn create(args: &FlyArgs, run: &str) -> Result<Self, Failure> {
+    pub(super) fn create(args: &FlyArgs, rig: Option<&RigFile>, run: &str) -> Result<Self, Failure> {
         let folders = [("--depth", &args.planes.depth), ("--ground", &args.planes.ground)];
         let [depth, ground] = folders.map(|(_, asked)| asked.as_ref().and_then(Option::as_deref));
         for (flag, asked) in folders {
@@ -50,36 +51,50 @@ impl PlaneFolders {
                 depth.display()
             )));
         }
-        let folder = |path: Option<&Path>| {
-            path.map(|path| FrameFolder::create(path, run).map_err(Failure::bad_input)).transpose()
+        let folders = |path: Option<&Path>| -> Result<Vec<FrameFolder>, Failure> {
+            let Some(path) = path else { return Ok(Vec::new()) };
+            let paths = match rig {
+                Some(rig) => rig.names().map(|name| view_folder(path, name)).collect(),
+                None => vec![path.to_owned()],
+            };
+            paths.iter().map(|path| FrameFolder::create(path, run).map_err(Failure::bad_input)).collect()
         };
-        Ok(Self { depth: folder(depth)?, ground: folder(ground)? })
+        Ok(Self { depth: folders(depth)?, ground: folders(ground)? })
     }
 
     /// As the renderer is told.
-    pub(super) fn targets(&self) -> [Option<PlaneTarget>; 2] {
-        [&self.depth, &self.ground]
-            .map(|folder| folder.as_ref().map(|folder| PlaneTarget::Folder(folder.path().to_owned())))
+    pub(super) fn targets(&self) -> [Vec<PlaneTarget>; 2] {
+        let target = |folder: &FrameFolder| PlaneTarget::Folder(folder.path().to_owned());
+        [&self.depth, &self.ground].map(|folders| folders.iter().map(target).collect())
     }
 
-    /// The data set that comes of it, if any folder was asked for.
-    pub(super) fn into_data_set(self, config: &RunConfig, database: &Store) -> Option<DataSet> {
-        if self.depth.is_none() && self.ground.is_none() {
-            return None;
-        }
+    /// The data sets that come of it, one for each view, if any folder was asked for.
+    pub(super) fn into_data_sets(self, config: &RunConfig, database: &Store) -> Vec<DataSet> {
         let crs = &database.manifest().crs;
         let name = crs.epsg.map(|epsg| format!("EPSG:{epsg}")).or_else(|| crs.proj4.clone());
-        let size = [config.width, config.height];
-        Some(DataSet {
-            head: Head::new(name, crs.name.clone(), size, config.fps, config.exaggeration),
-            origin: database.world().fields().origin,
-            depth: self.depth,
-            ground: self.ground,
-            pictures: match &config.render.sink {
-                SinkConfig::PngFolder(folder) => Some(folder.clone()),
+        let count = self.depth.len().max(self.ground.len());
+        let (mut depth, mut ground) = (self.depth.into_iter(), self.ground.into_iter());
+        let of_view = |index: usize| {
+            let view = config.rig.as_ref().and_then(|rig| rig.views.get(index)).cloned();
+            let size = view.as_ref().map_or([config.width, config.height], |view| view.size);
+            let pictures = match &config.render.sink {
+                SinkConfig::PngFolder(folder) if view.is_none() => Some(folder.clone()),
+                SinkConfig::EachView(sinks) => match sinks.get(index) {
+                    Some(SinkConfig::PngFolder(folder)) => Some(folder.clone()),
+                    _ => None,
+                },
                 _ => None,
-            },
-        })
+            };
+            DataSet {
+                head: Head::new(name.clone(), crs.name.clone(), size, config.fps, config.exaggeration),
+                origin: database.world().fields().origin,
+                view,
+                depth: depth.next(),
+                ground: ground.next(),
+                pictures,
+            }
+        };
+        (0..count).map(of_view).collect()
     }
 }
 

@@ -10,6 +10,7 @@ use crate::cli::supervision::SupervisionArgs;
 use crate::failure::Failure;
 use crate::output::TemporaryFile;
 use crate::path::PathSettings;
+use crate::rig::{Pictures, view_file};
 use crate::world::open_world;
 use anyhow::anyhow;
 use std::path::{Path, PathBuf};
@@ -33,14 +34,30 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     check_plane("--depth", args.depth.as_deref(), "depths are float32")?;
     check_plane("--ground", args.ground.as_deref(), "positions are float64")?;
     let mut outputs = Outputs { run: draft.run.to_string(), named: Vec::new(), files: Vec::new() };
-    draft.sink = SinkConfig::PngFile(outputs.add(&args.output)?);
-    draft.depth = args.depth.as_deref().map(|path| outputs.add(path)).transpose()?.map(PlaneTarget::File);
-    draft.ground = args.ground.as_deref().map(|path| outputs.add(path)).transpose()?.map(PlaneTarget::File);
+    let names: Option<Vec<String>> = draft.rig.as_ref().map(|rig| rig.names().map(str::to_owned).collect());
+    let is_separate = draft.rig.as_ref().is_some_and(|rig| rig.pictures == Pictures::Separate);
+    let pictures = files_of(&args.output, names.as_deref().filter(|_| is_separate));
+    draft.destination = pictures.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
+    let sinks = pictures.iter().map(|path| Ok(SinkConfig::PngFile(outputs.add(path)?))).collect::<Result<Vec<_>, _>>();
+    draft.sink = match sinks? {
+        mut sinks if !is_separate => sinks.pop().unwrap_or(SinkConfig::Null),
+        sinks => SinkConfig::EachView(sinks),
+    };
+    let mut planes = |path: &Option<PathBuf>| -> Result<Vec<PlaneTarget>, Failure> {
+        let files = path.iter().flat_map(|path| files_of(path, names.as_deref()));
+        files.map(|path| Ok(PlaneTarget::File(outputs.add(&path)?))).collect()
+    };
+    draft.depth = planes(&args.depth)?;
+    draft.ground = planes(&args.ground)?;
     draft.files = outputs.files;
-    draft.destination = args.output.display().to_string();
     let mut plan = draft.finish(texels, &args.measurements)?;
     plan.restarts = supervision::restarts(&SupervisionArgs::default(), &plan.config)?;
     Ok(plan)
+}
+
+/// The file, or one for each of these views.
+fn files_of(path: &Path, names: Option<&[String]>) -> Vec<PathBuf> {
+    names.map_or_else(|| vec![path.to_owned()], |names| names.iter().map(|name| view_file(path, name)).collect())
 }
 
 /// A device or a pipe: it is written to as it is, whatever its name.

@@ -1,10 +1,13 @@
 //! The engine of a Vulkan device: its pools, and the frames in flight.
 
-use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted};
+use super::finished::InFlight;
+use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
-use crate::gpu::{ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Target};
+use crate::gpu::{
+    ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Recording, Target,
+};
 use crate::pixels::Pixels;
-use crate::source::{FrameSource, SourceShape};
+use crate::source::{FrameSource, Pools, SourceShape};
 use crate::technique::{ArrayPlaces, ComputeRays, LOD_BIAS, MAX_ANISOTROPY, MeshTechnique, Technique};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -102,27 +105,10 @@ impl DeviceEngine {
         })
     }
 
-    /// What draws.
-    #[must_use]
-    pub fn describe(&self) -> Described {
-        let found = self.device.capabilities();
-        let driver = match self.options.is_compute() {
-            true => format!("{}; compute: one exact ray a pixel", found.driver),
-            false => found.driver.clone(),
-        };
-        Described { technique: self.technique.name(), device: found.name.clone(), driver }
-    }
-
     /// The device.
     #[must_use]
     pub fn device(&self) -> &Arc<Device> {
         &self.device
-    }
-
-    /// Frames recorded or drawn at a time.
-    #[must_use]
-    pub fn frames_in_flight(&self) -> usize {
-        self.slots.len()
     }
 
     /// Whether elevations, and whether colours, are read from shared memory in place.
@@ -131,85 +117,52 @@ impl DeviceEngine {
         [self.elevation.is_imported(), self.colors.is_imported()]
     }
 
-    /// A buffer for pictures to come back in.
-    ///
-    /// # Errors
-    /// Out of memory.
-    pub fn new_readback(&self) -> Result<Readback, EngineError> {
+    fn new_readback(&self) -> Result<Readback, EngineError> {
         Ok(Readback::new(&self.device, self.options.size, self.options.has_depth)?)
     }
+}
 
-    /// Whether another frame can be submitted before one has come back.
-    #[must_use]
-    pub fn has_room(&self) -> bool {
+impl Engine for DeviceEngine {
+    fn describe(&self) -> Described {
+        let found = self.device.capabilities();
+        let driver = match self.options.is_compute() {
+            true => format!("{}; compute: one exact ray a pixel", found.driver),
+            false => found.driver.clone(),
+        };
+        Described { technique: self.technique.name(), device: found.name.clone(), driver }
+    }
+
+    fn frames_in_flight(&self) -> usize {
+        self.slots.len()
+    }
+
+    fn new_pixels(&self) -> Result<Pixels, EngineError> {
+        Ok(Pixels::Device(self.new_readback()?))
+    }
+
+    fn has_room(&self) -> bool {
         self.in_flight.len() < self.slots.len()
     }
 
-    /// Whether frames are with the device.
-    #[must_use]
-    pub fn is_busy(&self) -> bool {
+    fn is_busy(&self) -> bool {
         !self.in_flight.is_empty()
     }
 
-    /// Records a frame and hands it to the device; its pixels will come back in `readback`. There must be room.
-    ///
-    /// # Errors
-    /// The device failed, or the frame names what is not there.
-    pub fn submit(
-        &mut self,
-        frame: &Frame,
-        source: &mut dyn FrameSource,
-        readback: Readback,
-    ) -> Result<Submitted, EngineError> {
+    /// Records a frame and hands it to the device.
+    fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
+        let readback = match pixels {
+            Pixels::Device(readback) => readback,
+            Pixels::Memory(_) => self.new_readback()?,
+        };
         let index = self.next_slot;
         let Self { slots, technique, elevation, colors, target, starts, options, .. } = self;
         let mut recording = slots[index].begin()?;
-        // Elevations.
-        let arrays = frame.end.elevation_end.wrapping_sub(frame.elevation_start);
-        starts.clear();
-        if elevation.is_imported() {
-            let room = elevation.imported_values();
-            for position in frame.elevation_start..frame.end.elevation_end {
-                let start = source.elevation_offset(position)?.map(|offset| offset / 4);
-                match start.filter(|start| start + self.array_values as u64 <= room) {
-                    Some(start) => starts.push(start as u32),
-                    None => return Err(missing_array(frame, position)),
-                }
-            }
-        } else {
-            let staged = elevation.stage(&recording, (arrays * self.array_values as u64).max(1))?;
-            for (position, out) in (frame.elevation_start..).zip(staged.chunks_exact_mut(self.array_values)) {
-                if !source.read_elevation(position, out)? {
-                    return Err(missing_array(frame, position));
-                }
-                starts.push(((position - frame.elevation_start) * self.array_values as u64) as u32);
-            }
-        }
-        // Colours.
-        let before = monotonic_nanos();
-        for (index, tile) in frame.tiles.iter().enumerate() {
-            let key = tile.color();
-            if colors.holds(key) {
-                continue;
-            }
-            let is_there = if colors.is_imported() {
-                match source.color_offset(key) {
-                    Some(offset) => colors.upload_imported(key, offset).map(|()| true)?,
-                    None => false,
-                }
-            } else {
-                let room = colors.upload_staged(&recording, key)?;
-                source.read_color(key, room)
-            };
-            if !is_there {
-                let fault = TileFault::Stale;
-                return Err(FrameError::Tile { frame: frame.marker.frame, index, fault }.into());
-            }
-        }
+        find_elevations(elevation, self.array_values, &recording, frame, pools, starts)?;
+        let upload_started_nanos = monotonic_nanos();
+        upload_colors(colors, &recording, frame, pools)?;
         let uploads = colors.record_uploads(&mut recording);
-        let upload_nanos = monotonic_nanos() - before;
-        // The picture of each view, and its depth.
+        let upload_nanos = monotonic_nanos() - upload_started_nanos;
         technique.prepare(&mut recording, frame, elevation, ArrayPlaces { starts })?;
         for (index, view) in frame.views.iter().enumerate() {
             target.begin_picture(&mut recording, view.size(), options.sky_rgb);
@@ -227,14 +180,10 @@ impl DeviceEngine {
         let in_flight = InFlight::new(frame, self.technique.triangles(), started_nanos, monotonic_nanos());
         self.in_flight.push_back((index, in_flight));
         self.next_slot = (index + 1) % self.slots.len();
-        Ok(Submitted { uploads, upload_started_nanos: before, upload_nanos })
+        Ok(Submitted { uploads, upload_started_nanos, upload_nanos, decided: None })
     }
 
-    /// The oldest frame in flight, if it is finished within `timeout`.
-    ///
-    /// # Errors
-    /// The device was lost, or the validation layer said something.
-    pub fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError> {
+    fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError> {
         let Some(&(slot, in_flight)) = self.in_flight.front() else { return Ok(None) };
         if !self.slots[slot].wait(timeout)? {
             return Ok(None);
@@ -243,10 +192,77 @@ impl DeviceEngine {
         self.in_flight.pop_front();
         let Some((readback, gpu_nanos)) = taken else { return Ok(None) };
         if self.options.has_validation {
-            self.device.instance().check_validation()?;
+            self.check_validation()?;
         }
         Ok(Some(in_flight.finish(gpu_nanos, Pixels::Device(readback))))
     }
+
+    fn check_validation(&self) -> Result<(), EngineError> {
+        Ok(self.device.instance().check_validation()?)
+    }
+}
+
+/// Where the frame's elevation arrays begin in the buffer that the device reads; copies them there, unless the device reads
+/// shared memory.
+fn find_elevations(
+    elevation: &mut Elevation,
+    array_values: usize,
+    recording: &Recording<'_>,
+    frame: &Frame,
+    pools: &mut dyn Pools,
+    starts: &mut Vec<u32>,
+) -> Result<(), EngineError> {
+    let positions = frame.elevation_start..frame.end.elevation_end;
+    starts.clear();
+    if elevation.is_imported() {
+        let room = elevation.imported_values();
+        for position in positions {
+            let start = pools.elevation_offset(position)?.map(|offset| offset / 4);
+            match start.filter(|start| start + array_values as u64 <= room) {
+                Some(start) => starts.push(start as u32),
+                None => return Err(missing_array(frame, position)),
+            }
+        }
+        return Ok(());
+    }
+    let arrays = frame.end.elevation_end.wrapping_sub(frame.elevation_start);
+    let staged = elevation.stage(recording, (arrays * array_values as u64).max(1))?;
+    for ((index, position), out) in positions.enumerate().zip(staged.chunks_exact_mut(array_values)) {
+        if !pools.read_elevation(position, out)? {
+            return Err(missing_array(frame, position));
+        }
+        starts.push((index * array_values) as u32);
+    }
+    Ok(())
+}
+
+/// Brings the colours of a frame's tiles to the device, where it does not have them.
+fn upload_colors(
+    colors: &mut ColorPool,
+    recording: &Recording<'_>,
+    frame: &Frame,
+    pools: &mut dyn Pools,
+) -> Result<(), EngineError> {
+    for (index, tile) in frame.tiles.iter().enumerate() {
+        let key = tile.color();
+        if colors.holds(key) {
+            continue;
+        }
+        let is_there = if colors.is_imported() {
+            match pools.color_offset(key) {
+                Some(offset) => colors.upload_imported(key, offset).map(|()| true)?,
+                None => false,
+            }
+        } else {
+            let room = colors.upload_staged(recording, key)?;
+            pools.read_color(key, room)
+        };
+        if !is_there {
+            let fault = TileFault::Stale;
+            return Err(FrameError::Tile { frame: frame.marker.frame, index, fault }.into());
+        }
+    }
+    Ok(())
 }
 
 fn starts_capacity(shape: &SourceShape) -> usize {

@@ -1,13 +1,14 @@
 //! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in shared memory, cast on the
 //! processor's cores. No Vulkan.
 
-use super::{Described, EngineError, EngineOptions, Finished, InFlight, Submitted};
+use super::finished::InFlight;
+use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::pixels::{Pixels, Raster};
-use crate::source::{FrameSource, SourceShape};
+use crate::source::{FrameSource, Pools, SourceShape};
 use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
-use terravision_common::event::{Event, TextKind, monotonic_nanos};
+use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
@@ -142,73 +143,68 @@ impl RaysEngine {
             options,
         })
     }
+}
 
-    /// What draws.
-    #[must_use]
-    pub fn describe(&self) -> Described {
+impl Engine for RaysEngine {
+    fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
         Described { technique: TechniqueChoice::Rays.name(), device, driver: self.choice.words() }
     }
 
-    /// A buffer for a picture.
-    #[must_use]
-    pub fn new_pixels(&self) -> Pixels {
-        Pixels::Memory(Raster::new(self.options.size, self.options.has_depth))
+    fn frames_in_flight(&self) -> usize {
+        1
     }
 
-    /// Whether a frame has not been taken yet.
-    #[must_use]
-    pub fn is_busy(&self) -> bool {
+    fn new_pixels(&self) -> Result<Pixels, EngineError> {
+        Ok(Pixels::Memory(Raster::new(self.options.size, self.options.has_depth)))
+    }
+
+    fn has_room(&self) -> bool {
+        self.finished.is_none()
+    }
+
+    fn is_busy(&self) -> bool {
         self.finished.is_some()
     }
 
-    /// The frame that was drawn last.
-    pub fn take_finished(&mut self) -> Option<Finished> {
-        self.finished.take()
-    }
-
-    /// Draws a frame. There must be room.
-    ///
-    /// # Errors
-    /// The frame names what is not there.
-    pub fn submit(
-        &mut self,
-        frame: &Frame,
-        source: &mut dyn FrameSource,
-        pixels: Pixels,
-    ) -> Result<Submitted, EngineError> {
+    /// Draws a frame.
+    fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
-        let prepared_nanos = self.cast(self.choice.method(), frame, source)?;
+        let prepared_nanos = self.cast(self.choice.method(), frame, pools)?;
         let pixels = self.hand_over(frame, pixels);
-        let finished = InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels);
-        self.finished = Some(finished);
+        self.finished = Some(InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels));
+        let mut decided = None;
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
-            let took = self.try_both(frame, source)?;
+            let took = self.try_both(frame, pools)?;
             self.choice.decide(took);
-            for event in Event::text(TextKind::Driver, &self.choice.words()) {
-                source.event(&event);
-            }
+            decided = Some(self.choice.words());
         }
-        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0 })
+        Ok(Submitted { uploads: 0, upload_started_nanos: prepared_nanos, upload_nanos: 0, decided })
     }
 
+    fn poll(&mut self, _timeout: Duration) -> Result<Option<Finished>, EngineError> {
+        Ok(self.finished.take())
+    }
+}
+
+impl RaysEngine {
     /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody sees these. The frame is that much
     /// late, and the next one.
-    fn try_both(&mut self, frame: &Frame, source: &mut dyn FrameSource) -> Result<[Duration; 2], EngineError> {
+    fn try_both(&mut self, frame: &Frame, pools: &mut dyn Pools) -> Result<[Duration; 2], EngineError> {
         // The other one's memory.
-        self.cast(METHODS[1], frame, source)?;
+        self.cast(METHODS[1], frame, pools)?;
         let mut took = [Duration::ZERO; 2];
         for (method, took) in METHODS.into_iter().zip(&mut took) {
             let started_nanos = monotonic_nanos();
-            self.cast(method, frame, source)?;
+            self.cast(method, frame, pools)?;
             *took = Duration::from_nanos(monotonic_nanos() - started_nanos);
         }
         Ok(took)
     }
 
     /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
-    fn cast(&mut self, method: Method, frame: &Frame, source: &mut dyn FrameSource) -> Result<u64, EngineError> {
+    fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
         let eye = frame.marker.camera.eye();
@@ -216,7 +212,7 @@ impl RaysEngine {
         ground.clear(eye_m);
         self.blocks.forget();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let spec = self.blocks.read(tile, source, eye_m, index as u32)?;
+            let spec = self.blocks.read(tile, pools, eye_m, index as u32)?;
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
@@ -224,7 +220,7 @@ impl RaysEngine {
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
-            let colors = source.color(tile.color());
+            let colors = pools.color(tile.color());
             layers.push(colors.ok_or_else(|| fail(index, TileFault::Stale))?);
         }
         let prepared_nanos = monotonic_nanos();
@@ -257,7 +253,7 @@ impl RaysEngine {
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
         for (index, tile) in frame.tiles.iter().enumerate() {
             // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
-            if source.color(tile.color()).is_none() {
+            if pools.color(tile.color()).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }
         }

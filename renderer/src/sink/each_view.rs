@@ -53,7 +53,7 @@ impl FrameSink for EachViewSink {
     }
 }
 
-/// The part of a plane, of so many numbers a pixel, that is a view.
+/// Copies a view out of a plane that has `per_pixel` numbers a pixel.
 fn cut_out<T: Copy>(plane: &[T], per_pixel: usize, size: [u32; 2], view: &View, out: &mut Vec<T>) {
     let [left, top] = view.at.map(|at| at as usize);
     let [width, height] = view.size().map(|side| side as usize);

@@ -1,7 +1,7 @@
-//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`lanes`]).
+//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`workers`]).
 
+mod choose;
 mod each_view;
-pub mod lanes;
 mod null;
 mod png;
 mod repeat;
@@ -9,8 +9,10 @@ mod shared;
 mod stream;
 mod temporary;
 mod tiff;
+pub mod workers;
 mod y4m;
 
+pub use choose::sinks_of;
 pub use each_view::EachViewSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
@@ -113,9 +115,9 @@ pub enum SinkError {
         #[from]
         source: terravision_common::shm::ShmError,
     },
-    /// A thread of the sink ended without a word.
+    /// A thread of the sink ended without an error.
     #[error("a thread that writes pictures has ended unexpectedly")]
-    LaneGone,
+    WorkerGone,
 }
 
 /// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing takes.
@@ -138,7 +140,7 @@ pub trait FrameSink: Send {
     /// cannot be had.
     ///
     /// # Errors
-    /// What is there is no picture.
+    /// The file there is not a picture.
     fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
         Ok(None)
     }

@@ -1,13 +1,13 @@
 //! Frames from the shared memory of a run.
 
-use super::{Done, FrameSource, SourceError, SourceShape};
+use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::{
-    Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, RunId, SegmentKind, Stage, WaitError,
+    Activity, Consumer, Control, Counter, ElevationReader, PoolReader, Producer, Stage, WaitError,
 };
 use terravision_common::slot::Slot;
 use terravision_common::texels::TexelFormat;
@@ -29,21 +29,7 @@ pub struct LiveSource {
 }
 
 impl LiveSource {
-    /// Opens the segments of a run, whose colour tiles are of this format, as its renderer.
-    ///
-    /// # Errors
-    /// A segment is missing, of another build, or does not fit the world.
-    pub fn open(run: &RunId, world: World, texels: TexelFormat, frames: [u64; 2]) -> Result<Self, SourceError> {
-        let control = Control::open(run)?;
-        control.register(Stage::Renderer)?;
-        let ring = Consumer::open(run, SegmentKind::Ring)?;
-        let elevation = ElevationReader::open(run)?;
-        let colors = PoolReader::open(run, SegmentKind::ColorPool)?;
-        let events = Producer::open(run, SegmentKind::EventsRenderer)?;
-        Self::new(Arc::new(control), ring, elevation, (colors, texels), Some(events), world, frames)
-    }
-
-    /// Over ends that are open already (of this process's memory, in tests); colour tiles with their format.
+    /// Over the renderer's ends of a run's segments (in tests, of this process's memory); colour tiles with their format.
     ///
     /// # Errors
     /// They do not fit the world.
@@ -109,15 +95,9 @@ impl FrameSource for LiveSource {
             has_gaps: self.has_gaps,
         }
     }
+}
 
-    fn elevation_memory(&self) -> Option<HostMemory> {
-        HostMemory::of_segment(self.elevation.memory())
-    }
-
-    fn color_memory(&self) -> Option<HostMemory> {
-        HostMemory::of_segment(self.colors.memory())
-    }
-
+impl Slots for LiveSource {
     fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
         Ok(self.ring.try_take()?)
     }
@@ -128,6 +108,25 @@ impl FrameSource for LiveSource {
         let control = Arc::clone(&self.control);
         let taken = self.ring.take_unless(&control, || control.is_all_completed())?;
         taken.ok_or_else(|| WaitError::Finished.into())
+    }
+
+    fn position(&self) -> RingPosition {
+        self.ring.position()
+    }
+
+    fn rewind(&mut self) -> Done {
+        self.ring.put_back();
+        self.done()
+    }
+}
+
+impl Pools for LiveSource {
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.elevation.memory())
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        HostMemory::of_segment(self.colors.memory())
     }
 
     fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
@@ -158,11 +157,9 @@ impl FrameSource for LiveSource {
         out[..bytes.len()].copy_from_slice(bytes);
         tile.is_still_valid()
     }
+}
 
-    fn position(&self) -> RingPosition {
-        self.ring.position()
-    }
-
+impl Completion for LiveSource {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
         self.control.set_completed_sequence(done.sequence);
@@ -174,11 +171,6 @@ impl FrameSource for LiveSource {
         Ok(self.elevation.released(upto)?)
     }
 
-    fn rewind(&mut self) -> Done {
-        self.ring.put_back();
-        self.done()
-    }
-
     fn is_over(&self) -> bool {
         self.control.is_all_completed()
     }
@@ -187,6 +179,14 @@ impl FrameSource for LiveSource {
         self.control.is_supervised()
     }
 
+    fn check(&mut self) -> Result<(), SourceError> {
+        self.control.heartbeat(Stage::Renderer);
+        self.control.check_running()?;
+        if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
+    }
+}
+
+impl Telemetry for LiveSource {
     fn timed(&mut self, timing: &FrameTiming) {
         self.control.publish_timing(timing);
     }
@@ -205,12 +205,6 @@ impl FrameSource for LiveSource {
 
     fn count(&mut self, counter: Counter, by: u64) {
         self.control.count(counter, by);
-    }
-
-    fn check(&mut self) -> Result<(), SourceError> {
-        self.control.heartbeat(Stage::Renderer);
-        self.control.check_running()?;
-        if self.control.is_launcher_alive() { Ok(()) } else { Err(WaitError::LauncherGone.into()) }
     }
 
     fn awaits(&mut self, activity: Activity) {

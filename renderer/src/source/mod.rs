@@ -41,11 +41,11 @@ pub struct SourceShape {
 /// How far the frames of a source are done with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Done {
-    /// The frame's place in the run.
+    /// Number of the frame within the run, from 1; 0 before the first.
     pub sequence: Sequence,
     /// One past its last position in the elevation ring.
     pub elevation_end: RingPosition,
-    /// One past its last slot ([`FrameSource::position`]).
+    /// One past its last slot ([`Slots::position`]).
     pub slots_end: RingPosition,
 }
 
@@ -88,20 +88,8 @@ pub enum SourceError {
     Ended,
 }
 
-/// Frames as slots, with the elevation arrays and colour tiles that they name.
-///
-/// One thread calls it. Only [`FrameSource::next`] blocks. What comes out of it is not trusted: `frame::FrameReader` checks
-/// every slot.
-pub trait FrameSource {
-    /// What it delivers.
-    fn shape(&self) -> SourceShape;
-
-    /// The elevation arrays' memory, when a device may read it in place.
-    fn elevation_memory(&self) -> Option<HostMemory>;
-
-    /// The colour tiles' memory, likewise.
-    fn color_memory(&self) -> Option<HostMemory>;
-
+/// The slots of frames, one after the other. What comes out of it is not trusted: `frame::FrameReader` checks every slot.
+pub trait Slots {
     /// The next slot, if there is one now.
     ///
     /// # Errors
@@ -114,7 +102,23 @@ pub trait FrameSource {
     /// The run ended, a peer is gone, or the source is damaged or over.
     fn next(&mut self) -> Result<Slot, SourceError>;
 
-    /// Byte offset of an elevation array in [`FrameSource::elevation_memory`]; `None` when there is no such array now.
+    /// Position of the slot that comes next; counts up over all slots.
+    fn position(&self) -> RingPosition;
+
+    /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
+    /// done with.
+    fn rewind(&mut self) -> Done;
+}
+
+/// The elevation arrays and colour tiles that frames name: in place, for a device that may read them there, or as copies.
+pub trait Pools {
+    /// The elevation arrays' memory, when a device may read it in place.
+    fn elevation_memory(&self) -> Option<HostMemory>;
+
+    /// The colour tiles' memory, likewise.
+    fn color_memory(&self) -> Option<HostMemory>;
+
+    /// Byte offset of an elevation array in [`Pools::elevation_memory`]; `None` when there is no such array now.
     ///
     /// # Errors
     /// The source is damaged.
@@ -126,7 +130,7 @@ pub trait FrameSource {
     /// The source is damaged.
     fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError>;
 
-    /// Byte offset of a colour tile in [`FrameSource::color_memory`]; `None` when the slot holds another generation.
+    /// Byte offset of a colour tile in [`Pools::color_memory`]; `None` when the slot holds another generation.
     fn color_offset(&mut self, key: SlotKey) -> Option<u64>;
 
     /// A colour tile with its mips, in place; `None` when the slot holds another generation.
@@ -134,10 +138,10 @@ pub trait FrameSource {
 
     /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
     fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool;
+}
 
-    /// Position of the slot that comes next; counts up over all slots.
-    fn position(&self) -> RingPosition;
-
+/// What frames are done with, and whether there are more.
+pub trait Completion {
     /// A frame is done with, and so are those before it: what it named may be replaced.
     ///
     /// # Errors
@@ -150,10 +154,6 @@ pub trait FrameSource {
     /// The source is damaged.
     fn release_elevations(&mut self, upto: RingPosition) -> Result<(), SourceError>;
 
-    /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
-    /// done with.
-    fn rewind(&mut self) -> Done;
-
     /// Whether a renderer that was killed has completed the last frame of the run.
     fn is_over(&self) -> bool {
         false
@@ -164,6 +164,15 @@ pub trait FrameSource {
         false
     }
 
+    /// Whether the run goes on; a sign of life too. Asked once a frame and while waiting for sinks.
+    ///
+    /// # Errors
+    /// The run ended.
+    fn check(&mut self) -> Result<(), SourceError>;
+}
+
+/// What the launcher and the rate control are told; nothing of it waits.
+pub trait Telemetry {
     /// A frame is finished, which took so long: for the rate control. Sources that have none do not listen.
     fn timed(&mut self, timing: &FrameTiming);
 
@@ -176,15 +185,15 @@ pub trait FrameSource {
     /// Adds to one of the run's counters.
     fn count(&mut self, counter: Counter, by: u64);
 
-    /// Whether the run goes on; a sign of life too. Asked once a frame and while waiting for sinks.
-    ///
-    /// # Errors
-    /// The run ended.
-    fn check(&mut self) -> Result<(), SourceError>;
-
-    /// What is waited for until the next [`FrameSource::progress`], for the launcher to watch.
+    /// What is waited for until the next [`Telemetry::progress`], for the launcher to watch.
     fn awaits(&mut self, _activity: Activity) {}
 
     /// A frame was recorded, drawn or written.
     fn progress(&mut self) {}
+}
+
+/// Where frames come from. One thread calls it; only [`Slots::next`] blocks.
+pub trait FrameSource: Slots + Pools + Completion + Telemetry {
+    /// What it delivers.
+    fn shape(&self) -> SourceShape;
 }

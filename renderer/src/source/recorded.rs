@@ -1,6 +1,6 @@
 //! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages before it.
 
-use super::{Done, FrameSource, SourceError, SourceShape};
+use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -195,15 +195,9 @@ impl FrameSource for RecordedSource {
             has_gaps: false,
         }
     }
+}
 
-    fn elevation_memory(&self) -> Option<HostMemory> {
-        Some(self.recording.elevations.clone())
-    }
-
-    fn color_memory(&self) -> Option<HostMemory> {
-        Some(self.recording.colors.clone())
-    }
-
+impl Slots for RecordedSource {
     fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
         if self.lap >= self.laps {
             return Err(SourceError::Ended);
@@ -249,6 +243,27 @@ impl FrameSource for RecordedSource {
         self.try_next()?.ok_or(SourceError::Ended)
     }
 
+    fn position(&self) -> RingPosition {
+        RingPosition::new(self.position)
+    }
+
+    fn rewind(&mut self) -> Done {
+        let frames = self.recording.frames.len().max(1) as u64;
+        (self.lap, self.frame) = (self.done.sequence.get() / frames, (self.done.sequence.get() % frames) as usize);
+        (self.slot, self.position) = (0, self.done.slots_end.get());
+        self.done
+    }
+}
+
+impl Pools for RecordedSource {
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        Some(self.recording.elevations.clone())
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        Some(self.recording.colors.clone())
+    }
+
     fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
         Ok(self.values(position).map(|value| value * 4))
     }
@@ -280,11 +295,9 @@ impl FrameSource for RecordedSource {
         out.copy_from_slice(bytes);
         true
     }
+}
 
-    fn position(&self) -> RingPosition {
-        RingPosition::new(self.position)
-    }
-
+impl Completion for RecordedSource {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         self.done = *done;
         Ok(())
@@ -295,13 +308,12 @@ impl FrameSource for RecordedSource {
         Ok(())
     }
 
-    fn rewind(&mut self) -> Done {
-        let frames = self.recording.frames.len().max(1) as u64;
-        (self.lap, self.frame) = (self.done.sequence.get() / frames, (self.done.sequence.get() % frames) as usize);
-        (self.slot, self.position) = (0, self.done.slots_end.get());
-        self.done
+    fn check(&mut self) -> Result<(), SourceError> {
+        Ok(())
     }
+}
 
+impl Telemetry for RecordedSource {
     fn timed(&mut self, _timing: &FrameTiming) {}
 
     fn written(&mut self, count: u64) {
@@ -311,8 +323,4 @@ impl FrameSource for RecordedSource {
     fn event(&mut self, _event: &Event) {}
 
     fn count(&mut self, _counter: Counter, _by: u64) {}
-
-    fn check(&mut self) -> Result<(), SourceError> {
-        Ok(())
-    }
 }

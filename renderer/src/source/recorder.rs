@@ -1,6 +1,9 @@
 //! Records the frames of another source as they pass.
 
-use super::{Done, FrameSource, RecordedFrame, Recording, RecordingBuilder, SourceError, SourceShape};
+use super::{
+    Completion, Done, FrameSource, Pools, RecordedFrame, Recording, RecordingBuilder, Slots, SourceError, SourceShape,
+    Telemetry,
+};
 use crate::gpu::HostMemory;
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, SlotKey};
@@ -93,15 +96,9 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
     fn shape(&self) -> SourceShape {
         self.inner.shape()
     }
+}
 
-    fn elevation_memory(&self) -> Option<HostMemory> {
-        self.inner.elevation_memory()
-    }
-
-    fn color_memory(&self) -> Option<HostMemory> {
-        self.inner.color_memory()
-    }
-
+impl<S: FrameSource> Slots for Recorder<S> {
     fn try_next(&mut self) -> Result<Option<Slot>, SourceError> {
         let slot = self.inner.try_next()?;
         if let Some(slot) = &slot {
@@ -114,6 +111,24 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         let slot = self.inner.next()?;
         self.record(&slot)?;
         Ok(slot)
+    }
+
+    fn position(&self) -> RingPosition {
+        self.inner.position()
+    }
+
+    fn rewind(&mut self) -> Done {
+        self.inner.rewind()
+    }
+}
+
+impl<S: FrameSource> Pools for Recorder<S> {
+    fn elevation_memory(&self) -> Option<HostMemory> {
+        self.inner.elevation_memory()
+    }
+
+    fn color_memory(&self) -> Option<HostMemory> {
+        self.inner.color_memory()
     }
 
     fn elevation_offset(&mut self, position: u64) -> Result<Option<u64>, SourceError> {
@@ -135,11 +150,9 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
     fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool {
         self.inner.read_color(key, out)
     }
+}
 
-    fn position(&self) -> RingPosition {
-        self.inner.position()
-    }
-
+impl<S: FrameSource> Completion for Recorder<S> {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
         self.inner.complete(done)
     }
@@ -148,10 +161,12 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
         self.inner.release_elevations(upto)
     }
 
-    fn rewind(&mut self) -> Done {
-        self.inner.rewind()
+    fn check(&mut self) -> Result<(), SourceError> {
+        self.inner.check()
     }
+}
 
+impl<S: FrameSource> Telemetry for Recorder<S> {
     fn timed(&mut self, timing: &FrameTiming) {
         self.inner.timed(timing);
     }
@@ -166,9 +181,5 @@ impl<S: FrameSource> FrameSource for Recorder<S> {
 
     fn count(&mut self, counter: Counter, by: u64) {
         self.inner.count(counter, by);
-    }
-
-    fn check(&mut self) -> Result<(), SourceError> {
-        self.inner.check()
     }
 }

@@ -2,8 +2,7 @@
 
 use super::rays::{SlotBlock, block_of};
 use super::view::{NEAR_M, datum_above_eye_m};
-use super::{ArrayPlaces, Technique, outline_of};
-use crate::engine::EngineError;
+use super::{ArrayPlaces, Technique, TechniqueError, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Elevation, RayNode, RayTile, RayView, RaysPass, Recording, Target};
 use glam::DVec2;
@@ -26,7 +25,7 @@ pub struct ComputeRays {
 }
 
 impl ComputeRays {
-    /// For views no larger than `target`, and this many frame slots of so many views. `has_overlay`: outlines of the colour
+    /// For views no larger than `target`, and this many frame slots, each with this many views. `has_overlay`: outlines of the colour
     /// leaves.
     ///
     /// # Errors
@@ -37,7 +36,7 @@ impl ComputeRays {
         world: &World,
         has_overlay: bool,
         slots_and_views: [usize; 2],
-    ) -> Result<Self, EngineError> {
+    ) -> Result<Self, TechniqueError> {
         Ok(Self {
             pass: RaysPass::new(colors, target, has_overlay, slots_and_views)?,
             world: *world,
@@ -60,7 +59,7 @@ impl Technique for ComputeRays {
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), EngineError> {
+    ) -> Result<(), TechniqueError> {
         self.views.clear();
         for (index, view) in frame.views.iter().enumerate() {
             self.prepare_view(index, &view.camera, recording, frame, elevation, places)?;
@@ -88,7 +87,7 @@ impl ComputeRays {
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), EngineError> {
+    ) -> Result<(), TechniqueError> {
         let (world, surface) = (&self.world, self.world.surface());
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         self.tiles.clear();

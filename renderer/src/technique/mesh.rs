@@ -1,8 +1,7 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
 use super::view::view_parameters;
-use super::{ArrayPlaces, Technique, outline_of};
-use crate::engine::EngineError;
+use super::{ArrayPlaces, Technique, TechniqueError, outline_of};
 use crate::frame::Frame;
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
@@ -80,7 +79,7 @@ impl Technique for MeshTechnique {
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), EngineError> {
+    ) -> Result<(), TechniqueError> {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();

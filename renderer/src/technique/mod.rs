@@ -11,10 +11,29 @@ pub use mesh::{LOD_BIAS, MAX_ANISOTROPY, MeshTechnique};
 pub use rays::BlockReader;
 pub use view::{NEAR_M, view_parameters};
 
-use crate::engine::EngineError;
-use crate::frame::{Frame, leaf_level};
-use crate::gpu::{ColorPool, Elevation, Recording};
+use crate::frame::{Frame, FrameError, leaf_level};
+use crate::gpu::{ColorPool, Elevation, GpuError, Recording};
 use terravision_common::slot::TileSlot;
+
+/// A technique could not draw.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TechniqueError {
+    /// The device failed.
+    #[error(transparent)]
+    Gpu {
+        /// Why.
+        #[from]
+        source: GpuError,
+    },
+    /// A tile of the frame is wrong.
+    #[error(transparent)]
+    Frame {
+        /// Why.
+        #[from]
+        source: FrameError,
+    },
+}
 
 /// Where the elevation arrays of a frame lie in the buffer that the device reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,16 +53,16 @@ pub trait Technique: Send {
     /// Takes a checked frame in.
     ///
     /// # Errors
-    /// The device is out of memory, or the frame's tiles are no ground.
+    /// The device is out of memory, or a tile of the frame is wrong.
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), EngineError>;
+    ) -> Result<(), TechniqueError>;
 
-    /// Draws a view, the so many-th from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
+    /// Draws one view, counted from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
     /// centres.
     fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 

@@ -2,7 +2,7 @@
 //! the step that it is drawn with.
 
 use crate::frame::TileFault;
-use crate::source::{FrameSource, SourceError};
+use crate::source::{Pools, SourceError};
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::PLANES;
@@ -39,7 +39,7 @@ impl BlockReader {
     pub fn read(
         &mut self,
         tile: &TileSlot,
-        source: &mut dyn FrameSource,
+        pools: &mut dyn Pools,
         eye_z_m: f64,
         layer: u32,
     ) -> Result<Result<TileSpec<'_>, TileFault>, SourceError> {
@@ -48,7 +48,7 @@ impl BlockReader {
         };
         if self.position != Some(tile.elevation_position) {
             self.position = None;
-            if !source.read_elevation(tile.elevation_position, &mut self.array)? {
+            if !pools.read_elevation(tile.elevation_position, &mut self.array)? {
                 return Ok(Err(TileFault::Elevation));
             }
             self.position = Some(tile.elevation_position);

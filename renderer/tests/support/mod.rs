@@ -11,7 +11,7 @@ use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
-use terravision_renderer::engine::{Engine, EngineError, EngineOptions, Finished};
+use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::source::{FrameSource, RecordedFrame, RecordedSource, Recording, RecordingBuilder};
@@ -176,7 +176,7 @@ pub fn options(size: [u32; 2]) -> EngineOptions {
 pub fn draw(options: &EngineOptions, recording: &Arc<Recording>) -> Result<Vec<Finished>, EngineError> {
     let mut source = RecordedSource::new(Arc::clone(recording), 1);
     let mut reader = FrameReader::new(source.shape(), options.size)?;
-    let mut engine = Engine::new(options.clone(), &source)?;
+    let mut engine = engine::open(options.clone(), &source)?;
     let mut finished = Vec::new();
     while reader.remaining() > 0 {
         while !engine.has_room() {

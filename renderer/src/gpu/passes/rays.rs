@@ -146,7 +146,7 @@ pub struct RaysPass {
 }
 
 impl RaysPass {
-    /// For views no larger than `target`, and this many frame slots of so many views. `has_overlay`: outlines of the blocks.
+    /// For views no larger than `target`, and this many frame slots, each with this many views. `has_overlay`: outlines of the blocks.
     ///
     /// # Errors
     /// Out of memory, or the picture is too large for the device's buffers.

@@ -1,19 +1,21 @@
 //! The frame loop: from a source through the engine to the sinks.
 
-use crate::engine::{Engine, EngineError, EngineOptions, Finished, Submitted};
+mod error;
+mod telemetry;
+
+pub use error::RunError;
+
+use crate::engine::{self, Engine, EngineError, EngineOptions, Finished};
 use crate::frame::{FrameError, FrameReader};
-use crate::gpu::{GpuError, Missing};
 use crate::pixels::Pixels;
-use crate::sink::SinkError;
-use crate::sink::lanes::{Lanes, Written};
+use crate::sink::workers::{SinkWorkers, Written};
 use crate::skirt::{Border, Skirt};
-use crate::source::{Done, FrameSource, SourceError, SourceShape};
+use crate::source::{Done, FrameSource, SourceShape};
 use std::collections::VecDeque;
 use std::time::Duration;
-use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
-use terravision_common::rate::FrameTiming;
+use terravision_common::event::monotonic_nanos;
 use terravision_common::run::OPEN_END;
-use terravision_common::shm::{Activity, Counter, WaitError};
+use terravision_common::shm::{Activity, Counter};
 
 /// How long the loop waits for the device or a sink before it looks at everything else again.
 const TICK: Duration = Duration::from_millis(2);
@@ -21,81 +23,11 @@ const TICK: Duration = Duration::from_millis(2);
 /// Read-back buffers take no more than this together, but there are two at least.
 const READBACK_BYTES: u64 = 512 << 20;
 
-/// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a lane's queue holds.
+/// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a worker's queue holds.
 const SPARE_READBACKS: usize = 12;
 
 /// Losses of the device with not a frame written in between, after which it is given up.
 const MOST_LOSSES: u32 = 3;
-
-/// Why a run ended before its last frame.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum RunError {
-    /// A frame could not be drawn.
-    #[error(transparent)]
-    Engine {
-        /// Why.
-        #[from]
-        source: EngineError,
-    },
-    /// A picture could not be written.
-    #[error(transparent)]
-    Sink {
-        /// Why.
-        #[from]
-        source: SinkError,
-    },
-}
-
-impl RunError {
-    /// The process's exit code: 2 when more was asked for than can be drawn, 130 when the run was stopped, else 1.
-    #[must_use]
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } }
-                if missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })) =>
-            {
-                2
-            }
-            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => 2,
-            _ if self.wait().is_some_and(WaitError::is_stopping) => 130,
-            _ => 1,
-        }
-    }
-
-    /// Whether the device was lost: another one may do.
-    fn is_device_lost(&self) -> bool {
-        matches!(self, Self::Engine { source } if source.is_device_lost())
-    }
-
-    /// Whether it only says that the flight is over and all of its frames are written.
-    fn is_finished(&self) -> bool {
-        self.wait().is_some_and(WaitError::is_finished)
-    }
-
-    fn wait(&self) -> Option<&WaitError> {
-        match self {
-            Self::Engine {
-                source:
-                    EngineError::Source { source: SourceError::Wait { source } }
-                    | EngineError::Frame { source: FrameError::Source { source: SourceError::Wait { source } } },
-            } => Some(source),
-            _ => None,
-        }
-    }
-}
-
-impl From<SourceError> for RunError {
-    fn from(source: SourceError) -> Self {
-        Self::Engine { source: source.into() }
-    }
-}
-
-impl From<FrameError> for RunError {
-    fn from(source: FrameError) -> Self {
-        Self::Engine { source: source.into() }
-    }
-}
 
 /// What a run did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -116,12 +48,12 @@ pub struct RunSummary {
 pub fn run(
     options: EngineOptions,
     source: &mut dyn FrameSource,
-    lanes: Lanes,
-    on_device: &mut dyn FnMut(&Engine, &mut dyn FrameSource),
+    workers: SinkWorkers,
+    on_device: &mut dyn FnMut(&dyn Engine, &mut dyn FrameSource),
     observe: &mut dyn FnMut(&Finished),
 ) -> Result<RunSummary, RunError> {
-    let mut looped = FrameLoop::new(options, source, lanes)?;
-    on_device(&looped.engine, looped.source);
+    let mut looped = FrameLoop::new(options, source, workers)?;
+    on_device(&*looped.engine, looped.source);
     tracing::debug!(buffers = looped.buffers, "draws");
     let mut losses = Losses::default();
     while let Err(error) = looped.fly(observe) {
@@ -133,9 +65,9 @@ pub fn run(
         looped = looped.rebuilt()?;
     }
     let is_cut_short = looped.reader.remaining() > 0 && looped.source.is_over();
-    let FrameLoop { engine, lanes, summary, source, shape, .. } = looped;
+    let FrameLoop { engine, workers, summary, source, shape, .. } = looped;
     source.awaits(Activity::AwaitsSink);
-    lanes.finish()?;
+    workers.finish()?;
     if is_cut_short {
         // The pictures of the last frames went with a renderer that was killed; the sink has repeated the one before.
         source.written(shape.frames[1].saturating_sub(shape.frames[0]));
@@ -152,7 +84,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Another loss, after so many frames: whether to open the device once more.
+    /// The device was lost again, after `frames` written frames: whether to open it once more.
     fn may_go_on(&mut self, frames: u64) -> bool {
         self.in_a_row = if frames > self.frames { 1 } else { self.in_a_row + 1 };
         self.frames = frames;
@@ -161,9 +93,9 @@ impl Losses {
 }
 
 struct FrameLoop<'a> {
-    // The lanes first: they hold read-back buffers.
-    lanes: Lanes,
-    engine: Engine,
+    // The workers first: they hold read-back buffers.
+    workers: SinkWorkers,
+    engine: Box<dyn Engine>,
     options: EngineOptions,
     shape: SourceShape,
     source: &'a mut dyn FrameSource,
@@ -177,8 +109,8 @@ struct FrameLoop<'a> {
     buffers: usize,
     last_finished: u64,
     summary: RunSummary,
-    /// Frames that are with a lane.
-    with_lanes: u64,
+    /// Frames that are with a worker.
+    with_workers: u64,
     /// Frames are done with only when they are written: this process may be killed, and the one after it has to draw and
     /// write what this one has not. Against the clock they are not: nothing may wait for a sink.
     is_held_until_written: bool,
@@ -187,21 +119,21 @@ struct FrameLoop<'a> {
 }
 
 impl<'a> FrameLoop<'a> {
-    fn new(options: EngineOptions, source: &'a mut dyn FrameSource, lanes: Lanes) -> Result<Self, RunError> {
+    fn new(options: EngineOptions, source: &'a mut dyn FrameSource, workers: SinkWorkers) -> Result<Self, RunError> {
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
         let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
-        let engine = Engine::new(options.clone(), source)?;
+        let engine = engine::open(options.clone(), source)?;
         let shape = source.shape();
         let skirt = options.skirt_low_m.map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
         let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
-        let wanted = engine.frames_in_flight() + lanes.wanted_buffers() + spare;
+        let wanted = engine.frames_in_flight() + workers.wanted_buffers() + spare;
         let free = (0..wanted.min(affordable)).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
-            lanes,
+            workers,
             engine,
             options,
             shape,
@@ -214,7 +146,7 @@ impl<'a> FrameLoop<'a> {
             free,
             last_finished: 0,
             summary: RunSummary::default(),
-            with_lanes: 0,
+            with_workers: 0,
             is_held_until_written,
             unwritten: VecDeque::new(),
         })
@@ -222,21 +154,21 @@ impl<'a> FrameLoop<'a> {
 
     /// With another device, behind the frames that are done with. The frames that the old one had are read again.
     fn rebuilt(mut self) -> Result<Self, RunError> {
-        while self.with_lanes > 0 {
+        while self.with_workers > 0 {
             self.source.check()?;
-            if let Some(written) = self.lanes.wait_written(TICK)? {
+            if let Some(written) = self.workers.wait_written(TICK)? {
                 self.take_back(written)?;
             }
         }
-        let Self { lanes, engine, options, mut reader, skirt, source, summary, last_finished, .. } = self;
+        let Self { workers, engine, options, mut reader, skirt, source, summary, last_finished, .. } = self;
         // The old one goes first: there may be no room for both.
         drop(self.free);
         drop(engine);
-        let engine = Engine::new(options.clone(), source)?;
+        let engine = engine::open(options.clone(), source)?;
         let free = (0..self.buffers).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         reader.resume(source.rewind());
         Ok(Self {
-            lanes,
+            workers,
             engine,
             options,
             shape: self.shape,
@@ -249,7 +181,7 @@ impl<'a> FrameLoop<'a> {
             buffers: self.buffers,
             last_finished,
             summary,
-            with_lanes: 0,
+            with_workers: 0,
             is_held_until_written: self.is_held_until_written,
             unwritten: VecDeque::new(),
         })
@@ -282,7 +214,9 @@ impl<'a> FrameLoop<'a> {
         if matches!(submitted, Err(EngineError::Frame { .. })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
-        self.tell_of_recording(started, submitted?);
+        let submitted = submitted?;
+        telemetry::tell_of_recording(self.source, self.reader.frame().marker.frame, started, &submitted);
+        self.summary.uploads += u64::from(submitted.uploads);
         self.source.progress();
         tracing::trace!(frames = self.summary.frames, "frame is with the device");
         Ok(())
@@ -301,7 +235,7 @@ impl<'a> FrameLoop<'a> {
             if self.engine.has_room() {
                 // Only the sinks can help.
                 self.source.awaits(Activity::AwaitsSink);
-                if let Some(written) = self.lanes.wait_written(TICK)? {
+                if let Some(written) = self.workers.wait_written(TICK)? {
                     self.take_back(written)?;
                 }
             } else {
@@ -321,7 +255,7 @@ impl<'a> FrameLoop<'a> {
     fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         let awaits_frames = self.shape.frames[1] == OPEN_END && !self.shape.has_gaps;
         loop {
-            let awaits_sinks = (awaits_frames || self.is_held_until_written) && self.with_lanes > 0;
+            let awaits_sinks = (awaits_frames || self.is_held_until_written) && self.with_workers > 0;
             let read = self.reader.read(self.source, !self.engine.is_busy() && !awaits_sinks);
             if read.as_ref().is_err_and(|error| !matches!(error, FrameError::Source { .. })) {
                 self.source.count(Counter::SlotsRejected, 1);
@@ -334,7 +268,7 @@ impl<'a> FrameLoop<'a> {
             self.await_device_or_sink();
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
-            } else if let Some(written) = self.lanes.wait_written(TICK)? {
+            } else if let Some(written) = self.workers.wait_written(TICK)? {
                 self.take_back(written)?;
             }
         }
@@ -345,14 +279,14 @@ impl<'a> FrameLoop<'a> {
         self.source.awaits(activity);
     }
 
-    /// Takes finished frames from the device (the oldest within `timeout`) and written ones from the lanes.
+    /// Takes finished frames from the device (the oldest within `timeout`) and written ones from the workers.
     fn collect(&mut self, timeout: Duration, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         let mut wait = timeout;
         while let Some(finished) = self.engine.poll(wait)? {
             self.finish(finished, observe)?;
             wait = Duration::ZERO;
         }
-        while let Some(written) = self.lanes.try_written()? {
+        while let Some(written) = self.workers.try_written()? {
             self.take_back(written)?;
         }
         Ok(())
@@ -369,36 +303,15 @@ impl<'a> FrameLoop<'a> {
             self.source.complete(&finished.done())?;
         }
         self.source.count(Counter::FramesDrawn, 1);
-        // Frames overlap; a frame's time is the time since the one before, or since it was submitted.
-        let started = finished.submitted_nanos.max(self.last_finished);
-        let since_last = finished.finished_nanos.saturating_sub(if self.last_finished == 0 {
-            finished.submitted_nanos
-        } else {
-            self.last_finished
-        });
-        self.source.timed(&FrameTiming {
-            frame: finished.frame,
-            sequence: finished.sequence.get(),
-            r_z_px: finished.r_px[0],
-            r_c_px: finished.r_px[1],
-            work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(self.last_finished)),
-            interval_nanos: since_last,
-            finished_nanos: finished.finished_nanos,
-            camera_nanos: finished.pose.timestamp_nanos,
-        });
+        telemetry::tell_of_finished(self.source, &finished, self.last_finished);
         self.last_finished = finished.finished_nanos;
-        let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
-        let draw = draw.on_thread(1).of_frame(finished.frame);
-        self.source.event(&draw.at(started).lasting(finished.finished_nanos.saturating_sub(started)));
-        let done = Event::new(EventContent::FrameDone { triangles: finished.triangles });
-        self.source.event(&done.of_frame(finished.frame).at(finished.finished_nanos).lasting(since_last));
         observe(&finished);
-        self.with_lanes += 1;
-        Ok(self.lanes.put(finished)?)
+        self.with_workers += 1;
+        Ok(self.workers.put(finished)?)
     }
 
     fn take_back(&mut self, written: Written) -> Result<(), RunError> {
-        self.with_lanes -= 1;
+        self.with_workers -= 1;
         self.source.progress();
         if let Some((_, is_written)) = self.unwritten.iter_mut().find(|(done, _)| done.sequence == written.sequence) {
             *is_written = true;
@@ -409,12 +322,7 @@ impl<'a> FrameLoop<'a> {
         }
         self.summary.frames += 1;
         let written_up_to = (written.frame + 1).saturating_sub(self.shape.frames[0]);
-        let (thread, end_nanos) = (2 + written.lane, written.started_nanos + written.duration_nanos);
-        let encode = Event::new(EventContent::Span { name: SpanName::Encode, node: None });
-        let encode = encode.on_thread(thread).of_frame(written.frame);
-        self.source.event(&encode.at(written.started_nanos).lasting(written.duration_nanos));
-        let left = Event::new(EventContent::FrameWritten { is_settled: written.is_settled });
-        self.source.event(&left.on_thread(thread).of_frame(written.frame).at(end_nanos));
+        telemetry::tell_of_written(self.source, &written);
         if !written.is_settled {
             self.summary.unsettled += 1;
             self.source.count(Counter::FramesUnsettled, 1);
@@ -427,26 +335,9 @@ impl<'a> FrameLoop<'a> {
         Ok(())
     }
 
-    fn tell_of_recording(&mut self, started: u64, submitted: Submitted) {
-        let frame = self.reader.frame().marker.frame;
-        let now = monotonic_nanos();
-        let span = |name: SpanName, start_nanos: u64, duration_nanos: u64| {
-            let span = Event::new(EventContent::Span { name, node: None });
-            span.of_frame(frame).at(start_nanos).lasting(duration_nanos)
-        };
-        self.source.event(&span(SpanName::Record, started, now.saturating_sub(started)));
-        if submitted.uploads > 0 {
-            self.source.event(&span(SpanName::Upload, submitted.upload_started_nanos, submitted.upload_nanos));
-            self.source.count(Counter::TilesUploaded, submitted.uploads.into());
-            let uploaded = Event::new(EventContent::FrameUploaded { tiles: submitted.uploads.into() });
-            self.source.event(&uploaded.of_frame(frame).at(now));
-            self.summary.uploads += u64::from(submitted.uploads);
-        }
-    }
-
     /// Waits until all frames are written.
     fn drain(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
-        while self.engine.is_busy() || self.with_lanes > 0 {
+        while self.engine.is_busy() || self.with_workers > 0 {
             match self.source.check().map_err(RunError::from) {
                 Err(error) if !error.is_finished() => return Err(error),
                 _goes_on => {}
@@ -454,7 +345,7 @@ impl<'a> FrameLoop<'a> {
             self.await_device_or_sink();
             if self.engine.is_busy() {
                 self.collect(TICK, observe)?;
-            } else if let Some(written) = self.lanes.wait_written(TICK)? {
+            } else if let Some(written) = self.workers.wait_written(TICK)? {
                 self.take_back(written)?;
             }
         }

@@ -1,202 +1,10 @@
-//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used again.
-//!
-//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
+//! Reads frames from a source, slot by slot.
 
-use crate::source::{Done, FrameSource, SourceError, SourceShape};
+use super::{Frame, FrameError, MAX_NODE_SIDE, MAX_TILES, TileFault, check_tile};
+use crate::source::{Done, FrameSource, SourceShape};
 use terravision_common::ids::{Generation, RingPosition, Sequence};
-use terravision_common::node::NodeId;
 use terravision_common::rig::{MAX_VIEWS, View, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
-use terravision_common::world::World;
-
-/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
-const MAX_NODE_SIDE: u64 = 1 << 29;
-/// Tiles of one frame: as many as a tree has nodes.
-pub const MAX_TILES: usize = 65536;
-
-/// What is wrong with a frame from the ring.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum FrameError {
-    /// The source failed.
-    #[error(transparent)]
-    Source {
-        /// Why.
-        #[from]
-        source: SourceError,
-    },
-    /// A slot is not the one that has to come now.
-    #[error("the ring lost its order in frame {frame}: found {found}, expected {expected}")]
-    Order {
-        /// The frame being read.
-        frame: u64,
-        /// What the slot is.
-        found: &'static str,
-        /// What it should have been.
-        expected: &'static str,
-    },
-    /// A number of a frame's first or last slot cannot be.
-    #[error("frame {frame} from the ring is corrupt: {field} is {found}, expected {expected}")]
-    Marker {
-        /// The frame.
-        frame: u64,
-        /// Which number.
-        field: &'static str,
-        /// What it is.
-        found: u64,
-        /// What it should have been.
-        expected: u64,
-    },
-    /// The camera that carries a frame's views is none.
-    #[error("frame {frame} from the ring has no valid camera")]
-    Camera {
-        /// The frame.
-        frame: u64,
-    },
-    /// A view of a frame cannot be drawn.
-    #[error(
-        "view {index} of frame {frame} from the ring has no valid camera within a picture of {}x{} pixels",
-        .picture[0], .picture[1]
-    )]
-    View {
-        /// The frame.
-        frame: u64,
-        /// Which of its views.
-        index: usize,
-        /// The size of the frame's picture.
-        picture: [u32; 2],
-    },
-    /// The picture of a frame has another size than the run's.
-    #[error(
-        "frame {frame} from the ring is a picture of {}x{} pixels, expected {}x{}",
-        .found[0], .found[1], .expected[0], .expected[1]
-    )]
-    PictureSize {
-        /// The frame.
-        frame: u64,
-        /// Its size.
-        found: [u32; 2],
-        /// The run's.
-        expected: [u32; 2],
-    },
-    /// A number of a tile cannot be.
-    #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
-    Tile {
-        /// The frame.
-        frame: u64,
-        /// Which of its tiles.
-        index: usize,
-        /// What is wrong with it.
-        fault: TileFault,
-    },
-    /// The world's lattice is too large for the device's 32-bit numbers.
-    #[error("the world has nodes of {side} lattice units, at most 2^29 can be drawn")]
-    WorldTooLarge {
-        /// Side of the root.
-        side: u64,
-    },
-}
-
-/// What is wrong with a tile slot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum TileFault {
-    /// The block is empty or not inside its array.
-    #[error("its block does not lie inside an elevation array")]
-    Block,
-    /// A level is not one of the world's.
-    #[error("a level is not one of the world's")]
-    Level,
-    /// A corner is not that of a node.
-    #[error("a lower left corner is not that of a node of the world")]
-    Origin,
-    /// The colour tile does not cover the block.
-    #[error("its colour tile does not cover its block")]
-    Cover,
-    /// More vertices would collapse than an edge has, or fewer than inside of it.
-    #[error("more vertices collapse than an edge has, or fewer than inside")]
-    Snap,
-    /// The colour slot is not one of the pool's.
-    #[error("its colour slot is not one of the pool's")]
-    ColorSlot,
-    /// The elevation array is none of the frame's.
-    #[error("its elevation array is none of the frame's")]
-    Elevation,
-    /// One colour slot has two generations in one frame.
-    #[error("its colour slot has another generation than for an earlier tile of the frame")]
-    Generation,
-    /// A height of its block is not a number.
-    #[error("a height of its block is no finite number")]
-    Height,
-    /// Another tile of the frame is at its place.
-    #[error("another tile of the frame is at its place")]
-    Occupied,
-    /// The pool's slot holds another tile by now.
-    #[error("its colour slot holds another generation than it names")]
-    Stale,
-}
-
-/// Checks the numbers of a tile against the world and the pool. Positions in the elevation ring are checked when the
-/// frame is complete.
-///
-/// # Errors
-/// The first fault.
-pub fn check_tile(tile: &TileSlot, world: &World, color_slots: u32) -> Result<(), TileFault> {
-    let intervals = world.elevation_tile();
-    let block = |axis: usize| (u32::from(tile.start[axis]), u32::from(tile.end[axis]));
-    if (0..2).any(|axis| block(axis).0 >= block(axis).1 || block(axis).1 > intervals) {
-        return Err(TileFault::Block);
-    }
-    let levels = world.levels();
-    if tile.elevation_level >= levels || tile.color_level >= levels {
-        return Err(TileFault::Level);
-    }
-    let is_node = |origin: [u32; 2], level: u8| {
-        let side = world.node_side(level);
-        (0..2).all(|axis| u64::from(origin[axis]).is_multiple_of(side) && origin[axis] < world.extent()[axis])
-    };
-    if !is_node(tile.elevation_origin, tile.elevation_level) || !is_node(tile.color_origin, tile.color_level) {
-        return Err(TileFault::Origin);
-    }
-    let is_covered = |axis: usize| {
-        let at = |post: u32| u64::from(tile.elevation_origin[axis]) + (u64::from(post) << tile.elevation_level);
-        let first = u64::from(tile.color_origin[axis]);
-        first <= at(block(axis).0) && at(block(axis).1) <= first + world.node_side(tile.color_level)
-    };
-    if !is_covered(0) || !is_covered(1) {
-        return Err(TileFault::Cover);
-    }
-    if tile.edge_snap.iter().any(|&snap| u32::from(snap) > intervals.ilog2() || snap < tile.grid_snap) {
-        return Err(TileFault::Snap);
-    }
-    let is_between = |post: u16| u32::from(post) & ((1 << tile.grid_snap) - 1) != 0;
-    if tile.start.into_iter().chain(tile.end).any(is_between) {
-        return Err(TileFault::Block);
-    }
-    if tile.color_slot >= color_slots {
-        return Err(TileFault::ColorSlot);
-    }
-    Ok(())
-}
-
-/// A checked frame.
-#[derive(Debug)]
-pub struct Frame {
-    /// Its first slot. The camera is valid.
-    pub marker: FrameMarker,
-    /// Its views. Their cameras are valid, and they lie within the frame's picture.
-    pub views: Views,
-    /// Its tiles, near to far.
-    pub tiles: Vec<TileSlot>,
-    /// Its last slot.
-    pub end: FrameEnd,
-    /// Position of its first elevation array.
-    pub elevation_start: u64,
-    /// Counts the frames of the run that were made from 1.
-    pub sequence: Sequence,
-    /// One past its last slot.
-    pub slots_end: RingPosition,
-}
 
 /// Reads frames from a source.
 #[derive(Debug)]
@@ -303,7 +111,7 @@ impl FrameReader {
     /// Takes the next slot; whether the frame is complete now.
     ///
     /// # Errors
-    /// The slot cannot be: see [`FrameError`].
+    /// The slot is not one that may come now: see [`FrameError`].
     pub fn add(&mut self, slot: &Slot) -> Result<bool, FrameError> {
         let frame = self.expected_frame();
         let order = |found, expected| Err(FrameError::Order { frame, found, expected });
@@ -463,7 +271,7 @@ impl FrameReader {
     /// as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
-    /// The source failed, or a slot cannot be.
+    /// The source failed, or a slot is not one that may come now.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
@@ -485,10 +293,4 @@ impl FrameReader {
             })?;
         }
     }
-}
-
-/// Level of the colour leaf of a tile, for overlays; 0 when its node's number is none.
-#[must_use]
-pub fn leaf_level(tile: &TileSlot) -> u8 {
-    tile.node().map_or(0, NodeId::q)
 }

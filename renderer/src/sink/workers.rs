@@ -1,7 +1,7 @@
-//! Lanes: threads that run sinks, off the critical path.
+//! SinkWorkers: threads that run sinks, off the critical path.
 //!
-//! Frame number n of the run goes to lane n modulo the number of lanes; a lane writes its frames in order. Sinks whose
-//! frames depend on each other (film, y4m) have one lane, a folder of pictures has several. Queues are bounded: the pixels
+//! Frame number n of the run goes to worker n modulo the number of workers; a worker writes its frames in order. Sinks whose
+//! frames depend on each other (film, y4m) have one worker, a folder of pictures has several. Queues are bounded: the pixels
 //! travel in read-back buffers of which there is a fixed number, and a buffer comes back when its frame is written.
 
 use super::{FrameSink, Picture, SinkError};
@@ -13,7 +13,7 @@ use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::Sequence;
 
-/// Frames that wait for one lane, at most. More than there are read-back buffers: handing one over does not wait.
+/// Frames that wait for one worker, at most. More than there are read-back buffers: handing one over does not wait.
 const QUEUE: usize = 24;
 
 /// A frame that has left its sink.
@@ -25,9 +25,9 @@ pub struct Written {
     pub sequence: Sequence,
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
-    /// The lane that wrote it.
-    pub lane: u32,
-    /// When the lane began with it, nanoseconds of the monotonic clock.
+    /// The worker that wrote it.
+    pub worker: u32,
+    /// When the worker began with it, nanoseconds of the monotonic clock.
     pub started_nanos: u64,
     /// How long it took.
     pub duration_nanos: u64,
@@ -42,75 +42,75 @@ enum Message {
     Finish,
 }
 
-struct Lane {
+struct Worker {
     messages: SyncSender<Message>,
     thread: JoinHandle<Result<(), SinkError>>,
 }
 
-/// The lanes of a run.
-pub struct Lanes {
-    lanes: Vec<Lane>,
+/// The workers of a run.
+pub struct SinkWorkers {
+    workers: Vec<Worker>,
     written: Receiver<Result<Written, SinkError>>,
-    /// Lane of the next frame.
+    /// Worker of the next frame.
     next: usize,
 }
 
-impl std::fmt::Debug for Lanes {
+impl std::fmt::Debug for SinkWorkers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Lanes").field("lanes", &self.lanes.len()).finish_non_exhaustive()
+        f.debug_struct("SinkWorkers").field("workers", &self.workers.len()).finish_non_exhaustive()
     }
 }
 
-impl Lanes {
-    /// One lane for each of these sinks.
+impl SinkWorkers {
+    /// One worker for each of these sinks.
     ///
     /// # Errors
     /// A thread could not be started.
     pub fn start(sinks: Vec<Box<dyn FrameSink>>) -> Result<Self, SinkError> {
-        // Room for all frames that lanes can hold, so that a lane never waits for the frame loop.
+        // Room for all frames that workers can hold, so that a worker never waits for the frame loop.
         let (done, written) = sync_channel(sinks.len() * (QUEUE + 2));
-        let lanes = sinks
+        let workers = sinks
             .into_iter()
             .enumerate()
             .map(|(index, sink)| {
                 let (messages, queue) = sync_channel(QUEUE);
                 let done = done.clone();
-                let lane = index as u32;
+                let worker = index as u32;
                 let thread = std::thread::Builder::new()
-                    .name(format!("sink {lane}"))
-                    .spawn(move || run_lane(lane, sink, &queue, &done))
+                    .name(format!("sink {worker}"))
+                    .spawn(move || run_worker(worker, sink, &queue, &done))
                     .map_err(|source| SinkError::Write { source, path: "a thread".into() })?;
-                Ok(Lane { messages, thread })
+                Ok(Worker { messages, thread })
             })
             .collect::<Result<_, SinkError>>()?;
-        Ok(Self { lanes, written, next: 0 })
+        Ok(Self { workers, written, next: 0 })
     }
 
-    /// Read-back buffers that keep all lanes busy: one being written and one waiting, each.
+    /// Read-back buffers that keep all workers busy: one being written and one waiting, each.
     #[must_use]
     pub fn wanted_buffers(&self) -> usize {
-        2 * self.lanes.len()
+        2 * self.workers.len()
     }
 
-    /// Hands a frame to its lane. Waits while the lane's queue is full.
+    /// Hands a frame to its worker. Waits while the worker's queue is full.
     ///
     /// # Errors
-    /// The lane's sink has failed.
+    /// The worker's sink has failed.
     pub fn put(&mut self, frame: Finished) -> Result<(), SinkError> {
-        let lane = self.next % self.lanes.len().max(1);
+        let worker = self.next % self.workers.len().max(1);
         self.next += 1;
-        let Some(lane) = self.lanes.get(lane) else { return Err(SinkError::LaneGone) };
-        lane.messages.send(Message::Frame(frame)).map_err(|_closed| self.failure())
+        let Some(worker) = self.workers.get(worker) else { return Err(SinkError::WorkerGone) };
+        worker.messages.send(Message::Frame(frame)).map_err(|_closed| self.failure())
     }
 
-    /// Why a lane ended.
+    /// Why a worker ended.
     fn failure(&self) -> SinkError {
         while let Ok(written) = self.written.try_recv() {
             if let Err(error) = written {
                 return error;
             }
         }
-        SinkError::LaneGone
+        SinkError::WorkerGone
     }
 
     /// A frame that was written, if there is one now.
@@ -121,7 +121,7 @@ impl Lanes {
         match self.written.try_recv() {
             Ok(written) => written.map(Some),
             Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err(SinkError::LaneGone),
+            Err(TryRecvError::Disconnected) => Err(SinkError::WorkerGone),
         }
     }
 
@@ -133,39 +133,39 @@ impl Lanes {
         match self.written.recv_timeout(timeout) {
             Ok(written) => written.map(Some),
             Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(RecvTimeoutError::Disconnected) => Err(SinkError::LaneGone),
+            Err(RecvTimeoutError::Disconnected) => Err(SinkError::WorkerGone),
         }
     }
 
-    /// No more frames: completes all sinks. Lanes that are dropped without it remove what is incomplete.
+    /// No more frames: completes all sinks. SinkWorkers that are dropped without it remove what is incomplete.
     ///
     /// # Errors
     /// The first sink that could not be completed.
     pub fn finish(mut self) -> Result<(), SinkError> {
         let mut first = Ok(());
-        for lane in self.lanes.drain(..) {
-            // A lane that has failed has closed its queue; its error is what the join brings or was told before.
-            let _sent = lane.messages.send(Message::Finish);
-            drop(lane.messages);
-            let result = lane.thread.join().unwrap_or(Err(SinkError::LaneGone));
+        for worker in self.workers.drain(..) {
+            // A worker that has failed has closed its queue; its error is what the join brings or was told before.
+            let _sent = worker.messages.send(Message::Finish);
+            drop(worker.messages);
+            let result = worker.thread.join().unwrap_or(Err(SinkError::WorkerGone));
             first = first.and(result);
         }
         first
     }
 }
 
-impl Drop for Lanes {
+impl Drop for SinkWorkers {
     fn drop(&mut self) {
-        for lane in self.lanes.drain(..) {
-            drop(lane.messages);
+        for worker in self.workers.drain(..) {
+            drop(worker.messages);
             // The run was broken off for another reason; the thread is waited for so that nothing is left behind.
-            let _result = lane.thread.join();
+            let _result = worker.thread.join();
         }
     }
 }
 
-fn run_lane(
-    lane: u32,
+fn run_worker(
+    worker: u32,
     mut sink: Box<dyn FrameSink>,
     queue: &Receiver<Message>,
     done: &SyncSender<Result<Written, SinkError>>,
@@ -190,7 +190,7 @@ fn run_lane(
             frame: frame.frame,
             sequence: frame.sequence,
             is_settled: frame.is_settled,
-            lane,
+            worker,
             started_nanos,
             duration_nanos: monotonic_nanos() - started_nanos,
             pixels: frame.pixels,

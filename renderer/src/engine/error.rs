@@ -1,0 +1,84 @@
+//! Why a frame could not be drawn.
+
+use crate::frame::FrameError;
+use crate::gpu::{GpuError, Missing};
+use crate::source::SourceError;
+use crate::technique::TechniqueError;
+use terravision_raycast::workers::WorkersError;
+
+/// A frame could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EngineError {
+    /// The device failed.
+    #[error(transparent)]
+    Gpu {
+        /// Why.
+        #[from]
+        source: GpuError,
+    },
+    /// A frame from the ring is corrupt.
+    #[error(transparent)]
+    Frame {
+        /// Why.
+        #[from]
+        source: FrameError,
+    },
+    /// The source failed.
+    #[error(transparent)]
+    Source {
+        /// Why.
+        #[from]
+        source: SourceError,
+    },
+    /// No threads for rays.
+    #[error(transparent)]
+    Workers {
+        /// Why.
+        #[from]
+        source: WorkersError,
+    },
+    /// Pictures of rays have a largest size, as those of devices have.
+    #[error("a picture of {}x{} pixels cannot be drawn by rays, at most {limit}x{limit} can", .size[0], .size[1])]
+    PictureSize {
+        /// What was asked for.
+        size: [u32; 2],
+        /// The longest side.
+        limit: u32,
+    },
+    /// Something that only the mesh does was asked of rays.
+    #[error("{what}: rays cannot do that, --technique mesh can")]
+    MeshOnly {
+        /// What.
+        what: &'static str,
+    },
+}
+
+impl EngineError {
+    /// Whether it says that no Vulkan device of this machine can draw at all.
+    pub(super) fn is_without_device(&self) -> bool {
+        let Self::Gpu { source } = self else { return false };
+        match source {
+            GpuError::NoLoader { .. } | GpuError::NoDevice => true,
+            GpuError::Unsuitable { missing, .. } => {
+                !missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. }))
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether the device was lost: another one may do.
+    #[must_use]
+    pub fn is_device_lost(&self) -> bool {
+        matches!(self, Self::Gpu { source } if source.is_device_lost())
+    }
+}
+
+impl From<TechniqueError> for EngineError {
+    fn from(error: TechniqueError) -> Self {
+        match error {
+            TechniqueError::Gpu { source } => source.into(),
+            TechniqueError::Frame { source } => source.into(),
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used again.
+//!
+//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
+
+mod check;
+mod error;
+mod reader;
+
+pub use check::check_tile;
+pub use error::{FrameError, TileFault};
+pub use reader::FrameReader;
+
+use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::node::NodeId;
+use terravision_common::rig::Views;
+use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
+
+/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
+const MAX_NODE_SIDE: u64 = 1 << 29;
+/// Tiles of one frame: as many as a tree has nodes.
+pub const MAX_TILES: usize = 65536;
+
+/// A checked frame.
+#[derive(Debug)]
+pub struct Frame {
+    /// Its first slot. The camera is valid.
+    pub marker: FrameMarker,
+    /// Its views. Their cameras are valid, and they lie within the frame's picture.
+    pub views: Views,
+    /// Its tiles, near to far.
+    pub tiles: Vec<TileSlot>,
+    /// Its last slot.
+    pub end: FrameEnd,
+    /// Position of its first elevation array.
+    pub elevation_start: u64,
+    /// Counts the frames of the run that were made from 1.
+    pub sequence: Sequence,
+    /// One past its last slot.
+    pub slots_end: RingPosition,
+}
+
+/// Level of the colour leaf of a tile, for overlays; 0 when its number is not a node's.
+#[must_use]
+pub fn leaf_level(tile: &TileSlot) -> u8 {
+    tile.node().map_or(0, NodeId::q)
+}

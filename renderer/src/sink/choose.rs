@@ -1,0 +1,85 @@
+//! The sinks of a run: what its configuration comes to.
+
+use super::{
+    AllOf, DepthSink, EachViewSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
+    SharedSink, SinkError, StreamSink,
+};
+use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
+
+/// Most threads that write pictures into a folder.
+const MAX_WORKERS: usize = 4;
+
+/// The sinks of a run, one for each worker. So many frames were written by renderers before this one.
+///
+/// # Errors
+/// A file, a folder or a frame ring cannot be opened.
+pub fn sinks_of(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
+    let render = &config.render;
+    // Files may be written in any order. A stream and shared frames have one, and so have frames that stand in for those
+    // before them.
+    let is_in_any_order = render.share.is_none()
+        && config.realtime.is_none()
+        && match &render.sink {
+            SinkConfig::PngFolder(_) | SinkConfig::EachView(_) => true,
+            SinkConfig::Null => !render.depth.is_empty() || !render.ground.is_empty(),
+            SinkConfig::PngFile(_) | SinkConfig::Stream(_) => false,
+        };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_WORKERS);
+    (0..if is_in_any_order { threads } else { 1 }).map(|_worker| sink_of_worker(config, origin, written)).collect()
+}
+
+/// The sinks of one worker.
+fn sink_of_worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+    let render = &config.render;
+    let picture = picture_sink(&render.sink, config, written)?;
+    if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
+        return Ok(picture);
+    }
+    let mut all = AllOf(Vec::new());
+    if let Some(share) = &render.share {
+        // First: who reads it waits for it, files can wait.
+        let sink = SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?;
+        all.0.push(Box::new(sink.with_made_up(render.made_up)));
+    }
+    let depth = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
+        Ok(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)))
+    };
+    let ground = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
+        Ok(Box::new(GroundSink::new(target, origin, config.exaggeration)?.with_made_up(render.made_up)))
+    };
+    let depths = render.depth.iter().map(depth).collect::<Result<_, _>>()?;
+    let grounds = render.ground.iter().map(ground).collect::<Result<_, _>>()?;
+    all.0.extend([each_view(config, depths), each_view(config, grounds)].into_iter().flatten());
+    // Last: where there is a picture of a frame, there is all of it.
+    all.0.push(picture);
+    Ok(Box::new(all))
+}
+
+/// The sink of pictures.
+fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+    let made: Box<dyn FrameSink> = match sink {
+        SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
+        SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
+        // What is left out of a stream the launcher makes up for.
+        SinkConfig::Stream(encoding) => return Ok(Box::new(StreamSink::stdout(*encoding)?)),
+        SinkConfig::Null => Box::new(NullSink),
+        SinkConfig::EachView(sinks) => {
+            let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;
+            return Ok(each_view(config, sinks).unwrap_or_else(|| Box::new(NullSink)));
+        }
+    };
+    // Files of frames that were left out show the frame before.
+    Ok(if config.realtime.is_some() { Box::new(RepeatSink::new(made, config.frames, written)?) } else { made })
+}
+
+/// Sinks of all views, in the order of the rig, as one; `None` without any.
+fn each_view(config: &RunConfig, mut sinks: Vec<Box<dyn FrameSink>>) -> Option<Box<dyn FrameSink>> {
+    match &config.rig {
+        None => sinks.pop(),
+        Some(_) if sinks.is_empty() => None,
+        Some(rig) => {
+            let names = rig.views.iter().map(|view| view.name.clone());
+            Some(Box::new(EachViewSink::new(names.zip(sinks).collect())))
+        }
+    }
+}

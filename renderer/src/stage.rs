@@ -1,0 +1,106 @@
+//! The renderer as a stage of a run: from its configuration to an engine, a source and sinks.
+
+use crate::engine::{EngineOptions, ViewBounds};
+use crate::gpu::DeviceChoice;
+use crate::ports::Ports;
+use crate::run::{self, RunError};
+use crate::sink::sinks_of;
+use crate::sink::workers::SinkWorkers;
+use terravision_common::database::{DatabaseError, Index};
+use terravision_common::event::{Event, TextKind};
+use terravision_common::run::{RaysChoice, RunConfig};
+use terravision_common::stage::{StageError, StageRun};
+
+/// For tests: every device is lost when it is handed the frame of this number, counted from 1.
+const LOSE_DEVICE_AT: &str = "TERRAVISION_TEST_LOSE_DEVICE_AT";
+/// Most frames in flight: more only cost memory.
+const MAX_FRAMES_IN_FLIGHT: u32 = 8;
+
+/// Why the renderer gave up.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RendererError {
+    /// The database cannot be opened.
+    #[error(transparent)]
+    Database(#[from] DatabaseError),
+    /// The frames could not be drawn or written.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// This number of samples per pixel is not supported.
+    #[error("{samples} samples per pixel were asked for, expected 1 or 4")]
+    Samples {
+        /// What was asked for.
+        samples: u32,
+    },
+}
+
+impl StageError for RendererError {
+    fn is_stopping(&self) -> bool {
+        matches!(self, Self::Run(error) if error.is_stopping())
+    }
+
+    fn is_bad_input(&self) -> bool {
+        matches!(self, Self::Run(error) if error.is_bad_input())
+    }
+}
+
+/// Draws the frames of a run.
+///
+/// # Errors
+/// [`RendererError`].
+pub fn run(run: &StageRun) -> Result<(), RendererError> {
+    let config = run.config();
+    let world = *Index::open(&config.world)?.world();
+    let ports = Ports::open(run).map_err(RunError::from)?;
+    let mut source = ports.into_source(run, world).map_err(RunError::from)?;
+    let written = source.control().written_frames();
+    let sinks = sinks_of(config, world.fields().origin, written).map_err(RunError::from)?;
+    let workers = SinkWorkers::start(sinks).map_err(RunError::from)?;
+    run::run(
+        options(config)?,
+        &mut source,
+        workers,
+        &mut |engine, source| {
+            let found = engine.describe();
+            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
+            let texts = [
+                (TextKind::Device, found.device.as_str()),
+                (TextKind::Driver, &found.driver),
+                (TextKind::Technique, found.technique),
+            ];
+            for event in texts.into_iter().flat_map(|(kind, text)| Event::text(kind, text)) {
+                source.event(&event);
+            }
+        },
+        &mut |_finished| {},
+    )?;
+    Ok(())
+}
+
+/// How the frames of a run are drawn.
+fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
+    let render = &config.render;
+    if !matches!(render.samples, 1 | 4) {
+        return Err(RendererError::Samples { samples: render.samples });
+    }
+    let is_depth_shared = render.share.as_ref().is_some_and(|share| share.has_depth || share.has_ground);
+    // What exact frames look like must not depend on how fast the machine is.
+    let is_open = config.realtime.is_some() || render.rays != RaysChoice::Auto;
+    Ok(EngineOptions {
+        technique: render.technique,
+        rays: if is_open { render.rays } else { RaysChoice::Mipmap },
+        workers: config.decoder_threads as usize,
+        device: DeviceChoice::from_environment(),
+        size: [config.width, config.height],
+        views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views.len() }),
+        samples: render.samples,
+        sky_rgb: render.sky_rgb,
+        skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
+        has_tree_overlay: render.has_tree_overlay,
+        has_validation: render.has_validation,
+        has_depth: !render.depth.is_empty() || !render.ground.is_empty() || is_depth_shared,
+        frames_in_flight: render.frames_in_flight.min(MAX_FRAMES_IN_FLIGHT) as usize,
+        lose_device_at: std::env::var(LOSE_DEVICE_AT).ok().and_then(|at| at.parse().ok()),
+        ..EngineOptions::default()
+    })
+}
