@@ -1,7 +1,7 @@
 //! Threads that the system may refuse.
 
 use std::io;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::sync_channel;
 
 /// Stack of the threads that are tried.
 const STACK_BYTES: usize = 64 << 10;
@@ -14,7 +14,7 @@ pub fn ensure(count: usize) -> io::Result<()> {
     let mut threads = Vec::with_capacity(count);
     let mut started = Ok(());
     for _ in 0..count {
-        let (end, wait) = channel::<()>();
+        let (end, wait) = sync_channel::<()>(0);
         let builder = std::thread::Builder::new().stack_size(STACK_BYTES);
         // It ends when its channel does: all of them are there at a time.
         match builder.spawn(move || wait.recv().unwrap_or_default()) {

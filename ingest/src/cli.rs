@@ -3,7 +3,7 @@
 use crate::error::IngestError;
 use crate::job::Job;
 use crate::plan::PlanOptions;
-use crate::source::values::{NodataChoice, metres_in};
+use crate::source::values::{NodataChoice, meters_in};
 use crate::source::{Access, Region};
 use crate::synth::SynthOptions;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -126,9 +126,10 @@ pub struct IngestArgs {
     /// Bands that show red, green and blue, counted from 1 (Landsat 7: 3,2,1)
     #[arg(long, value_name = "R,G,B", value_parser = parse_bands)]
     bands: Option<Bands>,
-    /// Ground without data. fill: all of it is filled from around it. keep: it stays without ground, a hole. clip: what lies beyond
-    /// all files, or is joined to an outer corner of one (the rim of a warped or rotated raster), has no ground; gaps within files
-    /// are filled. Depth and ground pictures tell what was made up from what was measured
+    /// Ground without data. fill: all of it is filled from around it. keep: it stays without
+    /// ground, a hole. clip: what lies beyond all files, or is joined to an outer corner of one
+    /// (the rim of a warped or rotated raster), has no ground; gaps within files are filled. Depth
+    /// and ground pictures tell what was made up from what was measured
     #[arg(long, default_value = Voids::default().name(), value_name = "HOW", value_parser = voids_parser())]
     voids: Voids,
     /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load
@@ -263,11 +264,11 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         "gb" => 1e9,
         "t" | "tib" => 1024f64.powi(4),
         "tb" => 1e12,
-        _ => return Err(format!("{text} is no size, expected a number with a unit such as 512MiB or 2GiB")),
+        _ => return Err(format!("{text} is not a size: expected a number with a unit such as 512MiB or 2GiB")),
     };
     match number.parse::<f64>() {
         Ok(number) if number * factor < 1e18 => Ok((number * factor) as u64),
-        _ => Err(format!("{text} is no size, expected a number with a unit such as 512MiB or 2GiB")),
+        _ => Err(format!("{text} is not a size: expected a number with a unit such as 512MiB or 2GiB")),
     }
 }
 
@@ -280,8 +281,7 @@ fn parse_nodata(text: &str) -> Result<NodataChoice, String> {
 }
 
 fn parse_unit(text: &str) -> Result<f64, String> {
-    metres_in(text)
-        .ok_or_else(|| format!("{text} is no unit of length that is known, expected m, ft, us-ft, km, cm, mm"))
+    meters_in(text).ok_or_else(|| format!("{text} is not a known unit of length: expected m, ft, us-ft, km, cm, mm"))
 }
 
 fn parse_bands(text: &str) -> Result<Bands, String> {
@@ -309,14 +309,14 @@ fn voids_parser() -> impl TypedValueParser<Value = Voids> {
 fn parse_positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err(format!("{text} is no positive number")),
+        _ => Err(format!("{text} is not a positive number")),
     }
 }
 
 fn parse_threads(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(count @ 1..=1024) => Ok(count),
-        _ => Err(format!("{text} is no number of threads from 1 to 1024")),
+        _ => Err(format!("{text} is not a number of threads from 1 to 1024")),
     }
 }
 

@@ -71,7 +71,7 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(line) => {
-            // A closed standard output is no failure of the ingest.
+            // A closed standard output is not a failure of the ingest.
             writeln!(io::stdout(), "{line}").ok();
             ExitCode::SUCCESS
         }

@@ -9,9 +9,8 @@ use crate::archive::{self, ArchiveInfo, Place, Tile};
 use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
-use crate::plan::{Plan, PlanOptions};
-use crate::sample::elevation::quantised;
-use crate::sample::mapper::Lattice;
+use crate::plan::{Lattice, Plan, PlanOptions};
+use crate::sample::elevation::quantized;
 use crate::source::TargetCrs;
 use crate::source::crs;
 use crate::store::Rgb;
@@ -83,7 +82,7 @@ impl Content {
         }
         match self.detail(x, y) {
             detail if detail > 0.0 => {
-                quantised(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, OCTAVES)))
+                quantized(PLAIN_M + detail * RELIEF_M * (0.5 + 0.5 * octaves(x / 150.0, y / 150.0, 7, OCTAVES)))
             }
             _ => PLAIN_M,
         }
@@ -104,11 +103,8 @@ impl Content {
     }
 }
 
-/// Writes a sparse world.
-///
-/// # Errors
-/// [`IngestError`].
-pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manifest, IngestError> {
+/// The geometry that the options ask for.
+fn world_of(options: SparseOptions) -> Result<World, IngestError> {
     let nodes = u64::from(options.detailed_nodes) << options.doublings;
     let is_side = options.is_bulk || options.detailed_nodes.is_power_of_two();
     if !is_side || !(1..=1 << 14).contains(&nodes) {
@@ -138,8 +134,17 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
         finest_elevation_level: 0,
         finest_color_level: finest_color.min(top),
     };
-    let world = World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))?;
-    let lattice = Lattice { first: fields.origin, step: SPACING_M };
+    World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))
+}
+
+/// Writes a sparse world.
+///
+/// # Errors
+/// [`IngestError`].
+pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manifest, IngestError> {
+    let world = world_of(options)?;
+    let elevation_tile = world.elevation_tile();
+    let lattice = Lattice { first: world.fields().origin, step: SPACING_M };
     let plan = Plan {
         world,
         elevation: lattice,
@@ -156,7 +161,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
         false => None,
     };
     let bulk = bulk.transpose().map_err(|source| IngestError::Output { source, path: folder.to_owned() })?;
-    let detailed = if options.is_bulk { nodes as u32 } else { options.detailed_nodes };
+    let detailed = if options.is_bulk { options.detailed_nodes << options.doublings } else { options.detailed_nodes };
     let content = Content { side: f64::from(detailed * elevation_tile), bulk };
     let info = ArchiveInfo { bounds_deg: [0.0; 4], metadata: r#"{"name":"sparse"}"#.to_owned() };
     finish_database(folder, true, work, |paths| {
@@ -247,7 +252,7 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
 fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let named = tiles.iter().map(|(_, coord, [m, n])| {
-        let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is no node"))?;
+        let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is not a node"))?;
         let picture = vec![name_color(node); (stored * stored) as usize];
         Ok((*coord, archive::encode_color_tile(&picture, stored as u16, 95)?, None))
     });

@@ -252,7 +252,7 @@ mod tests {
         );
         // Elsewhere 0 is a height like any other.
         assert!(!colors("Mars", 37.0, coast).iter().any(|c| is_blue(*c)));
-        // One post of 0 is no sea.
+        // A single post at 0 is not a sea.
         let spot = |i: usize, j: usize| if (i, j) == (9, 9) { 0.0 } else { 50.0 + (i + j) as f32 };
         assert!(!colors("Earth", 37.0, spot).iter().any(|c| is_blue(*c)));
     }

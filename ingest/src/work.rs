@@ -110,39 +110,21 @@ impl Work {
         mut consume: impl FnMut(T) -> Result<(), IngestError>,
     ) -> Result<(), IngestError> {
         let bar = self.progress(what, count as u64);
-        let window = 4 * self.threads;
-        let next = AtomicUsize::new(0);
-        let is_over = AtomicBool::new(false);
-        let results = Mutex::new((0usize, BTreeMap::<usize, Result<T, IngestError>>::new()));
-        let changed = Condvar::new();
+        let queue = Queue::new(count, 4 * self.threads);
         let worker = || {
-            let _guard = PanicGuard(&is_over, &changed);
+            let _guard = PanicGuard(&queue.is_over, &queue.changed);
             let mut state = state();
-            loop {
-                // Relaxed: the number itself is all that is taken.
-                let index = next.fetch_add(1, Ordering::Relaxed);
-                if index >= count {
-                    return;
-                }
-                let mut guard = lock(&results);
-                while index >= guard.0 + window && !is_over.load(Ordering::Acquire) {
-                    guard = changed.wait(guard).unwrap_or_else(PoisonError::into_inner);
-                }
-                drop(guard);
-                if is_over.load(Ordering::Acquire) {
-                    return;
-                }
+            while let Some(index) = queue.next() {
                 let result = match &mut state {
                     Ok(state) => self.check().and_then(|()| job(state, index)),
                     // Made again only to have an error to give: errors do not clone.
                     Err(error) => Err(std::mem::replace(error, IngestError::usage("a worker could not start"))),
                 };
-                lock(&results).1.insert(index, result);
-                changed.notify_all();
+                queue.put(index, result);
             }
         };
         let outcome = std::thread::scope(|scope| {
-            let _guard = PanicGuard(&is_over, &changed);
+            let _guard = PanicGuard(&queue.is_over, &queue.changed);
             let mut outcome = Ok(());
             for thread in 0..self.threads.min(count) {
                 // With fewer threads it takes longer, and comes to the same.
@@ -156,36 +138,84 @@ impl Work {
                 if outcome.is_err() {
                     break;
                 }
-                let mut guard = lock(&results);
-                let result = loop {
-                    if let Some(result) = guard.1.remove(&index) {
-                        break Some(result);
-                    }
-                    if is_over.load(Ordering::Acquire) {
-                        break None;
-                    }
-                    guard = changed.wait(guard).unwrap_or_else(PoisonError::into_inner);
-                };
-                guard.0 = index + 1;
-                drop(guard);
-                changed.notify_all();
-                outcome = match result {
-                    Some(result) => result.and_then(&mut consume),
-                    None => break,
-                };
-                if outcome.is_err() {
-                    break;
+                let Some(result) = queue.take(index) else { break };
+                outcome = result.and_then(&mut consume);
+                if outcome.is_ok() {
+                    bar.inc(1);
                 }
-                bar.inc(1);
             }
-            is_over.store(true, Ordering::Release);
-            // Taken so that no worker is between its check and its wait when it is woken.
-            drop(lock(&results));
-            changed.notify_all();
+            queue.end();
             outcome
         });
         bar.finish_and_clear();
         outcome
+    }
+}
+
+/// How many results were taken, and those that lie here.
+type Results<T> = (usize, BTreeMap<usize, Result<T, IngestError>>);
+
+/// Numbered pieces of work on their way: handed out in order, and taken back in order.
+struct Queue<T> {
+    count: usize,
+    /// How far workers may be ahead of the consumer.
+    lead: usize,
+    next: AtomicUsize,
+    is_over: AtomicBool,
+    results: Mutex<Results<T>>,
+    changed: Condvar,
+}
+
+impl<T> Queue<T> {
+    fn new(count: usize, lead: usize) -> Self {
+        let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
+        Self { count, lead, next, is_over, results: Mutex::new((0, BTreeMap::new())), changed: Condvar::new() }
+    }
+
+    /// The next number for a worker, once the consumer is near enough; `None` when there is no more
+    /// to do.
+    fn next(&self) -> Option<usize> {
+        // Relaxed: the number itself is all that is taken.
+        let index = self.next.fetch_add(1, Ordering::Relaxed);
+        if index >= self.count {
+            return None;
+        }
+        let mut results = lock(&self.results);
+        while index >= results.0 + self.lead && !self.is_over.load(Ordering::Acquire) {
+            results = self.changed.wait(results).unwrap_or_else(PoisonError::into_inner);
+        }
+        (!self.is_over.load(Ordering::Acquire)).then_some(index)
+    }
+
+    fn put(&self, index: usize, result: Result<T, IngestError>) {
+        lock(&self.results).1.insert(index, result);
+        self.changed.notify_all();
+    }
+
+    /// What came of a number, waited for; `None` when a worker panicked.
+    fn take(&self, index: usize) -> Option<Result<T, IngestError>> {
+        let mut results = lock(&self.results);
+        let result = loop {
+            if let Some(result) = results.1.remove(&index) {
+                break Some(result);
+            }
+            if self.is_over.load(Ordering::Acquire) {
+                break None;
+            }
+            results = self.changed.wait(results).unwrap_or_else(PoisonError::into_inner);
+        };
+        results.0 = index + 1;
+        drop(results);
+        self.changed.notify_all();
+        result
+    }
+
+    /// Lets workers go that wait.
+    fn end(&self) {
+        self.is_over.store(true, Ordering::Release);
+        // Taken so that no worker is between its check and its wait when it is woken.
+        drop(lock(&self.results));
+        self.changed.notify_all();
     }
 }
 

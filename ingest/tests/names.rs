@@ -128,7 +128,7 @@ fn data_sets_within_files_are_named_and_opened() {
     assert!(text.contains("2 data sets") && text.contains(&name), "{text}");
     run(&job(&[PathBuf::from(name)], &[], folder.path("band.tv"))).unwrap();
     let (text, is_made) = ingest(&folder, &format!("NETCDF:\"{}\":Band9", many.display()), &[]);
-    assert!(!is_made && text.contains("no raster"), "{text}");
+    assert!(!is_made && text.contains("not a raster"), "{text}");
 }
 
 /// A web server that knows ranges, and how many requests it got.

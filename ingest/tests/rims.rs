@@ -1,4 +1,5 @@
-//! `--voids clip`: what lies beyond files and at their corners is no ground, a gap within one is filled wherever it lies.
+//! `--voids clip`: what lies beyond files and at their corners is no ground, a gap within one is
+//! filled wherever it lies.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -25,7 +26,8 @@ fn areas_m2(database: &Database) -> [f64; 2] {
 #[test]
 fn sheets_are_clipped_beyond_and_at_outer_corners_and_filled_at_sides_and_where_they_meet() {
     let folder = TestFolder::new();
-    // Two sheets of 60 x 60 posts; the eastern one begins 30 rows further south. Columns and rows from the north west.
+    // Two sheets of 60 x 60 posts; the eastern one begins 30 rows further south. Columns and rows
+    // from the north west.
     let west_gaps = |i: usize, j: usize| {
         let at_side = (20..30).contains(&i) && j < 5;
         let where_they_meet = (50..60).contains(&i) && (55..60).contains(&j);

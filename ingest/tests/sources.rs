@@ -33,7 +33,8 @@ fn assert_range(database: &Database, low: f64, high: f64, by: f64) {
 #[test]
 fn the_stretch_of_a_plane_is_judged_where_it_is_worst() {
     let folder = TestFolder::new();
-    // Web Mercator around the equator: true in the middle, and 1 / cos(29.32°) long at the centres of the outermost pixels.
+    // Web Mercator around the equator: true in the middle, and 1 / cos(29.32°) long at the centres
+    // of the outermost pixels.
     let side_m = 3_503_549.0 / 20.0;
     let transform = Some([0.0, side_m, 0.0, 20.0 * side_m, 0.0, -side_m]);
     let wide = Tiff { transform, crs: Some("EPSG:3857"), ..Tiff::utm([40, 40], hills) }.write(&folder.path("wide.tif"));

@@ -103,6 +103,7 @@ fn config() -> RunConfig {
 /// Runs a prefetcher with `source` beside `peer`, which ends it. What it returned, and what it told.
 fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'static) -> Result<Vec<Event>, String> {
     let source = source.clone();
+    #[expect(clippy::disallowed_methods, reason = "a test sends a few")]
     let (send, receive) = channel();
     // A test that hangs is a test that fails.
     let thread = std::thread::spawn(move || {

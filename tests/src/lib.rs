@@ -1,8 +1,9 @@
 //! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as values, worlds to fly
-//! over, an S3 server, storms.
+//! over, an S3 server, storms, changed inputs.
 
 pub mod flight;
 pub mod folder;
+pub mod fuzz;
 pub mod geotiff;
 pub mod live;
 pub mod metrics;

@@ -109,7 +109,8 @@ fn info_tells_how_much_of_the_world_has_which_spacing() {
     assert!(last[0] == 32.0 && last[1] > 0.9, "{last:?}");
     let text = String::from_utf8(Terravision::verb("info").arg(&database).succeed().stdout).unwrap();
     assert!(text.contains("spacing: 1 m over 0.") && text.contains("32 m over 9"), "{text}");
-    // 30 m data are resampled to posts every 32 m: the files' range stands beside the world's where they differ.
+    // 30 m data are resampled to posts every 32 m: the files' range stands beside the world's where
+    // they differ.
     let manifest = &info["manifest"]["elevation"];
     assert_eq!(text.contains("samples of the files"), manifest.get("source_range_m").is_some(), "{text}");
 }

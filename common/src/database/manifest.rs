@@ -155,7 +155,8 @@ pub enum Voids {
     Fill,
     /// It stays without ground.
     Keep,
-    /// What lies beyond all files, or is joined to an outer corner of one, stays without ground; the rest is filled.
+    /// What lies beyond all files, or is joined to an outer corner of one, stays without ground;
+    /// the rest is filled.
     #[default]
     Clip,
 }

@@ -7,7 +7,7 @@
 //!
 //! | question | asked of |
 //! |---|---|
-//! | one name for each lattice point | [`Plane::canonical`], [`Plane::columns`], [`Plane::rows`] |
+//! | one name for each lattice point | [`Plane::canonical`], [`Plane::posts`] |
 //! | the node beside another one, its corner, its cells inside the world | [`Plane::neighbor`], [`Plane::node_origin`], [`Plane::cells_inside`] |
 //! | the position of a lattice point with a height | [`Plane::vertex`], of a [`Plane::column`] and a [`Plane::row`] |
 //! | the position over a foot, and the way back | [`Plane::position`], [`Plane::foot`], [`Plane::height_m`], [`Plane::up`] |

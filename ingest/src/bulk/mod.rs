@@ -8,7 +8,7 @@
 
 mod jpeg;
 
-use crate::sample::elevation::quantised;
+use crate::sample::elevation::quantized;
 use crate::synth::noise::{hash, unit};
 use jpeg::{BLOCK, Frame, Packed};
 use std::io;
@@ -83,7 +83,7 @@ impl Bulk {
 
     /// Height at a place in lattice units, metres.
     pub(crate) fn height(&self, x: f64, y: f64) -> f32 {
-        quantised(MEAN_M + self.sum(&HEIGHTS, x, y))
+        quantized(MEAN_M + self.sum(&HEIGHTS, x, y))
     }
 
     /// The colour tile of a column and row of tiles, on the level whose texels have this size, lattice units; `tile` is their number

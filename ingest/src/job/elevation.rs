@@ -27,7 +27,8 @@ pub(super) struct Elevation {
 /// What a summit may lose before it is told, metres.
 const TOLD_LOSS_M: f32 = 3.0;
 
-/// Lowest and highest sample of the sources, when the world's are others; a summit that was lost is told.
+/// Lowest and highest sample of the sources, when the world's are others; a summit that was lost is
+/// told.
 pub(super) fn told_source_range(
     summary: &sample::elevation::Summary,
     plan: &Plan,

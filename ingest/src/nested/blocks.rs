@@ -52,11 +52,7 @@ impl<T> Default for Pyramid<T> {
 }
 
 /// The rectangle of samples whose positions a source may cover; `None` when it is elsewhere.
-pub(super) fn samples_of(
-    bounds: &crate::sample::Bounds,
-    lattice: &crate::sample::mapper::Lattice,
-    size: [u64; 2],
-) -> Option<Rect> {
+pub(super) fn samples_of(bounds: &crate::plan::Bounds, lattice: &crate::plan::Lattice, size: [u64; 2]) -> Option<Rect> {
     let mut rect = Rect::new([0; 2], [0; 2]);
     for (axis, count) in size.into_iter().enumerate() {
         let margin = bounds.pixel + 0.01 * (bounds.high[axis] - bounds.low[axis]);

@@ -4,12 +4,11 @@ use super::blend::{BLEND, Post, shares};
 use super::blocks::{BLOCK, Pyramid, meeting, repeat_border, samples_of};
 use super::nodes::Nodes;
 use crate::IngestError;
-use crate::plan::Plan;
+use crate::plan::{Lattice, Plan};
 use crate::pyramid::elevation::{REACH, filter};
 use crate::pyramid::voids;
-use crate::sample::elevation::{EMPTY, Summary, quantised, union};
-use crate::sample::mapper::Lattice;
-use crate::sample::window::Kernel;
+use crate::sample::elevation::{EMPTY, Summary, quantized, union};
+use crate::sample::kernel::Kernel;
 use crate::sample::{Sampled, SourceSet};
 use crate::source::open::ElevationReader;
 use crate::source::values::ElevationValues;
@@ -190,8 +189,8 @@ impl Elevation<'_> {
         let height = |k: usize| {
             let Some((is_fine, height)) = posts[inner(k)] else { return f32::NAN };
             match coarse[k] {
-                Sampled::Value(_, [coarse]) if is_fine => quantised(coarse + shares[k] * (height - coarse)),
-                _ => quantised(height),
+                Sampled::Value(_, [coarse]) if is_fine => quantized(coarse + shares[k] * (height - coarse)),
+                _ => quantized(height),
             }
         };
         let heights = (0..block.area()).map(height).collect();

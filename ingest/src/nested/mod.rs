@@ -101,7 +101,7 @@ impl Sources<'_> {
             let q = native + deepest_color_below(world);
             let q = q.clamp(world.finest_elevation_level(), world.root().q());
             let step = world.color_spacing_m(q);
-            let lattice = crate::sample::mapper::Lattice { first: world.fields().origin, step };
+            let lattice = crate::plan::Lattice { first: world.fields().origin, step };
             let size = world.nodes_at(q).map(|n| u64::from(n) * side as u64);
             let rect: Option<Rect> = blocks::samples_of(bounds, &lattice, size);
             above.extend(rect.into_iter().flat_map(|rect| nodes.meeting(q, rect, side)));

@@ -9,7 +9,7 @@
 
 use super::BLOCK;
 use crate::IngestError;
-use crate::sample::elevation::quantised;
+use crate::sample::elevation::quantized;
 use crate::store::{Level, Rect};
 use crate::work::Work;
 use std::path::Path;
@@ -62,13 +62,14 @@ pub(crate) fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) ->
         for i in 0..columns {
             let sum = filtered(|d| across[(REACH + 2 * j).wrapping_add_signed(d) * columns + i]);
             let sum = if sum.is_nan() { filter_around_voids(fine, width, REACH + 2 * i, REACH + 2 * j) } else { sum };
-            out.push(quantised(sum));
+            out.push(quantized(sum));
         }
     }
     out
 }
 
-/// `[1, 2, 1]` both ways over what is no void; void when nothing is left, or less than a lone centre weighs.
+/// `[1, 2, 1]` both ways over what is not void; void when nothing is left, or less than a lone
+/// centre weighs.
 fn filter_around_voids(fine: &[f32], width: usize, column: usize, row: usize) -> f32 {
     let (mut sum, mut known) = (0.0, 0.0);
     for (j, down) in [1.0f32, 2.0, 1.0].into_iter().enumerate() {

@@ -26,12 +26,12 @@ const HOLE: Shares = [0, 0];
 
 /// Beyond all files, while rims spread: no place for them, and a hole in the end.
 const BEYOND: Shares = [0, 255];
-/// Posts without a file that lie in less than so many columns or rows are no place beyond all files but a thread between two:
-/// sheets that meet may be off by a fraction of a pixel.
+/// Posts without a file that lie in less than so many columns or rows are no place beyond all files
+/// but a thread between two: sheets that meet may be off by a fraction of a pixel.
 const THREAD: usize = 3;
 
-/// The finest level's shares, from its heights, which are NaN in voids; and how many posts are holes. With [`Voids::Clip`] a rim begins
-/// at `corners`.
+/// The finest level's shares, from its heights, which are NaN in voids; and how many posts are
+/// holes. With [`Voids::Clip`] a rim begins at `corners`.
 ///
 /// # Errors
 /// [`IngestError`].
@@ -89,8 +89,8 @@ pub(crate) fn finest(
     Ok((level, holes))
 }
 
-/// Which posts of a block lie beyond all files, threads left out; nothing when none does. `heights` are those of the block and of
-/// `THREAD - 1` posts around.
+/// Which posts of a block lie beyond all files, threads left out; nothing when none does. `heights`
+/// are those of the block and of `THREAD - 1` posts around.
 fn beyond(heights: &[f32], block: Rect) -> Vec<bool> {
     let shrunk = |size: [usize; 2]| size.map(|n| n + 1 - THREAD);
     // Where a square of posts begins (all of it, then any of it) of which all, or any, are.
@@ -112,11 +112,12 @@ fn beyond(heights: &[f32], block: Rect) -> Vec<bool> {
     squares(&squares(&is_outside, size, true), shrunk(size), false)
 }
 
-/// Makes holes of all that was made up and is joined to one of the corners, side by side; how many posts that are. The rim of a
-/// raster that was warped, rotated or cut along an outline has a corner; a gap in the data that happens to reach a side has none.
+/// Makes holes of all that was made up and is joined to one of the corners, side by side; how many
+/// posts that are. The rim of a raster that was warped, rotated or cut along an outline has a
+/// corner; a gap in the data that happens to reach a side has none.
 ///
-/// Block by block: what changes at a block's side makes its neighbour be looked at again, until nothing changes. What comes out
-/// does not depend on the order.
+/// Block by block: what changes at a block's side makes its neighbour be looked at again, until
+/// nothing changes. What comes out does not depend on the order.
 fn clip(
     level: &Level<Shares>,
     blocks: Blocks,

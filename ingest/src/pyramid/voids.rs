@@ -5,7 +5,7 @@
 
 use super::BLOCK;
 use crate::IngestError;
-use crate::sample::elevation::quantised;
+use crate::sample::elevation::quantized;
 use crate::store::{Level, Rect};
 use crate::work::Work;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub fn fill_coarsest(level: &Level<f32>, otherwise: f32) -> std::io::Result<()> 
     let mut heights = level.read(all)?;
     let known: Vec<f64> = heights.iter().filter(|h| !h.is_nan()).map(|h| f64::from(*h)).collect();
     let mean = if known.is_empty() { otherwise } else { (known.iter().sum::<f64>() / known.len() as f64) as f32 };
-    let mean = quantised(mean);
+    let mean = quantized(mean);
     heights.iter_mut().filter(|h| h.is_nan()).for_each(|h| *h = mean);
     level.write(all, &heights)
 }
@@ -109,7 +109,7 @@ fn filled(
         std::mem::swap(&mut now, &mut next);
     }
     let rows = (0..block.size[1]).map(|j| (j + ROUNDS) * width + ROUNDS);
-    Ok(rows.flat_map(|start| now[start..start + block.size[0]].iter().copied().map(quantised)).collect())
+    Ok(rows.flat_map(|start| now[start..start + block.size[0]].iter().copied().map(quantized)).collect())
 }
 
 #[cfg(test)]

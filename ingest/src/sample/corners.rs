@@ -1,8 +1,9 @@
-//! The outer corners of files. Ground without data that is joined to one is the rim that warping or rotating leaves; other
-//! ground without data is a gap, also where it reaches a side of a file.
+//! The outer corners of files. Ground without data that is joined to one is the rim that warping or
+//! rotating leaves; other ground without data is a gap, also where it reaches a side of a file.
 //!
-//! A corner is an outer one if no file lies diagonally beyond it nor beside it on either side. So a gap where sheets meet
-//! stays a gap. Of a file that was cropped the world's corners take the place of its own.
+//! A corner is an outer one if no file lies diagonally beyond it nor beside it on either side. So a
+//! gap where sheets meet stays a gap. Of a file that was cropped the world's corners take the place
+//! of its own.
 
 use super::elevation::is_outside;
 use crate::error::IngestError;
@@ -13,13 +14,15 @@ use gdal::spatial_ref::CoordTransform;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// How far beyond a corner other files are looked for: pixels, or posts where these are further apart.
+/// How far beyond a corner other files are looked for: pixels, or posts where these are further
+/// apart.
 const BEYOND: f64 = 2.0;
 
 /// A post by its column and row.
 pub(crate) type Post = [u64; 2];
 
-/// The posts of the finest level that lie at outer corners of files. `heights` tells which posts lie in a file at all.
+/// The posts of the finest level that lie at outer corners of files. `heights` tells which posts
+/// lie in a file at all.
 ///
 /// # Errors
 /// [`IngestError`].
@@ -42,7 +45,8 @@ pub(crate) fn outer_corners<V>(
         let near = |[x, y]: [f64; 2]| {
             let at = [x, y].into_iter().zip(plan.elevation.first).map(|(v, first)| (v - first) / plan.elevation.step);
             let at: Vec<f64> = at.map(f64::round).collect();
-            // Not finite where the point has no place in the plane; far enough for the neighbours of a post.
+            // Not finite where the point has no place in the plane; far enough for the neighbours
+            // of a post.
             at.iter().all(|v| v.abs() < 1e15).then(|| [at[0] as i64, at[1] as i64])
         };
         for corner in places.chunks_exact(4) {
@@ -65,7 +69,8 @@ fn inside(at: [i64; 2], last: Post) -> Option<Post> {
     (0..2).all(|k| (0..=last[k] as i64).contains(&at[k])).then(|| at.map(|v| v as u64))
 }
 
-/// For each corner of a raster four pixel positions: the centre of its pixel, diagonally beyond it, and beside it on both sides.
+/// For each corner of a raster four pixel positions: the centre of its pixel, diagonally beyond it,
+/// and beside it on both sides.
 fn corner_pixels(raster: &Raster, beyond: f64) -> Vec<[f64; 2]> {
     let [width, height] = raster.size.map(|v| v as f64);
     let corners = [([0.0, 0.0], [1.0, 1.0]), ([width, 0.0], [-1.0, 1.0]), ([0.0, height], [1.0, -1.0])];

@@ -1,6 +1,6 @@
 //! The finest elevation level, from its sources.
 
-use super::window::Kernel;
+use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
@@ -32,11 +32,12 @@ pub(crate) fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
 
 /// Rounds a height to what tiles can hold.
 #[must_use]
-pub fn quantised(height: f32) -> f32 {
+pub fn quantized(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
-/// A post that lies in no file: not a number either, but another one by its bits, which levels keep.
+/// A post that lies in no file: not a number either, but another one by its bits, which levels
+/// keep.
 pub(crate) const OUTSIDE: f32 = f32::from_bits(f32::NAN.to_bits() | 1);
 
 /// Whether a post of the finest level that [`sample`] made lies in no file.
@@ -46,7 +47,7 @@ pub(crate) fn is_outside(height: f32) -> bool {
 
 fn height_of(sampled: Sampled<1>) -> f32 {
     match sampled {
-        Sampled::Value(_, [height]) => quantised(height),
+        Sampled::Value(_, [height]) => quantized(height),
         Sampled::Void => f32::NAN,
         Sampled::Outside => OUTSIDE,
     }
@@ -85,7 +86,7 @@ pub fn sample(
             let block = blocks.rect(index);
             let heights = set.sample::<1>(block)?;
             let heights: Vec<f32> = heights.into_iter().map(height_of).collect();
-            let part = summarise(&heights);
+            let part = summarize(&heights);
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;
                 all.range = union(all.range, part.range);
@@ -99,7 +100,7 @@ pub fn sample(
     Ok((level, summary))
 }
 
-fn summarise(heights: &[f32]) -> Summary {
+fn summarize(heights: &[f32]) -> Summary {
     let mut summary = Summary { voids: 0, range: EMPTY, source_range: EMPTY };
     for &height in heights {
         if height.is_nan() {

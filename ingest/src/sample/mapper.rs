@@ -4,6 +4,7 @@
 //! approximate transformer does, where that is good to a hundredth of a pixel; else each is transformed.
 
 use crate::error::{IngestError, gdal_message};
+use crate::plan::Lattice;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
 use gdal::spatial_ref::CoordTransform;
@@ -12,21 +13,6 @@ use gdal::spatial_ref::CoordTransform;
 const STEP: usize = 16;
 /// What interpolation may be off, pixels.
 const TOLERANCE_PX: f64 = 0.01;
-
-/// A lattice of target samples in the database's CRS: sample `(i, j)` is at `first + step·(i, j)`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lattice {
-    /// Easting and northing of sample (0, 0).
-    pub first: [f64; 2],
-    /// Distance of samples, metres.
-    pub step: f64,
-}
-
-impl Lattice {
-    fn at(&self, i: f64, j: f64) -> [f64; 2] {
-        [self.first[0] + i * self.step, self.first[1] + j * self.step]
-    }
-}
 
 /// Maps target samples into one source.
 #[derive(Debug)]
@@ -82,7 +68,7 @@ impl Mapper {
     pub fn scale_at(&self, [x, y]: [f64; 2], step: f64) -> [f64; 2] {
         let (mut u, v) = self.positions(vec![x, x + step, x], vec![y, y, y + step]);
         if let Some(period) = self.period {
-            // A step across the seam of the source's longitudes is no step around the body.
+            // A step across the seam of the source's longitudes is not a step around the body.
             let first = u[0];
             u.iter_mut().for_each(|u| *u -= ((*u - first) / period).round() * period);
         }

@@ -3,18 +3,20 @@
 pub mod color;
 pub(crate) mod corners;
 pub mod elevation;
+pub mod kernel;
 pub mod mapper;
 pub mod neighbors;
 mod sharp;
 mod source_set;
-pub mod window;
 
 use crate::IngestError;
+use crate::plan::Lattice;
+use crate::source::window::Window;
 use crate::store::Rect;
-use mapper::{Lattice, Mapper};
+use kernel::Kernel;
+use mapper::Mapper;
 use neighbors::Neighbor;
 pub use source_set::SourceSet;
-use window::{Kernel, Window};
 
 /// The most source pixels that are in memory at a time, per thread.
 const MAX_WINDOW_PIXELS: usize = 2 << 20;
@@ -139,30 +141,5 @@ impl Sampler {
             }
         }
         Ok(())
-    }
-}
-
-/// Where a source's pixel centres lie in the database's CRS: least and greatest easting and northing, and its pixels' size.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    /// Least easting and northing.
-    pub low: [f64; 2],
-    /// Greatest.
-    pub high: [f64; 2],
-    /// About the side of a pixel, metres.
-    pub pixel: f64,
-    /// Where that was measured.
-    pub focus: [f64; 2],
-}
-
-impl Bounds {
-    /// Whether a block of a lattice may meet the source. (Bounds are of sampled points: a few pixels are allowed.)
-    fn meets(&self, lattice: &Lattice, block: Rect) -> bool {
-        (0..2).all(|axis| {
-            let first = lattice.first[axis] + block.origin[axis] as f64 * lattice.step;
-            let last = first + (block.size[axis] - 1) as f64 * lattice.step;
-            let margin = 4.0 * self.pixel + 0.01 * (self.high[axis] - self.low[axis]);
-            first <= self.high[axis] + margin && last >= self.low[axis] - margin
-        })
     }
 }

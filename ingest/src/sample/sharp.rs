@@ -4,7 +4,7 @@
 //! over a step. A summit or a pit, a sample that is higher or lower than its eight neighbours, is given to the post
 //! nearest to it: between samples every kernel would cut it off. Measured against others in docs/ingest.md.
 
-use super::window::Window;
+use crate::source::window::Window;
 use std::ops::RangeInclusive;
 
 /// Source pixels per post for which spacing hardly changes. With more, the kernel has to average.
@@ -101,7 +101,8 @@ fn extreme<const C: usize>(window: &Window<C>, [x, y]: [i64; 2], channel: usize,
 
 #[cfg(test)]
 mod tests {
-    use super::super::window::{Kernel, Window};
+    use super::super::kernel::Kernel;
+    use crate::source::window::Window;
 
     fn window(f: impl Fn(i64, i64) -> f32) -> Window<1> {
         let mut window = Window::new([0, 0], [32, 32]);

@@ -1,11 +1,13 @@
 //! All sources of a layer as one thread samples them: which files are open, and what lies beyond the edge of one.
 
-use super::mapper::{Lattice, Mapper};
+use super::kernel::Kernel;
+use super::mapper::Mapper;
 use super::neighbors::{Neighbor, common, neighbors};
-use super::window::{Kernel, Window};
-use super::{Bounds, MAX_WINDOW_PIXELS, Sampled, Sampler};
+use super::{MAX_WINDOW_PIXELS, Sampled, Sampler};
 use crate::IngestError;
+use crate::plan::{Bounds, Lattice};
 use crate::source::open::Reader;
+use crate::source::window::Window;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
 use std::collections::VecDeque;

@@ -7,7 +7,7 @@
 //!
 //! 1. every dataset is opened with a list of drivers that has none of these ([`Access::drivers`]);
 //! 2. what lies beside a file and is opened with it (overviews, masks), what its tags name as overviews, and labels of
-//!    data in other files are looked at before and after ([`check_before`], [`check_after`]); a `.vrt` is read and
+//!    data in other files are looked at before and after ([`Access::check_before`], [`Access::check_after`]); a `.vrt` is read and
 //!    its sources are kept under its folder (`vrt.rs`);
 //! 3. the program takes the drivers that no name asks for out of GDAL altogether ([`Access::restrict_process`]).
 
@@ -162,14 +162,14 @@ pub(super) fn leads_elsewhere(path: &Path) -> Option<&'static str> {
 }
 
 /// A local file whose neighbours, which GDAL opens with it, lead elsewhere.
-pub(super) fn check_neighbours(path: &Path) -> Result<(), String> {
+pub(super) fn check_neighbors(path: &Path) -> Result<(), String> {
     let beside = |ending: &str| PathBuf::from(format!("{}{ending}", path.display()));
     let all = [beside(".ovr"), beside(".OVR"), beside(".msk"), beside(".MSK"), path.with_extension("ovr")];
-    for neighbour in all {
-        if let Some(what) = leads_elsewhere(&neighbour) {
+    for neighbor in all {
+        if let Some(what) = leads_elsewhere(&neighbor) {
             return Err(format!(
                 "would be read with {}, which is {what}, though its name does not say so; --trust-vrt allows it",
-                neighbour.display()
+                neighbor.display()
             ));
         }
     }
@@ -219,7 +219,7 @@ impl Access {
         if is_vrt && leads_elsewhere(path).is_some() {
             return vrt::check(path);
         }
-        if path.is_file() { check_neighbours(path) } else { Ok(()) }
+        if path.is_file() { check_neighbors(path) } else { Ok(()) }
     }
 
     /// Looks at a dataset that has been opened: does it name other files?

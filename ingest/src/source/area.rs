@@ -1,4 +1,4 @@
-//! Places that cannot be: coordinates that do not fit the CRS that a file names.
+//! Implausible places: coordinates that do not fit the CRS that a file names.
 
 use super::raster::traditional;
 use super::{Note, Raster, TargetCrs};

@@ -13,7 +13,7 @@ use terravision_common::database::{Body, Crs};
 pub fn parse(whose: &str, text: &str) -> Result<SpatialRef, IngestError> {
     SpatialRef::from_definition(text).map(traditional).map_err(|e| {
         IngestError::usage(format!(
-            "{whose} {text} is no coordinate reference system that PROJ knows{}",
+            "{whose} {text} is not a coordinate reference system that PROJ knows{}",
             match e {
                 // The number of an error alone says nothing.
                 gdal::errors::GdalError::OgrError { .. } => String::new(),
@@ -169,10 +169,12 @@ struct Stretch {
 
 /// A plane that stretches or shrinks distances by less everywhere is not told.
 const TOLD_STRETCH: f64 = 0.05;
-/// Places along a side of the world where the stretch is judged: its corners, the middles of its sides, its middle.
+/// Places along a side of the world where the stretch is judged: its corners, the middles of its
+/// sides, its middle.
 const JUDGED: usize = 3;
 
-/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing can be told.
+/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing
+/// can be told.
 fn worst_stretch(sources: &[Raster], plane: &SpatialRef) -> Option<Stretch> {
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for raster in sources {

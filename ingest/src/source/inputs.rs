@@ -6,7 +6,8 @@ use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Files of archives and folders that are no rasters of the ground, though GDAL could open some of them.
+/// Files of archives and folders that are not rasters of the ground, though GDAL could open some of
+/// them.
 const BESIDE: [&str; 22] = [
     "txt", "csv", "md", "htm", "html", "pdf", "xml", "json", "kml", "kmz", "prj", "tfw", "tfwx", "wld", "jgw", "pgw",
     "hdr", "ovr", "msk", "aux", "shp", "vrt",
@@ -104,7 +105,7 @@ impl Inputs<'_> {
                     shown,
                     format!("is {what}, though its name does not say so; --trust-vrt opens it nevertheless"),
                 )),
-                None => Err(IngestError::source(shown, format!("is no raster that GDAL can read: {reason}"))),
+                None => Err(IngestError::source(shown, format!("is not a raster that GDAL can read: {reason}"))),
             },
         }
     }
@@ -154,7 +155,10 @@ impl Inputs<'_> {
             return self.single(found, note).map(|raster| vec![raster]);
         }
         let unreadable = |reason: String| {
-            IngestError::source(shown, format!("is no raster that GDAL can read, and no archive of rasters: {reason}"))
+            IngestError::source(
+                shown,
+                format!("is neither a raster that GDAL can read nor an archive of rasters: {reason}"),
+            )
         };
         let members = gdal::vsi::read_dir(&inside, true).map_err(|e| unreadable(gdal_message(&e)))?;
         let named = |member: &Path| (format!("{inside}/{}", member.display()), in_archive(prefix, shown, member));
@@ -224,7 +228,7 @@ impl Failed {
     fn reason(self) -> String {
         match self {
             Self::Refused(reason) => reason,
-            Self::Unknown(reason) => format!("is no raster that GDAL can read: {reason}"),
+            Self::Unknown(reason) => format!("is not a raster that GDAL can read: {reason}"),
         }
     }
 }

@@ -14,6 +14,7 @@ pub mod region;
 mod survey;
 pub mod values;
 mod vrt;
+pub mod window;
 
 pub use access::Access;
 pub use crs::TargetCrs;

@@ -3,8 +3,8 @@
 use super::access::Access;
 use super::raster::{Raster, Shows};
 use super::values::{ColorValues, ElevationValues};
+use super::window::Window;
 use crate::error::IngestError;
-use crate::sample::window::Window;
 use gdal::Dataset;
 use gdal::raster::RasterBand;
 
@@ -143,7 +143,8 @@ impl Reader<3> for ColorReader<'_> {
         let mut window = Window::new(origin, size);
         let samples = |band: usize| read_band::<f32>(self.raster, &self.dataset.rasterband(band), origin, size);
         let bands = self.values.color_bands();
-        // A pixel is void when all its bands say so: pure white is no void where 255 in all bands is one.
+        // A pixel is void when all its bands say so: pure white is not void where only 255 in all
+        // bands is.
         let mut voids = vec![0u8; window.pixels.len()];
         for band in &bands {
             let palette = self.raster.bands[band - 1].palette.as_deref();

@@ -1,4 +1,5 @@
-//! One look at all samples of an elevation source before they are used: fill that is not declared, heights that cannot be.
+//! One look at all samples of an elevation source before they are used: undeclared fill,
+//! implausible heights.
 
 use super::open::{open_raster, read_alpha, read_mask};
 use super::raster::Raster;
@@ -46,7 +47,7 @@ impl Stats {
 pub(super) struct Survey {
     /// Undeclared fill and how many samples have it.
     pub(super) sentinels: Vec<(f32, u64)>,
-    /// Heights that can be, metres.
+    /// Plausible heights, metres.
     pub(super) heights: Stats,
     /// Samples whose heights are beyond what any body has, as the file has them.
     pub(super) beyond: Stats,
@@ -94,7 +95,7 @@ impl Question<'_> {
     }
 
     fn count(&self, survey: &mut Survey, sample: f32, count: u64) {
-        let height = self.values.metres(sample);
+        let height = self.values.meters(sample);
         let share = height / self.radius_m;
         if (0.5..1.5).contains(&share) {
             survey.distances.add(height, count);

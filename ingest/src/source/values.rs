@@ -64,7 +64,7 @@ impl ElevationValues {
         if !sample.is_finite() || sample.abs() > 1e30 || self.is_declared_void(sample) {
             return None;
         }
-        let height = self.metres(sample) as f32;
+        let height = self.meters(sample) as f32;
         (height.abs() <= MAX_HEIGHT_M).then_some(height)
     }
 
@@ -72,11 +72,11 @@ impl ElevationValues {
         self.nodata.contains(&sample)
     }
 
-    pub(super) fn metres(&self, sample: f32) -> f64 {
+    pub(super) fn meters(&self, sample: f32) -> f64 {
         f64::from(sample) * self.scale + self.offset
     }
 
-    /// Whether samples are metres as they are.
+    /// Whether samples are metres already.
     pub(super) fn is_plain(&self) -> bool {
         self.scale == 1.0 && self.offset == 0.0
     }
@@ -84,7 +84,8 @@ impl ElevationValues {
     /// Works out what a source's samples mean. Reads all of it.
     ///
     /// # Errors
-    /// [`IngestError::Source`] when it cannot be read, or its samples are no heights; interruption.
+    /// [`IngestError::Source`] when it cannot be read, or its samples are not heights;
+    /// interruption.
     pub fn of(
         raster: &Raster,
         choice: NodataChoice,
@@ -239,7 +240,7 @@ pub(super) fn lone_sentinels(counts: &[[u64; 2]; SENTINELS.len()]) -> Vec<(f32, 
 
 /// Metres in a unit of length, by the names that files use; `None` for other names.
 #[must_use]
-pub fn metres_in(unit: &str) -> Option<f64> {
+pub fn meters_in(unit: &str) -> Option<f64> {
     // International foot and US survey foot: 0.3048 m, 1200/3937 m (NIST Special Publication 811, appendix B).
     Some(match unit.trim().to_ascii_lowercase().as_str() {
         "" | "m" | "metre" | "metres" | "meter" | "meters" | "mètre" => 1.0,
@@ -281,7 +282,7 @@ fn vertical_unit(raster: &Raster, band: &BandInfo, note: &mut dyn FnMut(Note)) -
         }
         return Ok(factor);
     }
-    let Some(factor) = metres_in(&band.unit) else {
+    let Some(factor) = meters_in(&band.unit) else {
         note(Note::Warning(format!(
             "{} gives the unit of its heights as \"{}\", which is not known: they are taken as metres (--elevation-unit tells)",
             raster.path.display(),
@@ -301,10 +302,10 @@ mod tests {
 
     #[test]
     fn units_of_length_by_their_many_names() {
-        assert_eq!(metres_in("Metre"), Some(1.0));
-        assert_eq!(metres_in("ft"), Some(0.3048));
-        assert!((metres_in("US survey foot").unwrap() - 0.304_800_6).abs() < 1e-7);
-        assert_eq!(metres_in("kelvin"), None);
+        assert_eq!(meters_in("Metre"), Some(1.0));
+        assert_eq!(meters_in("ft"), Some(0.3048));
+        assert!((meters_in("US survey foot").unwrap() - 0.304_800_6).abs() < 1e-7);
+        assert_eq!(meters_in("kelvin"), None);
     }
 
     #[test]

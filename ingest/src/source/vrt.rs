@@ -4,7 +4,7 @@
 //! elements. So its XML is read here: names of sources are followed (a source that is a VRT too), everything else that
 //! looks like a name is refused.
 
-use super::access::{check_neighbours, leads_elsewhere};
+use super::access::{check_neighbors, leads_elsewhere};
 use quick_xml::escape::unescape;
 use quick_xml::events::{BytesRef, BytesStart, Event};
 use quick_xml::reader::Reader;
@@ -181,7 +181,8 @@ fn looks_like_a_name(text: &str) -> bool {
             || Path::new(text).exists())
 }
 
-/// A source, named absolutely, or against the folder of its VRT (or, if `folder` is none, of the process).
+/// A source, named absolutely, or against the folder of its VRT (or, without a `folder`, of the
+/// process).
 fn check_source(text: &str, folder: Option<&Path>, root: &Path, depth: usize) -> Result<(), String> {
     let path = folder.map_or_else(|| PathBuf::from(text), |folder| folder.join(text));
     let beyond = || format!("has the source {text}, which is not under {}; {ALLOW}", root.display());
@@ -190,14 +191,14 @@ fn check_source(text: &str, folder: Option<&Path>, root: &Path, depth: usize) ->
     }
     let Ok(real) = path.canonicalize() else {
         // A subdataset, an address, or nothing that is there.
-        let what = if text.contains(':') { ", which is no file under" } else { ", which does not exist under" };
+        let what = if text.contains(':') { ", which is not a file under" } else { ", which does not exist under" };
         return Err(format!("has the source {text}{what} {}; {ALLOW}", root.display()));
     };
     if !real.starts_with(root) {
         return Err(beyond());
     }
     if !real.is_file() {
-        return Err(format!("has the source {text}, which is no file; {ALLOW}"));
+        return Err(format!("has the source {text}, which is not a file; {ALLOW}"));
     }
     let is_vrt = |p: &Path| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrt"));
     match leads_elsewhere(&real) {
@@ -205,6 +206,6 @@ fn check_source(text: &str, folder: Option<&Path>, root: &Path, depth: usize) ->
             Err(format!("has the source {text}, which is {what}, though its name does not say so; {ALLOW}"))
         }
         Some(_) => check_file(&path, root, depth + 1),
-        None => check_neighbours(&path).map_err(|reason| format!("has the source {text}, which {reason}")),
+        None => check_neighbors(&path).map_err(|reason| format!("has the source {text}, which {reason}")),
     }
 }

@@ -10,7 +10,7 @@ pub mod terrain;
 
 use crate::error::{IngestError, gdal_message};
 use crate::job::quieten_gdal;
-use crate::sample::elevation::quantised;
+use crate::sample::elevation::quantized;
 use crate::work::Work;
 use gdal::errors::CplErrType;
 use gdal::raster::{Buffer, ColorInterpretation, GdalType, RasterCreationOptions};
@@ -89,7 +89,7 @@ impl Maker {
             for i in 0..wide[0] {
                 let at = [(first[0] + i) as f64 - MARGIN as f64, (first[1] + j) as f64 - MARGIN as f64];
                 let [x, y] = self.place(at[0], at[1]);
-                heights.push(quantised(self.terrain.height(x, y)));
+                heights.push(quantized(self.terrain.height(x, y)));
             }
         }
         let own =

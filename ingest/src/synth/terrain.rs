@@ -60,7 +60,7 @@ impl Terrain {
         let (mut x, mut y) = (x, y);
         for octave in 0..OCTAVES {
             let (value, slope) = noise_and_slope(x, y, self.seed(100 + octave));
-            // A crest where the noise changes sign, rounded so that it is no knife.
+            // A crest where the noise changes sign, rounded so that it is not a knife's edge.
             let rounded = (value * value + 0.0025).sqrt();
             let crest = 1.0 - rounded * 1.5;
             let signal = crest * crest;

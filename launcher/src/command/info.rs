@@ -74,7 +74,8 @@ struct Spacing {
     share: f64,
 }
 
-/// How much of a world has which spacing of a layer, the finest first. One part where no level is sparse.
+/// How much of a world has which spacing of a layer, the finest first. One part where no level is
+/// sparse.
 fn spacings(database: &Store, layer: Layer) -> Vec<Spacing> {
     let (world, ranges) = (database.world(), database.ranges());
     let (finest, spacing_m): (u8, &dyn Fn(u8) -> f64) = match layer {
@@ -105,7 +106,8 @@ fn spacings(database: &Store, layer: Layer) -> Vec<Spacing> {
     parts
 }
 
-/// The spacings of a layer in words, where there are several: "1 m over 0.2 % of the world, 32 m over 99.8 %".
+/// The spacings of a layer in words, where there are several: "1 m over 0.2 % of the world, 32 m
+/// over 99.8 %".
 fn spacings_as_text(parts: &[Spacing]) -> String {
     if parts.len() < 2 {
         return String::new();

@@ -9,7 +9,7 @@
 //! Whatever happens, no process and no segment is left: both belong to values that end them when
 //! they are dropped. Only SIGKILL leaves segments; the next start removes them.
 //!
-//! * [`run`]: the launcher's ends of the segments; starts the stages and watches them. [`pilot`]:
+//! * [`mod@run`]: the launcher's ends of the segments; starts the stages and watches them. [`pilot`]:
 //!   the camera.
 //! * [`stage`]: one process; [`supervisor`], [`restart`], [`hang`]: what becomes of one that dies
 //!   or hangs.

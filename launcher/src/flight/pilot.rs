@@ -10,7 +10,7 @@ use crate::path::MAX_FRAMES;
 use crate::plan::FlightPlan;
 use crate::process::interrupt;
 use crate::process::thread::in_thread;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -78,6 +78,9 @@ struct Cockpit {
     failure: Arc<OnceLock<ShmError>>,
 }
 
+/// Sentences that wait to be shown; what comes while so many do is not shown.
+const MOST_MESSAGES: usize = 64;
+
 impl Pilot {
     /// Opens what it needs and flies. The cameras move out of the plan's place in memory as copies;
     /// a live input moves out of the plan.
@@ -92,7 +95,7 @@ impl Pilot {
         let failure = Arc::new(OnceLock::new());
         let first = plan.config.frames[0];
         let cockpit = Cockpit { control, ring, first, times, path, failure: Arc::clone(&failure) };
-        let (tell, messages) = channel();
+        let (tell, messages) = sync_channel(MOST_MESSAGES);
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
         let thread = match plan.live.take() {
             Some(live) => {
@@ -156,11 +159,12 @@ impl Cockpit {
     /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run.
     /// In exact mode each pose is a frame: waits for them all and returns their number. In realtime
     /// mode the newest is the camera of now.
-    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &Sender<String>) -> Flown {
+    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &SyncSender<String>) -> Flown {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
         // Nobody listens any more when the run has ended.
-        let mut say = |sentence: String| drop(tell.send(sentence));
+        // Whoever sends poses decides how much there is to say: it is never waited for.
+        let mut say = |sentence: String| drop(tell.try_send(sentence));
         let mut poses = 0;
         let mut flown = Vec::new();
         let mut newest_nanos = 0;

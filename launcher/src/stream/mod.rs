@@ -170,6 +170,7 @@ impl StreamKeeper {
                 (None, Box::new(out))
             }
         };
+        #[expect(clippy::disallowed_methods, reason = "a pipe for each start of a renderer, of which there are few")]
         let (pipes, coming) = channel();
         let passage = Arc::new(Passage::default());
         let relay = Relay::new(shape, out, Arc::clone(&passage));

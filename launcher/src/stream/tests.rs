@@ -59,6 +59,7 @@ fn relay(frames: [u64; 2], has_gaps: bool, renderers: &[Vec<u8>], is_complete: b
     let out = Shared(Arc::default(), breaks_after);
     let passage = Arc::new(Passage::default());
     passage.is_complete.store(is_complete, Ordering::Relaxed);
+    #[expect(clippy::disallowed_methods, reason = "a test sends a few")]
     let (pipes, coming) = channel();
     renderers.iter().for_each(|bytes| pipes.send(pipe(bytes)).unwrap());
     drop(pipes);

@@ -64,7 +64,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
     }
 }
 
-/// Height of one vertex relative to the eye, as [`Heights::make`] has it: on a leaf `node`, with `floor` the level of
+/// Height of one vertex relative to the eye, as [`super::Heights::make`] has it: on a leaf `node`, with `floor` the level of
 /// the coarsest leaf that touches it.
 ///
 /// # Errors

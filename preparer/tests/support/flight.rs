@@ -142,6 +142,7 @@ impl Flight {
     /// Flies it. What the renderer saw, and what the preparer told.
     pub fn fly(&self) -> Result<(Vec<Frame>, Vec<Event>), PreparerError> {
         let flight = self.clone();
+        #[expect(clippy::disallowed_methods, reason = "a test sends a few")]
         let (send, receive) = channel();
         let thread = std::thread::spawn(move || send.send(flight.fly_here()));
         let result = receive.recv_timeout(Duration::from_secs(120)).expect("the flight ends in time");

@@ -30,7 +30,7 @@ pub struct EngineOptions {
     pub has_validation: bool,
     /// Depth comes back with the picture.
     pub has_depth: bool,
-    /// Frames recorded or drawn at a time; 0 leaves it to the device ([`frames_in_flight`]).
+    /// Frames recorded or drawn at a time; 0 leaves it to the device (`device.rs`).
     pub frames_in_flight: usize,
     /// How elevations reach the device.
     pub elevation_path: ElevationPath,

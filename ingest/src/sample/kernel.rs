@@ -1,4 +1,4 @@
-//! A piece of a source in memory, and the kernel that samples it.
+//! The kernel that samples a piece of a source.
 //!
 //! Catmull-Rom cubic: it passes through the samples, so a source on its own lattice is copied. Where the target is
 //! coarser than the source the kernel is widened by the ratio, so that it averages (as GDAL's warper does). Where a
@@ -8,64 +8,7 @@
 //! Heights whose spacing hardly changes are sampled by a sharper kernel, [`Kernel::of_heights`] (`sharp`).
 
 use super::sharp;
-
-/// Pixels of a source, `size` from `origin` `[column, row]`, rows from the north as in the file.
-#[derive(Debug, Clone)]
-pub struct Window<const C: usize> {
-    origin: [i64; 2],
-    size: [usize; 2],
-    /// Samples.
-    pub pixels: Vec<[f32; C]>,
-    /// True where there is no data; empty when there is data everywhere.
-    voids: Vec<bool>,
-}
-
-impl<const C: usize> Window<C> {
-    /// A window of zeros without voids.
-    #[must_use]
-    pub fn new(origin: [usize; 2], size: [usize; 2]) -> Self {
-        Self::placed(origin.map(|v| v as i64), size)
-    }
-
-    /// The same on the grid of a source that it may lie beside.
-    #[must_use]
-    pub fn placed(origin: [i64; 2], size: [usize; 2]) -> Self {
-        Self { origin, size, pixels: vec![[0.0; C]; size[0] * size[1]], voids: Vec::new() }
-    }
-
-    /// The same samples at another place.
-    #[must_use]
-    pub fn moved_to(self, origin: [i64; 2]) -> Self {
-        Self { origin, ..self }
-    }
-
-    /// The pixel of a number, unless it is void.
-    #[must_use]
-    pub fn known(&self, at: usize) -> Option<[f32; C]> {
-        let is_void = self.voids.get(at).copied().unwrap_or(false);
-        (!is_void).then(|| self.pixels[at])
-    }
-
-    /// The pixel at a place of the source's grid, unless it is void; beyond the window its border is repeated.
-    pub(super) fn known_near(&self, place: [i64; 2]) -> Option<[f32; C]> {
-        let [column, row] = [0, 1].map(|k| (place[k] - self.origin[k]).clamp(0, self.size[k] as i64 - 1) as usize);
-        self.known(row * self.size[0] + column)
-    }
-
-    /// Makes a pixel void.
-    pub fn mask(&mut self, at: usize) {
-        if self.voids.is_empty() {
-            self.voids = vec![false; self.pixels.len()];
-        }
-        self.voids[at] = true;
-        self.pixels[at] = [0.0; C];
-    }
-
-    fn at(&self, column: usize, row: usize) -> ([f32; C], bool) {
-        let at = row * self.size[0] + column;
-        (self.pixels[at], self.voids.get(at).copied().unwrap_or(false))
-    }
-}
+use crate::source::window::Window;
 
 /// Catmull-Rom (cubic convolution with a = -1/2; Keys 1981).
 fn cubic(x: f64) -> f64 {
@@ -158,7 +101,7 @@ impl Kernel {
         shape: fn(f64) -> f64,
     ) {
         for (axis, at) in position.into_iter().enumerate() {
-            self.taps(axis, at, window.origin[axis], window.size[axis], support, shape);
+            self.taps(axis, at, window.origin()[axis], window.size()[axis], support, shape);
         }
     }
 
@@ -177,7 +120,8 @@ impl Kernel {
         self.weighted(window).or_else(|| self.sample_around_voids(window, position))
     }
 
-    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a source on its own lattice.
+    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a
+    /// source on its own lattice.
     fn pixel_at<const C: usize>(&self, window: &Window<C>, position: [f64; 2]) -> Option<usize> {
         let mut place = [0; 2];
         for axis in 0..2 {
@@ -186,14 +130,14 @@ impl Kernel {
             if self.scale[axis] != 1.0 || (position[axis] - whole as f64).abs() >= SNAP_PX {
                 return None;
             }
-            place[axis] = (whole - window.origin[axis]).clamp(0, window.size[axis] as i64 - 1) as usize;
+            place[axis] = (whole - window.origin()[axis]).clamp(0, window.size()[axis] as i64 - 1) as usize;
         }
-        Some(place[1] * window.size[0] + place[0])
+        Some(place[1] * window.size()[0] + place[0])
     }
 
     fn sample_sharply<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
         for (axis, at) in position.into_iter().enumerate() {
-            let place = |index: i64| (index - window.origin[axis]).clamp(0, window.size[axis] as i64 - 1) as usize;
+            let place = |index: i64| (index - window.origin()[axis]).clamp(0, window.size()[axis] as i64 - 1) as usize;
             let (taps, whole) = (&mut self.weights[axis], at.round());
             taps.clear();
             if (at - whole).abs() < SNAP_PX {
