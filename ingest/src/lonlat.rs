@@ -204,18 +204,13 @@ mod tests {
     use super::*;
     use crate::source::crs::parse;
     use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds::fields;
 
     /// A world of 100 intervals along each side around a place, and its CRS.
     fn world(crs: &str, middle: [f64; 2], spacing_m: f64) -> (TargetCrs, World) {
         let world = World::new(WorldFields {
             origin: middle.map(|v| v - 50.0 * spacing_m),
-            lattice_unit_m: spacing_m,
-            extent: [100, 100],
-            elevation_tile: 16,
-            color_tile: 256,
-            levels: 4,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
+            ..fields([100; 2], spacing_m, [16, 256])
         });
         (TargetCrs::new(&parse("test", crs).unwrap()).unwrap(), world.unwrap())
     }
