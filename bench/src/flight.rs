@@ -2,6 +2,7 @@
 //! closed, so that a second round sees exactly what the first one saw.
 
 use anyhow::{Context, ensure};
+use glam::DVec2;
 use std::f64::consts::TAU;
 use std::path::Path;
 use terravision_common::camera::Camera;
@@ -62,7 +63,7 @@ impl Flight {
             .iter()
             .enumerate()
             .map(|(k, &(angle, x, y, _))| Camera {
-                eye_in_world: [x, y, smooth(k) + up],
+                eye_in_world: world.surface().position(DVec2::new(x, y), smooth(k) + up).to_array(),
                 // Along the way, turned inwards by a third of a right angle.
                 heading_rad: angle + TAU / 4.0 + TAU / 12.0,
                 pitch_rad: -22f64.to_radians(),

@@ -12,12 +12,13 @@ use std::time::Instant;
 use terravision_common::camera::Camera;
 use terravision_common::surface::Surface;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
-use terravision_common::world::{World, WorldFields};
+
 use terravision_raycast::Sampling;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
 use terravision_raycast::{CastOptions, Caster, Counts, Picture};
 use terravision_testkit::rays::AnyMethod;
+use terravision_testkit::worlds;
 
 /// Posts of the volume along a side, and its layers.
 const SIDE: usize = 512;
@@ -47,16 +48,7 @@ struct Scene {
 
 impl Scene {
     fn new() -> anyhow::Result<Self> {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 1.0,
-            extent: [SIDE as u32; 2],
-            elevation_tile: 64,
-            color_tile: 64,
-            levels: 4,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })?;
+        let world = worlds::world([SIDE as u32; 2], 1.0, [64, 64]);
         let terrain = SyntheticTerrain::new(&world, Relief::Mountains { height_m: 1.0 }, 7);
         let raw: Vec<f32> = (0..SIDE * SIDE)
             .map(|k| {

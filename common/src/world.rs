@@ -21,6 +21,7 @@
 
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::surface::{CrsFrame, Surface};
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 /// Geometry of a terrain database: where its nodes, posts and texels are. Valid by construction.
@@ -184,6 +185,18 @@ impl World {
     #[must_use]
     pub const fn crs_frame(&self) -> CrsFrame {
         CrsFrame::new(self.fields.origin)
+    }
+
+    /// South west and north east corner in the database's CRS.
+    #[must_use]
+    pub fn crs_bounds(&self) -> [DVec2; 2] {
+        [DVec2::ZERO, self.surface().end()].map(|foot| self.crs_frame().place_of_foot(foot))
+    }
+
+    /// The middle in the database's CRS.
+    #[must_use]
+    pub fn crs_middle(&self) -> DVec2 {
+        self.crs_frame().place_of_foot(0.5 * self.surface().end())
     }
 
     /// Distance of two lattice points, metres.

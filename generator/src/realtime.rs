@@ -5,7 +5,7 @@
 //! queue. When that took longer than a frame, the frames whose moments have passed are skipped: the flight is never
 //! slowed down. The last frame is never skipped.
 
-use crate::GeneratorError;
+use crate::error::GeneratorError;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent, monotonic_nanos};
 use terravision_common::ids::Sequence;

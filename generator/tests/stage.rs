@@ -17,22 +17,15 @@ use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::TreeLimits;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
-use terravision_generator::{Generator, GeneratorError, Ports};
+use terravision_generator::GeneratorError;
+use terravision_generator::ports::Ports;
+use terravision_generator::stage::Generator;
+use terravision_testkit::worlds::fields;
 
 const NODES: u32 = 8192;
 
 fn world() -> World {
-    World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [2000, 1500],
-        elevation_tile: 16,
-        color_tile: 128,
-        levels: 8,
-        finest_elevation_level: 0,
-        finest_color_level: 1,
-    })
-    .expect("valid")
+    World::new(WorldFields { finest_color_level: 1, ..fields([2000, 1500], 10.0, [16, 128]) }).expect("valid")
 }
 
 fn config(frames: [u64; 2]) -> RunConfig {

@@ -263,19 +263,10 @@ mod tests {
     use super::*;
     use terravision_common::database::{color_tile_bytes, decode_color_tile};
     use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds::fields;
 
     fn world(extent: [u32; 2], levels: u8) -> World {
-        World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 1.0,
-            extent,
-            elevation_tile: 4,
-            color_tile: 16,
-            levels,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .unwrap()
+        World::new(WorldFields { levels, ..fields(extent, 1.0, [4, 16]) }).unwrap()
     }
 
     #[test]

@@ -65,9 +65,8 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let geographic = traditional(geographic);
     let truth = Truth(CoordTransform::new(&geographic, &srs).ok()?);
     let back = CoordTransform::new(&srs, &geographic).ok()?;
-    let origin = world.fields().origin;
-    let corner = [0, 1].map(|axis| origin[axis] + world.extent_m()[axis]);
-    let found = transformed(&back, &grid(origin, corner, CHECKS));
+    let [low, high] = world.crs_bounds().map(|corner| corner.to_array());
+    let found = transformed(&back, &grid(low, high, CHECKS));
     let checks: Vec<[f64; 2]> = found.into_iter().flatten().filter(|[_, lat]| lat.abs() <= 90.0).collect();
     let places = truth.at(&checks);
     let from = Plane::parse(&lonlat).ok()?;
@@ -205,18 +204,13 @@ mod tests {
     use super::*;
     use crate::source::crs::parse;
     use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds::fields;
 
     /// A world of 100 intervals along each side around a place, and its CRS.
     fn world(crs: &str, middle: [f64; 2], spacing_m: f64) -> (TargetCrs, World) {
         let world = World::new(WorldFields {
             origin: middle.map(|v| v - 50.0 * spacing_m),
-            lattice_unit_m: spacing_m,
-            extent: [100, 100],
-            elevation_tile: 16,
-            color_tile: 256,
-            levels: 4,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
+            ..fields([100; 2], spacing_m, [16, 256])
         });
         (TargetCrs::new(&parse("test", crs).unwrap()).unwrap(), world.unwrap())
     }
@@ -249,8 +243,8 @@ mod tests {
             let table = table(&target, &world).unwrap();
             let (from, to) = (Plane::parse(&table.lonlat).unwrap(), Plane::parse(&table.plane).unwrap());
             let (wgs84, srs) = (traditional(SpatialRef::from_epsg(4326).unwrap()), target.srs().unwrap());
-            let high = [0, 1].map(|axis| world.fields().origin[axis] + world.extent_m()[axis]);
-            let places = grid(world.fields().origin, high, 14);
+            let [low, high] = world.crs_bounds().map(|corner| corner.to_array());
+            let places = grid(low, high, 14);
             let lonlats = transformed(&CoordTransform::new(&srs, &wgs84).unwrap(), &places);
             let mut count = 0;
             for (place, lonlat) in places.iter().zip(lonlats) {

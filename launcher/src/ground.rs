@@ -73,8 +73,7 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let [low, high] =
-            [DVec2::ZERO, self.world.surface().end()].map(|foot| self.world.crs_frame().place_of_foot(foot));
+        let [low, high] = self.world.crs_bounds();
         Extent { low, high }
     }
 
@@ -150,6 +149,7 @@ mod tests {
     use super::*;
     use terravision_common::database::{Layer, TileError};
     use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds::fields;
 
     /// Height = easting + 3 * northing at every level, but the finest tiles of the first column are missing.
     struct Slope(World);
@@ -175,17 +175,7 @@ mod tests {
     }
 
     fn world() -> World {
-        World::new(WorldFields {
-            origin: [500_000.0, 4_000_000.0],
-            lattice_unit_m: 10.0,
-            extent: [20, 13],
-            elevation_tile: 4,
-            color_tile: 16,
-            levels: 4,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .unwrap()
+        World::new(WorldFields { origin: [500_000.0, 4_000_000.0], ..fields([20, 13], 10.0, [4, 16]) }).unwrap()
     }
 
     #[test]

@@ -21,6 +21,7 @@ use terravision_common::world::{World, WorldFields};
 use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
+use terravision_testkit::worlds::fields;
 
 const LIMITS: TreeLimits = TreeLimits { nodes: 65536, elevation_leaves: 8192 };
 const REPEATS: u32 = 30;
@@ -40,15 +41,9 @@ impl Tiles for All {
 
 fn world(nz: u32, nc: u32) -> World {
     World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [4096, 4096],
-        elevation_tile: nz,
-        color_tile: nc,
-        levels: (4096 / nz).ilog2() as u8 + 1,
-        finest_elevation_level: 0,
         // Texels of 5 m, or as near as it gets.
         finest_color_level: (nc / nz / 2).ilog2() as u8,
+        ..fields([4096; 2], 10.0, [nz, nc])
     })
     .unwrap()
 }

@@ -240,7 +240,7 @@ mod tests {
     use super::*;
     use terravision_common::ids::SlotKey;
     use terravision_common::shm::memory;
-    use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds;
 
     /// Answers by a script: `states(tile, round)`; a round ends with each wait.
     struct Scripted<F> {
@@ -287,17 +287,7 @@ mod tests {
 
     /// Rounds that are waited, and whether the root is there then.
     fn rounds(patience: Duration, states: impl Fn(Tile, NodeId, usize) -> TileState) -> (usize, bool) {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 1.0,
-            extent: [64, 64],
-            elevation_tile: 4,
-            color_tile: 16,
-            levels: 5,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .expect("valid");
+        let world = worlds::world([64; 2], 1.0, [4, 16]);
         let control = memory::control().expect("a control block");
         let mut wait = TileWait::new(&world, TexelFormat::Rgba8, 64);
         let mut loader = Scripted { round: 0, states: |tile, round| states(tile, world.root(), round) };

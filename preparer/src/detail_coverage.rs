@@ -104,21 +104,11 @@ impl View<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds;
 
     #[test]
     fn level_ground_straight_below_fills_the_picture() {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 10.0,
-            extent: [64, 64],
-            elevation_tile: 4,
-            color_tile: 64,
-            levels: 5,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .expect("valid");
+        let world = worlds::world([64; 2], 10.0, [4, 64]);
         // 90 degrees up and down, from 300 m above 100 m: 400 m of ground, 40 lattice units.
         let camera = Camera {
             eye_in_world: [320.0, 320.0, 300.0],

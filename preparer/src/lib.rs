@@ -7,7 +7,8 @@
 //!   leaves. [`decimation`] leaves out vertices that are finer than wanted, [`block_culling`] what is beside the picture or
 //!   behind the [`horizon`] of what is nearer. [`frame`] writes it all into the rings. [`detail_coverage`] measures how much
 //!   of what is seen is as fine as wanted.
-//! * [`stage`] connects these with the segments of a run.
+//! * [`stage`] goes through a run's frames, by its [`ports`]: takes a tree, waits for its tiles, hands the frame over
+//!   (`rings`).
 
 pub mod await_tiles;
 pub mod block_culling;
@@ -18,7 +19,9 @@ pub mod frame_tree;
 pub mod heights;
 pub mod horizon;
 pub mod loader;
+pub mod ports;
 pub mod resident_tiles;
+mod rings;
 pub mod stage;
 pub mod truncation;
 

@@ -2,14 +2,14 @@
 
 use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
-use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameOutput, FrameRequest};
+use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameRequest};
 use crate::frame_tree::FrameTree;
-use crate::heights::TileVanished;
 use crate::loader::wanted::WantedTiles;
 use crate::loader::{LoadError, TileLoader};
+use crate::ports::Ports;
 use crate::resident_tiles::pin_resident;
+use crate::rings::{Rings, SLOTS_AT_ONCE};
 use crate::truncation::RootMissing;
-use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::camera::Camera;
 use terravision_common::database::{DatabaseError, read_world};
@@ -17,16 +17,12 @@ use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::{DatabaseConfig, RunConfig};
-use terravision_common::shm::{
-    Control, Counter, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader, WaitError,
-};
-use terravision_common::slot::{FrameMarker, Slot, SlotContent};
-use terravision_common::stage::{Events, StageError, StageRun};
+use terravision_common::shm::{Counter, ShmError, Stage, WaitError};
+use terravision_common::slot::{Slot, SlotContent};
+use terravision_common::stage::{StageError, StageRun};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
 
-/// Slots that are kept before they go into the ring together.
-const SLOTS_AT_ONCE: usize = 1024;
 /// A flight against the clock waits for the root of a database on a server for so long at least.
 const START_PATIENCE: Duration = Duration::from_secs(60);
 
@@ -98,39 +94,6 @@ impl StageError for PreparerError {
     fn is_bad_input(&self) -> bool {
         let too_much = |error: &AwaitError| !matches!(error, AwaitError::Load(_));
         matches!(self, Self::Await(error) if too_much(error))
-    }
-}
-
-/// The preparer's ends of the segments, but for the loader's.
-#[derive(Debug)]
-pub struct Ports {
-    /// The control block.
-    pub control: Arc<Control>,
-    /// The ping-pong buffer.
-    pub trees: TreeReader,
-    /// The ring.
-    pub ring: Producer<Slot>,
-    /// The elevation ring.
-    pub elevation: ElevationWriter,
-    /// What the launcher is told.
-    pub events: Events,
-}
-
-impl Ports {
-    /// Opens a run's segments.
-    ///
-    /// # Errors
-    /// See [`ShmError`].
-    pub fn open(run: &StageRun) -> Result<Self, ShmError> {
-        let control = Control::open(run.id())?;
-        control.register(Stage::Preparer)?;
-        Ok(Self {
-            control: Arc::new(control),
-            trees: TreeReader::open(run.id())?,
-            ring: Producer::open(run.id(), SegmentKind::Ring)?,
-            elevation: ElevationWriter::open(run.id())?,
-            events: Events::open(run.id(), Stage::Preparer)?,
-        })
     }
 }
 
@@ -310,57 +273,6 @@ fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(
         return bad("its screen resolutions are not positive numbers");
     }
     Ok(())
-}
-
-/// The rings as a frame's output.
-struct Rings<'a> {
-    ring: &'a mut Producer<Slot>,
-    elevation: &'a mut ElevationWriter,
-    control: &'a Control,
-    slots: &'a mut Vec<Slot>,
-    sequence: Sequence,
-    maker: u64,
-    /// Time without room in one of them.
-    waited_nanos: u64,
-}
-
-impl FrameOutput for Rings<'_> {
-    fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError> {
-        if !self.elevation.has_room().map_err(WaitError::from)? {
-            // Arrays that a killed preparer or renderer has left are given back when the frame's marker is seen.
-            self.finish()?;
-            let started = monotonic_nanos();
-            drop(self.elevation.begin(self.control)?);
-            self.waited_nanos += monotonic_nanos() - started;
-        }
-        let mut array = self.elevation.begin(self.control)?;
-        fill(array.values_mut())?;
-        Ok(array.publish())
-    }
-
-    fn slot(&mut self, slot: &SlotContent) -> Result<(), FrameError> {
-        if self.slots.len() == SLOTS_AT_ONCE {
-            self.finish()?;
-        }
-        let (sequence, maker, elevation_start) = (self.sequence.get(), self.maker, self.next_position());
-        self.slots.push(match slot {
-            SlotContent::Marker(marker) => {
-                Slot::new(&SlotContent::Marker(FrameMarker { sequence, elevation_start, maker, ..*marker }))
-            }
-            other => Slot::new(other),
-        });
-        Ok(())
-    }
-
-    fn next_position(&self) -> u64 {
-        self.elevation.next_position()
-    }
-
-    fn finish(&mut self) -> Result<(), FrameError> {
-        self.waited_nanos += self.ring.push_all(self.slots, self.control)?;
-        self.slots.clear();
-        Ok(())
-    }
 }
 
 /// Prepares all frames of a run.

@@ -104,26 +104,26 @@ fn is_before([a, b, c]: [DVec3; 3], to: DVec3) -> bool {
     inside(a, b) && inside(b, c) && inside(c, a)
 }
 
-/// Triangles that were trimmed and are not wholly outside of one plane of a view's frustum: those that are hidden.
-fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], trimmed: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
-    let left: HashSet<_> = trimmed.iter().collect();
+/// Triangles that were culled and are not wholly outside of one plane of a view's frustum: those that are hidden.
+fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], culled: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
+    let left: HashSet<_> = culled.iter().collect();
     let [a, b, c, d] = view.frustum_normals_in_world();
     let planes = [a, b, c, d, view.axes_in_world()[2]];
     let is_outside = |t: &[Vertex; 3]| planes.iter().any(|n| from_eye(case, view, t).iter().all(|p| n.dot(*p) < 0.0));
     all.iter().filter(|t| !left.contains(t) && !is_outside(t)).copied().collect()
 }
 
-/// Trimming takes away only triangles that are, in every view, outside of one plane of its frustum, or hidden by those that are left.
-fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
+/// Culling takes away only triangles that are, in every view, outside of one plane of its frustum, or hidden by those that are left.
+fn check_culling(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
     let tiles = case.tiles(tree);
     let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));
     let frame = case.frame_of(FrameMaker::new(&case.world, NODES), tree, &tiles);
-    let trimmed = Mesh::of(&case.world, &frame);
+    let culled = Mesh::of(&case.world, &frame);
     let all: HashSet<[Vertex; 3]> = whole.triangles.iter().copied().collect();
-    prop_assert!(trimmed.triangles.iter().all(|t| all.contains(t)));
+    prop_assert!(culled.triangles.iter().all(|t| all.contains(t)));
     let mut hidden_count = 0;
     for view in case.views().cameras() {
-        let hidden = hidden_triangles(case, view, &whole.triangles, &trimmed.triangles);
+        let hidden = hidden_triangles(case, view, &whole.triangles, &culled.triangles);
         hidden_count += hidden.len();
         let planes = view.frustum_normals_in_world();
         for triangle in hidden.iter().step_by(1 + hidden.len() / 16) {
@@ -132,8 +132,8 @@ fn check_trimming(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError
             for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5), (0.3, 0.3)] {
                 let to = inner(u, v);
                 let is_in_picture = planes.iter().all(|n| n.dot(to) > 0.0);
-                let is_hidden = || trimmed.triangles.iter().any(|t| is_before(from_eye(case, view, t), to));
-                prop_assert!(!is_in_picture || is_hidden(), "{triangle:?} was trimmed and may be seen at {to}");
+                let is_hidden = || culled.triangles.iter().any(|t| is_before(from_eye(case, view, t), to));
+                prop_assert!(!is_in_picture || is_hidden(), "{triangle:?} was culled and may be seen at {to}");
             }
         }
     }
@@ -160,17 +160,17 @@ proptest! {
     }
 
     #[test]
-    fn what_is_trimmed_cannot_be_seen(case in case()) {
-        check_trimming(&case, &case.tree())?;
+    fn what_is_culled_cannot_be_seen(case in case()) {
+        check_culling(&case, &case.tree())?;
     }
 
     #[test]
-    fn what_is_trimmed_cannot_be_seen_in_any_view(
+    fn what_is_culled_cannot_be_seen_in_any_view(
         case in case(), offset_m in prop::array::uniform3(-40.0f64..40.0), turn in -1.0f64..1.0,
     ) {
         let pair = [view([0.0; 3], 0.0), view(offset_m, turn)];
         let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
-        check_trimming(&case, &case.tree())?;
+        check_culling(&case, &case.tree())?;
     }
 
     #[test]
@@ -181,7 +181,7 @@ proptest! {
 
 /// Low over mountains most of the ground lies behind ridges.
 #[test]
-fn ground_behind_a_ridge_is_trimmed() {
+fn ground_behind_a_ridge_is_culled() {
     let world = support::world([512, 512], 8, [0, 0], 8);
     let (mut hidden, mut of_pairs) = (0, 0);
     for seed in 0..8 {
@@ -199,11 +199,11 @@ fn ground_behind_a_ridge_is_trimmed() {
         let relief = Relief::Mountains { height_m: 1500.0 };
         let (measure, r_px) = (Measure::Max, [4.0, 2.0]);
         let case = Case { world, relief, camera, rig: None, measure, r_px, exaggeration: 1.0, missing: 0, seed };
-        hidden += check_trimming(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
+        hidden += check_culling(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
         // The eyes of a stereo pair are so near that leaves come near to far for both.
         let pair = [view([-0.03, 0.0, 0.0], 0.0), view([0.03, 0.0, 0.0], 0.0)];
         let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
-        of_pairs += check_trimming(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
+        of_pairs += check_culling(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
     }
     assert!(of_pairs > 1000, "{of_pairs} triangles were found to be hidden from both eyes");
     assert!(hidden > 1000, "{hidden} triangles were found to be hidden");

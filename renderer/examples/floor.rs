@@ -10,11 +10,12 @@ use std::sync::Arc;
 use support::{Scene, camera};
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
-use terravision_common::world::{World, WorldFields};
+use terravision_common::world::World;
 use terravision_renderer::bench::{Measured, floor, replay};
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::source::Recording;
+use terravision_testkit::worlds;
 
 const SIZE: [u32; 2] = [1280, 720];
 
@@ -50,17 +51,7 @@ fn leaves(world: &World, camera: &Camera, node: NodeId, factor: f64, out: &mut V
 }
 
 fn flight(frames: u32, factor: f64) -> Arc<Recording> {
-    let world = World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [4096, 4096],
-        elevation_tile: 32,
-        color_tile: 256,
-        levels: 8,
-        finest_elevation_level: 0,
-        finest_color_level: 0,
-    })
-    .expect("the numbers are those of a world");
+    let world = worlds::world([4096; 2], 10.0, [32, 256]);
     let mut scene = Scene::new(world, &height, &color);
     for frame in 0..frames {
         let camera = camera([12_000.0 + 30.0 * f64::from(frame), 6_000.0, 2_400.0], 20.0, -22.0, SIZE);

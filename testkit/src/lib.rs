@@ -2,6 +2,7 @@
 //! libraries alone.
 //!
 //! * [`fault_server`]: a static web server on loopback that misbehaves on demand;
+//! * [`worlds`]: worlds without a database;
 //! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds for them.
 
 #![forbid(unsafe_code)]
@@ -9,3 +10,4 @@
 
 pub mod fault_server;
 pub mod rays;
+pub mod worlds;

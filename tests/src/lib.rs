@@ -7,6 +7,7 @@ pub mod fuzz;
 pub mod geotiff;
 pub mod live;
 pub mod metrics;
+pub mod posed;
 pub mod process;
 pub mod rays;
 pub mod reference;

@@ -8,44 +8,19 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use terravision_common::shm::{PoseSender, SharedFrame, SharedName};
-use terravision_tests::flight::Pose;
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{end, left_of, reader, record, sender, shared_name, step};
-use terravision_tests::process::{
-    Finished, Running, Terravision, binary, is_alive, segments_of_launcher, signal_process,
-};
+use terravision_tests::live::{end, left_of, shared_name, step};
+use terravision_tests::posed::{assert_over, pids, pose, small_flight, start_of_poses};
+use terravision_tests::process::{Finished, Running, Terravision, binary, segments_of_launcher, signal_process};
 use terravision_tests::worlds::synth_world;
 
 fn fly(arguments: &[&str]) -> Terravision {
-    Terravision::verb("fly").arg(synth_world(1024).database()).args(["--size", "320x180"]).args(arguments)
-}
-
-fn pids(running: &Running) -> Vec<u32> {
-    running.children().into_iter().map(|(pid, _)| pid).collect()
-}
-
-fn assert_over(finished: &Finished, pids: &[u32]) {
-    finished.assert_told(1);
-    let end = Instant::now() + Duration::from_secs(20);
-    while pids.iter().any(|pid| is_alive(*pid)) && Instant::now() < end {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    let alive: Vec<_> = pids.iter().filter(|pid| is_alive(**pid)).collect();
-    assert!(alive.is_empty(), "processes {alive:?} are left");
-}
-
-fn pose(k: u64) -> terravision_common::shm::PoseRecord {
-    let eye = synth_world(1024).above(0.35 + 0.02 * k as f64, 0.4, 500.0);
-    record(&Pose::new(eye, 15.0 * k as f64, -20.0), k as f64)
+    small_flight().args(arguments)
 }
 
 /// A flight of poses that has shown two frames.
 fn live_flight(name: &SharedName, more: &[&str]) -> (Running, PoseSender) {
-    let mut flight = fly(&["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).args(more).spawn();
-    let (poses, mut ring, mut shared) = (sender(&mut flight, name), reader(&mut flight, name), SharedFrame::default());
-    for k in 0..2 {
-        step(&mut flight, &poses, &mut ring, &mut shared, &pose(k));
-    }
+    let (flight, poses, _) = start_of_poses(fly(more), name, 2);
     (flight, poses)
 }
 
@@ -113,10 +88,8 @@ fn the_renderer_treats_signals_as_the_other_stages_do() {
     for stage in ["renderer", "preparer"] {
         // Of poses, it lasts until it is ended, however fast it is drawn.
         let name = shared_name("signals");
-        let mut flight = fly(&["--camera", &format!("shm:{name}"), "-o", &format!("shared:{name}")]).spawn();
-        let (poses, mut ring, mut shared) =
-            (sender(&mut flight, &name), reader(&mut flight, &name), SharedFrame::default());
-        step(&mut flight, &poses, &mut ring, &mut shared, &pose(0));
+        let (mut flight, poses, mut ring) = start_of_poses(fly(&[]), &name, 1);
+        let mut shared = SharedFrame::default();
         let pid = flight.stage(stage);
         for signal in [Signal::INT, Signal::HUP] {
             signal_process(pid, signal);

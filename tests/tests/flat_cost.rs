@@ -12,22 +12,13 @@ use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits, TreeStats};
 use terravision_common::tree::{COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::{World, WorldFields};
+use terravision_testkit::worlds::fields;
 use terravision_tests::flight::Pose;
 
 const NODES: u32 = 65_536;
 
 fn terrain(posts: u32) -> SyntheticTerrain {
-    let world = World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [posts; 2],
-        elevation_tile: 32,
-        color_tile: 256,
-        levels: (posts / 32).ilog2() as u8 + 1,
-        finest_elevation_level: 0,
-        finest_color_level: 2,
-    })
-    .unwrap();
+    let world = World::new(WorldFields { finest_color_level: 2, ..fields([posts; 2], 10.0, [32, 256]) }).unwrap();
     SyntheticTerrain::new(&world, Relief::Mountains { height_m: 800.0 }, 5)
 }
 

@@ -6,14 +6,13 @@ use rustix::process::Signal;
 use std::fs::{self, OpenOptions};
 use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::path::Path;
-use std::time::{Duration, Instant};
-use terravision_common::shm::{FrameRingReader, PoseRecord, PoseSender, SharedFrame, SharedName};
-use terravision_tests::flight::Pose;
+use std::time::Duration;
+use terravision_common::shm::{FrameRingReader, PoseSender, SharedFrame, SharedName};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::live::{end, left_of, reader, record, sender, shared_name, step};
-use terravision_tests::process::{Finished, Running, Terravision, is_alive, segments_of_launcher, signal_process};
+use terravision_tests::live::{end, left_of, shared_name, step};
+use terravision_tests::posed::{assert_over, pids, pose, small_flight, start_of_poses};
+use terravision_tests::process::{Finished, Running, Terravision, segments_of_launcher, signal_process};
 use terravision_tests::shot::read_report;
-use terravision_tests::worlds::synth_world;
 
 const STAGES: [&str; 4] = ["generator", "preparer", "renderer", "prefetcher"];
 /// Short, so that a test is; long enough for a machine with other work.
@@ -24,27 +23,7 @@ fn fly(arguments: &[&str]) -> Terravision {
 }
 
 fn fly_with_patience(hang_after: &str, arguments: &[&str]) -> Terravision {
-    Terravision::verb("fly")
-        .arg(synth_world(1024).database())
-        .args(["--size", "320x180", "--hang-after", hang_after])
-        .args(arguments)
-        .deadline(Duration::from_secs(240))
-}
-
-fn pids(running: &Running) -> Vec<u32> {
-    running.children().into_iter().map(|(pid, _)| pid).collect()
-}
-
-/// The exit code is 1, in a sentence, and neither a process nor a segment is left.
-fn assert_over(finished: &Finished, pids: &[u32]) {
-    finished.assert_told(1);
-    let end = Instant::now() + Duration::from_secs(20);
-    while pids.iter().any(|pid| is_alive(*pid)) && Instant::now() < end {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    let alive: Vec<_> = pids.iter().filter(|pid| is_alive(**pid)).collect();
-    assert!(alive.is_empty(), "processes {alive:?} are left");
-    assert!(segments_of_launcher(finished.pid).is_empty());
+    small_flight().args(["--hang-after", hang_after]).args(arguments).deadline(Duration::from_secs(240))
 }
 
 /// An exact flight of minutes that has written a few frames.
@@ -69,21 +48,9 @@ fn a_stage_that_is_stopped_ends_an_exact_flight_with_its_name() {
     }
 }
 
-/// A flight of poses, which lasts until it is ended, however fast it is drawn; its third frame is there.
+/// A flight of poses; its third frame is there.
 fn flight_of_poses(name: &SharedName, hang_after: &str, more: &[&str]) -> (Running, PoseSender, FrameRingReader) {
-    let (camera, out) = (format!("shm:{name}"), format!("shared:{name}"));
-    let arguments = [&["--camera", &camera, "-o", &out], more].concat();
-    let mut flight = fly_with_patience(hang_after, &arguments).spawn();
-    let (poses, mut ring) = (sender(&mut flight, name), reader(&mut flight, name));
-    for k in 0..3 {
-        step(&mut flight, &poses, &mut ring, &mut SharedFrame::default(), &pose(k));
-    }
-    (flight, poses, ring)
-}
-
-fn pose(k: u64) -> PoseRecord {
-    let eye = synth_world(1024).above(0.35 + 0.02 * k as f64, 0.4, 500.0);
-    record(&Pose::new(eye, 15.0 * k as f64, -20.0), k as f64)
+    start_of_poses(fly_with_patience(hang_after, more), name, 3)
 }
 
 #[test]

@@ -351,7 +351,7 @@ impl Job {
 /// What a tint has to know of the place.
 fn place_of<'a>(plan: &Plan, target: &'a TargetCrs) -> Place<'a> {
     let world = &plan.world;
-    let middle = [0, 1].map(|axis| world.fields().origin[axis] + 0.5 * world.extent_m()[axis]);
+    let middle = world.crs_middle().to_array();
     Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) }
 }
 

@@ -13,8 +13,8 @@ use terravision_common::world::World;
 pub fn summary(path: &Path, manifest: &Manifest, notes: &[Note]) -> Value {
     let world = World::new(manifest.world).ok();
     let bounds = world.map(|world| {
-        let ([x, y], [width, height]) = (world.fields().origin, world.extent_m());
-        [x, y, x + width, y + height]
+        let [low, high] = world.crs_bounds();
+        [low.x, low.y, high.x, high.y]
     });
     let srs = parse("the CRS of the database", &manifest.crs.wkt).ok();
     let lon_lat = world.zip(srs).and_then(|(world, srs)| bounds_deg(&world, &srs, true));

@@ -101,21 +101,11 @@ impl Nodes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds;
 
     #[test]
     fn one_node_brings_a_graded_tree() {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 1.0,
-            extent: [1000, 900],
-            elevation_tile: 8,
-            color_tile: 32,
-            levels: 8,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .unwrap();
+        let world = worlds::world([1000, 900], 1.0, [8, 32]);
         let mut nodes = Nodes::new(&world, Layer::Elevation);
         nodes.insert(NodeId::new(61, 40, 0).unwrap());
         (0..world.levels()).for_each(|q| nodes.close(q));

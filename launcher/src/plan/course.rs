@@ -34,7 +34,7 @@ pub struct LoadedPath {
 pub fn georeference(database: &Store) -> Georeference {
     let (manifest, world) = (database.manifest(), database.world());
     let crs = &manifest.crs;
-    let middle = world.crs_frame().place_of_foot(0.5 * world.surface().end()).to_array();
+    let middle = world.crs_middle().to_array();
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)
 }
 

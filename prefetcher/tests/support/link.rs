@@ -15,13 +15,14 @@ use terravision_common::run::Prediction;
 use terravision_common::shm::{Control, Counter, PoolIndex, WantHead, memory};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::TreeLimits;
-use terravision_common::world::{World, WorldFields};
+use terravision_common::world::World;
 use terravision_prefetcher::ahead::ahead_secs;
 use terravision_prefetcher::executor::{DecodeJob, Ended, Executor};
 use terravision_prefetcher::lookahead::{Lookahead, Resolution};
 use terravision_prefetcher::scheduler::{CYCLE_NANOS, Scheduler};
 use terravision_prefetcher::track::CameraTrack;
 use terravision_store::patience;
+use terravision_testkit::worlds;
 
 const SEC: u64 = 1_000_000_000;
 const TICK: u64 = 5 * MS;
@@ -216,17 +217,7 @@ impl Flown {
 }
 
 fn world() -> World {
-    World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [8192, 8192],
-        elevation_tile: 32,
-        color_tile: 256,
-        levels: 9,
-        finest_elevation_level: 0,
-        finest_color_level: 0,
-    })
-    .expect("valid")
+    worlds::world([8192; 2], 10.0, [32, 256])
 }
 
 pub const RESOLUTION: Resolution = Resolution { r_z_px: 12.0, r_c_px: 1.5, exaggeration: 1.0, measure: Measure::Area };

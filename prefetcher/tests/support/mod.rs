@@ -12,26 +12,17 @@ use terravision_common::node::NodeId;
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, PoolReader, WantHead, memory};
 use terravision_common::top_levels::top_levels;
-use terravision_common::world::{World, WorldFields};
+use terravision_common::world::World;
 use terravision_prefetcher::executor::{DecodeJob, Ended, Executor};
 use terravision_prefetcher::scheduler::Scheduler;
 use terravision_store::{Cause, FailedTiles, Fault, FetchError, NegativeCache};
+use terravision_testkit::worlds;
 
 pub const MS: u64 = 1_000_000;
 pub const SLOT_BYTES: u64 = 64;
 
 pub fn world() -> World {
-    World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent: [512, 512],
-        elevation_tile: 4,
-        color_tile: 64,
-        levels: 8,
-        finest_elevation_level: 0,
-        finest_color_level: 0,
-    })
-    .expect("valid")
+    worlds::world([512; 2], 10.0, [4, 64])
 }
 
 pub fn tile(layer: Layer, m: u32, q: u8) -> Tile {

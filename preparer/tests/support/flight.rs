@@ -30,7 +30,8 @@ use terravision_common::world::World;
 use terravision_preparer::PreparerError;
 use terravision_preparer::frame_tree::Tile;
 use terravision_preparer::loader::wanted::WantedTiles;
-use terravision_preparer::stage::{Ports, Preparer};
+use terravision_preparer::ports::Ports;
+use terravision_preparer::stage::Preparer;
 
 pub const NODES: u32 = 4096;
 pub const ARRAYS: u32 = 512;

@@ -17,6 +17,7 @@ use terravision_common::world::{World, WorldFields};
 use terravision_preparer::frame::{FrameBuffer, FrameMaker, FrameRequest};
 use terravision_preparer::frame_tree::FrameTree;
 use terravision_preparer::truncation::Tiles;
+use terravision_testkit::worlds::fields;
 
 pub mod flight;
 pub mod server;
@@ -25,14 +26,10 @@ pub const NODES: u32 = 20_000;
 
 pub fn world(extent: [u32; 2], levels: u8, finest: [u8; 2], nz: u32) -> World {
     World::new(WorldFields {
-        origin: [0.0; 2],
-        lattice_unit_m: 10.0,
-        extent,
-        elevation_tile: nz,
-        color_tile: 64,
         levels,
         finest_elevation_level: finest[0],
         finest_color_level: finest[1],
+        ..fields(extent, 10.0, [nz, 64])
     })
     .expect("valid")
 }
@@ -137,7 +134,7 @@ impl Case {
         tiles
     }
 
-    /// The frame that the preparer makes of a tree, with nothing trimmed.
+    /// The frame that the preparer makes of a tree, with nothing culled.
     pub fn frame(&self, tree: &[TreeNode], tiles: &SomeTiles) -> FrameBuffer {
         self.frame_of(FrameMaker::new(&self.world, NODES).with_whole_blocks(), tree, tiles)
     }

@@ -5,7 +5,8 @@ use crate::view::Ray;
 use glam::Vec3;
 
 /// The highest ground is looked up for so much more around, as a share of the distance: the lines beside
-/// are likely to ask for it. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// are likely to ask for it. The 32 lines that a worker takes at a time span a twentieth of the distance, at
+/// 60 degrees and 1280 columns.
 const SEEN_AROUND: f32 = 1.0 / 16.0;
 /// A stretch is widened by this share of its distance and so many metres on all sides: rounding of
 /// metres from the eye, a hundred times what it can be.

@@ -9,8 +9,8 @@ use super::footprint::Footprints;
 use super::strip::{Line, Strips};
 use crate::view::View;
 
-/// Pixels of a line that are painted before the next line's. (Measured; see `docs/techniques.md`,
-/// *Thresholds*.)
+/// Pixels of a line that are painted before the next line's: as many as there are lines at a time, 8 KiB in
+/// all, which a core's first cache holds.
 const CHUNK: usize = 32;
 
 /// Colors and depths of so many pixels of neighboring lines.

@@ -218,17 +218,7 @@ mod tests {
         tree.clear(3, 2);
         tree.insert([0, 0], 1, 0, 0.0).unwrap();
         tree.insert([24, 16], 0, 1, 0.0).unwrap();
-        let world = World::new(terravision_common::world::WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 10.0,
-            extent: [32, 32],
-            elevation_tile: 8,
-            color_tile: 64,
-            levels: 3,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .unwrap();
+        let world = terravision_testkit::worlds::world([32; 2], 10.0, [8, 64]);
         let mut nodes = Vec::new();
         place_nodes(&tree, &world, DVec2::new(100.0, 200.0), &mut nodes);
         let (is_tile, empty) = (RayNode::IS_TILE, RayNode::EMPTY);

@@ -160,21 +160,11 @@ fn tile_parameters(tile: &TileSlot, world: &World, cell: EyeCell, array_start: u
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use terravision_common::world::WorldFields;
+    use terravision_testkit::worlds;
 
     #[test]
     fn a_slot_becomes_parameters_relative_to_the_eyes_cell() {
-        let world = World::new(WorldFields {
-            origin: [0.0; 2],
-            lattice_unit_m: 10.0,
-            extent: [256, 256],
-            elevation_tile: 32,
-            color_tile: 256,
-            levels: 4,
-            finest_elevation_level: 0,
-            finest_color_level: 0,
-        })
-        .unwrap();
+        let world = worlds::world([256; 2], 10.0, [32, 256]);
         let tile = TileSlot {
             elevation_origin: [64, 0],
             color_origin: [64, 0],

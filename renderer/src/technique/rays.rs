@@ -31,7 +31,7 @@ impl BlockReader {
         Self { world: *world, array: vec![0.0; world.elevation_values()], position: None, planes }
     }
 
-    /// The tile of a checked slot: all of its colour leaf, also what was trimmed, with the colours of this layer. Heights are
+    /// The tile of a checked slot: all of its colour leaf, also what was culled, with the colours of this layer. Heights are
     /// above `eye_z_m`.
     ///
     /// # Errors
@@ -109,7 +109,7 @@ pub(super) struct SlotBlock {
     pub(super) stretch: [f32; 2],
 }
 
-/// The block of a slot: all of its colour leaf, also what was trimmed.
+/// The block of a slot: all of its colour leaf, also what was culled.
 pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
     let node = tile.node().filter(|node| node.q() <= tile.elevation_level)?;
     let posts = world.elevation_tile() >> (tile.elevation_level - node.q());

@@ -15,24 +15,15 @@ use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::source::{FrameSource, RecordedFrame, RecordedSource, Recording, RecordingBuilder};
+use terravision_testkit::worlds::fields;
 
 /// A sky that no texture has.
 pub const SKY: [u8; 3] = [255, 0, 255];
 
 /// A world of `2^k` nodes of level 0 a side: 10 m posts, 8 intervals and 32 texels a tile.
 pub fn world(extent: [u32; 2]) -> World {
-    let longer = extent[0].max(extent[1]).div_ceil(8).next_power_of_two();
-    World::new(WorldFields {
-        origin: [500_000.0, 4_000_000.0],
-        lattice_unit_m: 10.0,
-        extent,
-        elevation_tile: 8,
-        color_tile: 32,
-        levels: longer.ilog2() as u8 + 1,
-        finest_elevation_level: 0,
-        finest_color_level: 0,
-    })
-    .expect("the numbers are those of a world")
+    World::new(WorldFields { origin: [500_000.0, 4_000_000.0], ..fields(extent, 10.0, [8, 32]) })
+        .expect("the numbers are those of a world")
 }
 
 /// A camera over the world, metres and degrees.
