@@ -77,7 +77,7 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     assert_eq!((&read_report(&folder)["technique"], alone), (&"rays".into(), fs::read(folder.join("a.png")).unwrap()));
     let doctor = without_vulkan(Terravision::verb("doctor").args(["--memory", "64MiB"])).run();
     let words = String::from_utf8_lossy(&doctor.stdout);
-    assert!(words.contains("flights draw by rays"), "{words}");
+    assert!(words.contains("flights cast rays"), "{words}");
 }
 
 /// A barrel roll: forwards, with one full turn to the right.
