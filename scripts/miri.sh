@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The algorithms of shared memory under Miri, which looks for undefined behaviour: rings, ping-pong buffer, pools, want list, and
-# readers of garbage, over memory of one process (`Region::heap`). Mappings, futexes of several processes and signals are none of Miri's
+# readers of garbage, over memory of one process (`Region::heap`). Mappings, futexes of several processes and signals are beyond Miri's
 # business; loom looks at orderings (`scripts/test.sh loom`). Needs a nightly compiler: rustup toolchain install nightly --component
 # miri,rust-src.
 set -euo pipefail

@@ -222,7 +222,7 @@ impl RecordedFrames {
                         }
                     }
                     elevation.released(RingPosition::new(end.elevation_end))?;
-                    ensure!(end.unavailable_count == 0, "a tile of the database cannot be had");
+                    ensure!(end.unavailable_count == 0, "a tile of the database cannot be read");
                     break;
                 }
                 Some(_) => {}

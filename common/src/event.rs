@@ -16,14 +16,14 @@ pub enum EventContent {
         /// The node whose tile it was about, where it was about one.
         node: Option<NodeId>,
     },
-    /// A tile could not be had.
+    /// A tile could not be read.
     TileUnavailable {
         /// The tile.
         tile: Tile,
         /// Why.
         failure: TileFailure,
     },
-    /// A tile that could not be had came after all (realtime).
+    /// A tile that could not be read came after all (realtime).
     TileCame {
         /// The tile.
         tile: Tile,
@@ -350,7 +350,7 @@ impl Event {
         events
     }
 
-    /// Puts one piece of a text in its place; `true` when it was the last one. A piece that cannot be one is ignored.
+    /// Puts one piece of a text in its place; `true` when it was the last one. An invalid piece is ignored.
     pub fn collect_text(&self, into: &mut Vec<u8>) -> bool {
         let (len, from) = (self.frame as usize, (self.thread as usize).saturating_mul(TEXT_BYTES));
         if len > TEXT_MAX || from >= len {

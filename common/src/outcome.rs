@@ -28,7 +28,7 @@ pub struct TileOutcome {
 
 const _: () = assert!(size_of::<TileOutcome>() == 32);
 
-/// Why a tile cannot be had: the one list of causes, for outcomes, events, reports and metrics.
+/// Why a tile cannot be read: the one list of causes, for outcomes, events, reports and metrics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum TileFailure {
@@ -100,7 +100,7 @@ pub enum Outcome {
         /// Where it lies in its pool.
         key: SlotKey,
     },
-    /// It cannot be had.
+    /// It cannot be read.
     Unavailable {
         /// Why.
         failure: TileFailure,

@@ -133,13 +133,13 @@ pub struct TilesReport {
     pub evicted: u64,
     /// Colour tiles copied to the device.
     pub uploaded: u64,
-    /// Tiles that could not be had.
+    /// Tiles that could not be read.
     pub unavailable: Vec<UnavailableTile>,
     /// Their number: larger than the list when events were lost.
     pub unavailable_count: u64,
 }
 
-/// A tile that could not be had.
+/// A tile that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UnavailableTile {
     /// `elevation` or `color`.

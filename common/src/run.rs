@@ -141,7 +141,7 @@ impl DatabaseConfig {
 pub struct PrefetchConfig {
     /// How the view is predicted, to have its tiles before it comes.
     pub prediction: Prediction,
-    /// Whether a tile that could not be had is tried again after a while. A run that waits for its tiles does not: what
+    /// Whether a tile that could not be read is tried again after a while. A run that waits for its tiles does not: what
     /// it draws must not depend on when a tile came.
     pub has_retries: bool,
 }

@@ -125,7 +125,7 @@ pub struct FrameEnd {
     pub frame: u64,
     /// Number of tile slots since the marker; a reader that counted another number lost its place.
     pub tile_count: u32,
-    /// Tiles that the frame wanted and that could not be had; 0 for a settled frame.
+    /// Tiles that the frame wanted and that could not be read; 0 for a settled frame.
     pub unavailable_count: u32,
     /// One past the last position of the elevation ring that the frame uses: the reader releases up to here.
     pub elevation_end: u64,

@@ -162,7 +162,7 @@ pub trait StageError: std::error::Error {
     /// Whether this is the orderly end of a stopped run.
     fn is_stopping(&self) -> bool;
 
-    /// Whether the same command would fail again: it asks for what cannot be (exit code 2 in place of 1).
+    /// Whether the same command would fail again: it asks for something impossible (exit code 2 in place of 1).
     fn is_bad_input(&self) -> bool {
         false
     }

@@ -21,7 +21,7 @@ pub const PLANES: usize = 3;
 pub const GROUND_PLANE: usize = 1;
 /// Which plane has shares of measured ground.
 pub const MEASURED_PLANE: usize = 2;
-/// Where the share of ground is less, there is none; where the share that was measured is less, it was made up.
+/// Where the share of ground is less, there is no ground; where the share that was measured is less, it was made up.
 pub const HALF: f32 = 0.5;
 
 /// What is known of the ground at a point.

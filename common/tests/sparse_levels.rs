@@ -135,7 +135,7 @@ fn counts_that_the_file_cannot_hold_and_nodes_that_make_no_tree_are_errors() {
     for length in 0..good.len() {
         assert!(read(&good[..length]).is_err(), "{length} bytes of {}", good.len());
     }
-    // Each of the four nodes of level 0 alone without elevation, without colour, gone, moved, or with a range that is none.
+    // Each of the four nodes of level 0 alone without elevation, without colour, gone, moved, or with an invalid range.
     for at in (16..96).step_by(20) {
         for (offset, byte) in [(16, 1), (16, 2), (16, 0), (16, 7), (0, 0xff), (4, 0xff), (15, 0xff)] {
             let mut bytes = good.clone();

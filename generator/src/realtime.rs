@@ -41,7 +41,7 @@ pub(crate) struct Pace {
 
 impl Pace {
     pub(crate) fn new(config: &RunConfig) -> Self {
-        // Settings that are none are told when the first frame is due.
+        // Invalid settings are reported when the first frame is due.
         let controller = config.rate_settings().and_then(|settings| RateController::new(settings).ok());
         Self { controller, sequence: 0, measured: 0, last: None, generate_nanos: 0 }
     }

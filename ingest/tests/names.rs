@@ -246,7 +246,7 @@ fn a_file_that_is_a_list_of_others_is_opened_only_by_that_name() {
     refused(&write("link.vrt", &raw_vrt("link.bin", true)));
     refused(&write("inline.vrt", &simple_vrt("&lt;VRTDataset rasterXSize=&quot;1&quot;/&gt;")));
     refused(&raw_vrt(&secret, false));
-    // Names that readers of XML could read differently, and XML that is none.
+    // Names that readers of XML could read differently, and text that is not XML.
     refused(&write("comment.vrt", &raw_vrt("tiles<!-- -->/../link.bin", true)));
     refused(&write("cdata.vrt", &raw_vrt(&format!("<![CDATA[{secret}]]>"), false)));
     let entity = format!("<!DOCTYPE a [<!ENTITY s \"{secret}\">]>{}", raw_vrt("&s;", false));

@@ -1,4 +1,4 @@
-//! Files as people have them: undeclared fill and units, alpha, distances from the centre, places that cannot be, pictures of
+//! Files as people have them: undeclared fill and units, alpha, distances from the centre, impossible places, pictures of
 //! more than eight bits.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]

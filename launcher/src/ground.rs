@@ -32,7 +32,7 @@ pub struct WorldGround<'a> {
 #[derive(Default)]
 struct Cache {
     scratch: TileScratch,
-    /// Posts, and their shares, by node; `None` for a tile that cannot be had.
+    /// Posts, and their shares, by node; `None` for a tile that cannot be read.
     tiles: HashMap<NodeId, Option<Vec<f32>>>,
 }
 
@@ -83,7 +83,7 @@ impl<'a> WorldGround<'a> {
         self.world.surface().holds(foot).then_some(foot)
     }
 
-    /// The ground at a foot inside one node's square; `None` when the tile cannot be had.
+    /// The ground at a foot inside one node's square; `None` when the tile cannot be read.
     fn ground_in(&self, node: NodeId, foot: DVec2) -> Option<GroundPoint> {
         let mut cache = self.cache.borrow_mut();
         let Cache { scratch, tiles } = &mut *cache;
@@ -101,7 +101,7 @@ impl<'a> WorldGround<'a> {
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
         let foot = self.foot(x, y)?;
-        // A tile that cannot be had is drawn from its parent, so the ground is its parent's too.
+        // A tile that cannot be read is drawn from its parent, so the ground is its parent's too.
         let ground = (self.level..self.world.levels())
             .filter_map(|q| self.world.surface().node_at(foot, q))
             .filter(|node| self.ranges.is_none_or(|ranges| ranges.has_tile(Layer::Elevation, *node)))

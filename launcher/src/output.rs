@@ -251,7 +251,7 @@ fn other_writer(path: &Path, stem: &str, own: &str) -> Option<u32> {
     writer
 }
 
-/// Keeps other runs from a folder for a moment. Where it cannot be had (some network file systems
+/// Keeps other runs from a folder for a moment. Where it cannot be read (some network file systems
 /// have none) the moment passes without it.
 #[derive(Debug)]
 pub struct FolderLock {

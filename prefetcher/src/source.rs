@@ -6,7 +6,7 @@ use terravision_common::database::Tile;
 use terravision_common::outcome::TileFailure;
 use terravision_store::{ErrorLog, Payload, Store, StoreStats};
 
-/// A terrain database, wherever it is. It alone decides when a request is made again, and when a tile that could not be had
+/// A terrain database, wherever it is. It alone decides when a request is made again, and when a tile that could not be read
 /// is asked for again (docs/retries.md); deadlines and caches are its business, too.
 pub trait PayloadSource: Send + Sync + 'static {
     /// A tile as it is stored. The future is dropped when nothing wants the tile any more; that ends the request, on the

@@ -86,7 +86,7 @@ impl TileWait {
         Ok(())
     }
 
-    /// Waits for as long as `patience` until the top levels are there, also when some of them could not be had at first: a server
+    /// Waits for as long as `patience` until the top levels are there, also when some of them could not be read at first: a server
     /// may be away for longer than one read may take. What it refuses is not waited for, but for the root, without which
     /// there is no picture. Whether the root is there.
     ///

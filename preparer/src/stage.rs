@@ -39,7 +39,7 @@ pub enum PreparerError {
     /// The run ended while a tree was waited for.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// Tiles cannot be had.
+    /// Tiles cannot be read.
     #[error(transparent)]
     Await(#[from] AwaitError),
     /// A frame cannot be made.
@@ -240,7 +240,7 @@ impl<L: TileLoader> Preparer<L> {
     }
 }
 
-/// How long a flight against the clock waits for the top levels at its start, although they could not be had: a server may be away for
+/// How long a flight against the clock waits for the top levels at its start, although they could not be read: a server may be away for
 /// longer than one read may take. In exact mode what is drawn must not depend on when a tile came.
 fn start_patience(config: &RunConfig) -> Option<Duration> {
     let DatabaseConfig { is_offline, request_timeout_ms, .. } = config.database;

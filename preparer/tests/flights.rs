@@ -120,7 +120,7 @@ fn trees_and_headers_that_cannot_be_are_refused() {
     assert!(refused(&|header, _| header.frame = 99).contains("another frame"));
     assert!(refused(&|header, _| header.camera.vfov_rad = f64::NAN).contains("camera"));
     assert!(refused(&|header, _| header.r_c_px = -1.0).contains("resolutions"));
-    assert!(refused(&|_, nodes| nodes[0].node = u64::MAX).contains("no node of this world"));
+    assert!(refused(&|_, nodes| nodes[0].node = u64::MAX).contains("not a node of this world"));
     assert!(refused(&|_, nodes| nodes[0] = leaf(root.child(0).expect("not the finest"))).contains("expected the root"));
     assert!(refused(&|header, _| header.node_count = 2).contains("node"));
 }

@@ -157,7 +157,7 @@ fn a_frame_that_a_killed_preparer_has_begun_is_broken_off_by_the_next() {
     let closed = SlotContent::End(FrameEnd { elevation_end: 103, ..end() });
     assert_eq!(feed(&[SlotContent::Marker(marker()), tile, again, anew, closed]), Ok(true));
     let stray = [SlotContent::Marker(marker()), tile, again, tile, closed];
-    assert!(feed(&stray).expect_err("an array of the other frame").contains("none of the frame's"));
+    assert!(feed(&stray).expect_err("an array of the other frame").contains("does not belong to the frame"));
 }
 
 fn done(sequence: u64, elevation_end: u64) -> Done {
@@ -225,8 +225,8 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         (vec![opened, plain, SlotContent::End(FrameEnd { frame: 8, ..end() })], "number at its end is 8"),
         (vec![opened, plain, SlotContent::End(FrameEnd { elevation_end: 117, ..end() })], "17, expected 16"),
         (vec![opened, plain, SlotContent::End(FrameEnd { elevation_end: 99, ..end() })], "elevation arrays is"),
-        (vec![opened, tile(&|t| t.elevation_position = 101), closed], "none of the frame's"),
-        (vec![opened, tile(&|t| t.elevation_position = u64::MAX), closed], "none of the frame's"),
+        (vec![opened, tile(&|t| t.elevation_position = 101), closed], "does not belong to the frame"),
+        (vec![opened, tile(&|t| t.elevation_position = u64::MAX), closed], "does not belong to the frame"),
     ];
     for (slots, sentence) in cases {
         let error = feed(&slots).unwrap_err();

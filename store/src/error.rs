@@ -15,7 +15,7 @@ pub enum Cause {
     NotFound,
     /// The server does not let us read it (401, 403, 407).
     Denied,
-    /// No credentials, or they cannot be had.
+    /// No credentials, or they cannot be read.
     Credentials,
     /// The server asks for fewer requests (429, 503 with `Retry-After`).
     Throttled,
@@ -262,7 +262,7 @@ pub enum StoreError {
         /// Where it was looked for.
         location: String,
     },
-    /// What is there is no manifest that we can read.
+    /// The file is not a manifest that we can read.
     #[error("the manifest cannot be used: {source}, at {location}")]
     Manifest {
         /// What is wrong.

@@ -27,7 +27,7 @@ pub struct StoreOptions {
     /// Requests for tiles are made anew when their answer takes much longer than usual, before they time out. Better on links
     /// that lose requests silently, and more load for a server that is slow.
     pub is_hasty: bool,
-    /// What becomes of tiles that could not be had.
+    /// What becomes of tiles that could not be read.
     pub failed_tiles: FailedTiles,
     /// Most requests at a time. More use a link of long delay better, and load the server.
     pub parallel_requests: usize,

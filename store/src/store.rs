@@ -154,7 +154,7 @@ impl Store {
     /// A tile as it is stored, its checksum verified. Dropping the future cancels the read, in the queue and on the
     /// wire, unless another one waits for the same bytes. Any executor may drive it.
     ///
-    /// A tile that could not be had is not asked for again for a while: the same error comes at once.
+    /// A tile that could not be read is not asked for again for a while: the same error comes at once.
     ///
     /// # Errors
     /// [`FetchError`].
@@ -186,14 +186,14 @@ impl Store {
         read
     }
 
-    /// Why a tile is not to be asked for at this moment: it could not be had, and rests, or is given up for good
+    /// Why a tile is not to be asked for at this moment: it could not be read, and rests, or is given up for good
     /// ([`StoreOptions::failed_tiles`]). `None` when it may be asked for. Asks nobody.
     #[must_use]
     pub fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
         self.failed.find(tile, Instant::now()).map(|error| error.failure())
     }
 
-    /// Notes that a tile which came cannot be decoded: it is treated like one that could not be had.
+    /// Notes that a tile which came cannot be decoded: it is treated like one that could not be read.
     pub fn reject(&self, tile: Tile) {
         let error = FetchError::failed(Cause::Damaged, "what came cannot be decoded", tile.to_string());
         self.failed.note(tile, Some(&error), Instant::now());

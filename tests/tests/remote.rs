@@ -163,7 +163,7 @@ fn what_is_not_in_the_cache_is_told_as_such() {
     let finished = still(&url, &folder, &["--offline"]);
     finished.assert_told(3);
     let said = finished.stderr.lines().last().unwrap();
-    assert!(said.contains("could not be had") && said.contains("not in the cache"), "{said}");
+    assert!(said.contains("could not be read") && said.contains("not in the cache"), "{said}");
     assert!(!finished.stderr.contains("read error"), "{}", finished.stderr);
     let report: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap();
     let causes = report["tiles"]["unavailable"].as_array().unwrap().iter().map(|tile| tile["cause"].as_str().unwrap());

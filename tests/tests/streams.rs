@@ -50,7 +50,7 @@ fn y4m_has_the_same_bytes_when_its_renderer_is_killed_on_the_way() {
     }
     let finished = running.wait();
     finished.assert_code(0);
-    // A kill may meet a renderer that had not begun yet; it counts all the same.
+    // A kill may meet a renderer that had not begun yet; it counts nevertheless.
     assert_eq!(read_report(&folder)["restarts"]["renderer"], 3, "{}", finished.stderr);
     assert!(finished.stdout == whole, "{} and {} bytes", finished.stdout.len(), whole.len());
 }
@@ -78,7 +78,7 @@ fn a_film_against_the_clock_goes_on_when_its_renderer_is_killed() {
 fn an_encoder_that_is_killed_ends_the_flight_with_a_sentence_and_leaves_nothing() {
     let folder = TestFolder::new("stream-encoder");
     let film = folder.join("a.mp4");
-    // Restarts do not help: it is no stage that died.
+    // Restarts do not help: what died is not a stage.
     let mut running = fly("320x180").args(["--restarts", "5", "--quality", "best", "-o"]).arg(&film).spawn();
     wait_for_stream(&mut running, 4 * 320 * 180);
     let encoder = running.until("the encoder", |running| {

@@ -9,7 +9,7 @@ use glam::DVec2;
 /// split along their SW-NE diagonal). `None` outside the extent. Blocks on storage.
 ///
 /// # Errors
-/// [`TileError`] when the tile cannot be had.
+/// [`TileError`] when the tile cannot be read.
 pub fn ground_at(
     source: &dyn TileSource,
     world: &World,
@@ -37,7 +37,7 @@ pub fn ground_at(
 /// Height of the ground at a point: that of [`ground_at`], whether it was measured or not.
 ///
 /// # Errors
-/// [`TileError`] when the tile cannot be had.
+/// [`TileError`] when the tile cannot be read.
 pub fn ground_height(
     source: &dyn TileSource,
     world: &World,

@@ -141,7 +141,7 @@ impl std::fmt::Display for Layer {
     }
 }
 
-/// Why a tile cannot be had.
+/// Why a tile cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TileError {

@@ -222,7 +222,7 @@ impl RateController {
         self.moving.is_some()
     }
 
-    /// A frame drawn with `r_z_px` took `work_nanos`. What cannot be is ignored.
+    /// A frame drawn with `r_z_px` took `work_nanos`. Invalid values are ignored.
     pub fn measured(&mut self, r_z_px: f64, work_nanos: f64) {
         let is_number = |value: f64| value.is_finite() && value > 0.0;
         if !is_number(r_z_px) || !is_number(work_nanos) {
@@ -300,7 +300,7 @@ impl RateController {
             let needed = self.newest.iter().map(|sample| sample.needed).fold(f64::INFINITY, f64::min);
             let scatter = self.scatter();
             if needed > self.u + FAST.max(FAST_SCATTERS * scatter) {
-                // What is chance now and then must not drive facets out of sight; what is none comes again, or is seen by the median.
+                // What is chance now and then must not drive facets out of sight; what is not chance comes again, or is seen by the median.
                 let most = if scatter > CALM { FAST } else { MOST_COARSER };
                 self.change(needed.min(self.u + most));
                 return;

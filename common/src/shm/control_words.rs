@@ -39,7 +39,7 @@ pub enum Counter {
     TilesLoaded,
     /// Tiles evicted from the pools.
     TilesEvicted,
-    /// Tiles that could not be had.
+    /// Tiles that could not be read.
     TilesUnavailable,
     /// Colour tiles copied to the device.
     TilesUploaded,

@@ -81,7 +81,7 @@ impl ElevationWriter {
     /// Waits for a free array. It becomes the renderer's with [`ArrayGuard::publish`].
     ///
     /// # Errors
-    /// The run ended, or the reader wrote what cannot be.
+    /// The run ended, or the reader wrote an invalid value.
     pub fn begin(&mut self, control: &Control) -> Result<ArrayGuard<'_>, WaitError> {
         let cursor = &mut self.cursor;
         let positions: &Positions = self.segment.words();

@@ -21,7 +21,7 @@
 //! # Trust
 //! The other side is our own code, but it may be dead, half started, of another build, or killed in the middle of a
 //! write. Nothing that it wrote makes this side read out of bounds, wait for ever or panic: positions, counts and indices
-//! are read once and checked, and what cannot be is [`ShmError::Corrupt`]. A thing becomes visible by one store, the last
+//! are read once and checked, and invalid values are [`ShmError::Corrupt`]. A thing becomes visible by one store, the last
 //! of its write, so that a killed writer publishes nothing half; its successor goes on from the last published position.
 //! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers (SIGBUS). So what programs outside of
 //! the run may open is not mapped here, but read and written as a file ([`public_file`]); of a stage that dies of it in the run's own

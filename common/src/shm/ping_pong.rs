@@ -98,7 +98,7 @@ impl TreeWriter {
     /// Waits for a free half.
     ///
     /// # Errors
-    /// The run ended, or the reader wrote what cannot be.
+    /// The run ended, or the reader wrote an invalid value.
     pub fn begin(&mut self, control: &Control) -> Result<TreeHalf<'_>, WaitError> {
         let cursor = &mut self.cursor;
         let positions: &Positions = self.segment.words();
@@ -194,7 +194,7 @@ impl TreeReader {
     /// ([`TreeNode::children`], [`TreeNode::id`]).
     ///
     /// # Errors
-    /// The run ended, or the writer wrote what cannot be.
+    /// The run ended, or the writer wrote an invalid value.
     pub fn next(&mut self, control: &Control) -> Result<TreeGuard<'_>, WaitError> {
         let cursor = &mut self.cursor;
         let positions: &Positions = self.segment.words();
@@ -207,7 +207,7 @@ impl TreeReader {
     /// The next tree, if it is there.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the writer wrote what cannot be.
+    /// [`ShmError::Corrupt`] when the writer wrote an invalid value.
     pub fn try_next(&mut self) -> Result<Option<TreeGuard<'_>>, ShmError> {
         if self.cursor.filled(self.segment.words())? == 0 {
             return Ok(None);
@@ -218,7 +218,7 @@ impl TreeReader {
     /// Gives the next tree back unread, if it is there and of this frame.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the writer wrote what cannot be.
+    /// [`ShmError::Corrupt`] when the writer wrote an invalid value.
     pub fn return_tree_of(&mut self, frame: u64) -> Result<(), ShmError> {
         if self.cursor.filled(self.segment.words())? > 0 {
             let offset = self.segment.item_offset(self.cursor.position() & 1);

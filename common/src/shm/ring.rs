@@ -108,7 +108,7 @@ impl<T: Pod> Producer<T> {
     /// Puts an item in; waits while the ring is full.
     ///
     /// # Errors
-    /// The run ended, or the reader wrote what cannot be.
+    /// The run ended, or the reader wrote an invalid value.
     pub fn push(&mut self, item: &T, control: &Control) -> Result<(), WaitError> {
         self.push_all(std::slice::from_ref(item), control).map(drop)
     }
@@ -117,7 +117,7 @@ impl<T: Pod> Producer<T> {
     /// reader and at most one wake: this is how to push a frame. How long it waited, nanoseconds.
     ///
     /// # Errors
-    /// The run ended (some of the items may be in), or the reader wrote what cannot be.
+    /// The run ended (some of the items may be in), or the reader wrote an invalid value.
     pub fn push_all(&mut self, items: &[T], control: &Control) -> Result<u64, WaitError> {
         let end = &mut self.end;
         let segment = Arc::clone(&end.items.segment);
@@ -196,7 +196,7 @@ impl<T: Pod> Consumer<T> {
     /// Takes the next item out; waits while the ring is empty.
     ///
     /// # Errors
-    /// The run ended, or the writer wrote what cannot be.
+    /// The run ended, or the writer wrote an invalid value.
     pub fn pop(&mut self, control: &Control) -> Result<T, WaitError> {
         // The common case makes no reference count dance.
         if let Some(item) = self.end.try_pop()? {
@@ -211,7 +211,7 @@ impl<T: Pod> Consumer<T> {
     /// Waits until there is an item, at most [`super::WAIT_BOUND`]; whether there is one.
     ///
     /// # Errors
-    /// The run ended, or the writer wrote what cannot be.
+    /// The run ended, or the writer wrote an invalid value.
     pub fn wait(&mut self, control: &Control) -> Result<bool, WaitError> {
         let end = &mut self.end;
         let segment = Arc::clone(&end.items.segment);
@@ -234,7 +234,7 @@ impl<T: Pod> Consumer<T> {
     /// ([`Consumer::is_all_held`]): nothing would ever come.
     ///
     /// # Errors
-    /// The run ended, or the writer wrote what cannot be.
+    /// The run ended, or the writer wrote an invalid value.
     pub fn take(&mut self, control: &Control) -> Result<T, WaitError> {
         loop {
             if let Some(item) = self.take_unless(control, || false)? {

@@ -58,7 +58,7 @@ pub struct TileStats {
     pub evicted: u64,
     /// Colour tiles copied to the device.
     pub uploaded: u64,
-    /// Tiles that could not be had, as the stages counted them.
+    /// Tiles that could not be read, as the stages counted them.
     pub unavailable: u64,
 }
 

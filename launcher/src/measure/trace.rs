@@ -107,7 +107,7 @@ fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Re
     Ok(())
 }
 
-/// Moments, not spans: a frame that is written, a tile that cannot be had, the triangles of a
+/// Moments, not spans: a frame that is written, a tile that cannot be read, the triangles of a
 /// frame.
 fn write_moment<W: Write>(list: &mut List<'_, W>, pid: u32, event: &Event, ts: f64) -> io::Result<()> {
     let (tid, frame) = (event.thread, event.frame);

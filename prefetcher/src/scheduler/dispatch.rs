@@ -105,7 +105,7 @@ impl Scheduler {
         self.tell(tile, Outcome::Unavailable { failure });
     }
 
-    /// A frame lacks a tile that cannot be had: the launcher is told once.
+    /// A frame lacks a tile that cannot be read: the launcher is told once.
     pub(super) fn lose(&mut self, tile: Tile, frame: FrameNumber, failure: TileFailure, now: u64, control: &Control) {
         if self.table.is_first_told(tile) {
             control.count(Counter::TilesUnavailable, 1);
@@ -230,7 +230,7 @@ impl Scheduler {
         }
     }
 
-    /// A cycle is over: the window is judged, and lists are gone through from their beginning: what could not be had may be
+    /// A cycle is over: the window is judged, and lists are gone through from their beginning: what could not be read may be
     /// asked for again by now.
     pub fn end_cycle(&mut self, control: &Control) {
         self.window.end_cycle();

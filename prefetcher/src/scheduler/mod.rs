@@ -13,10 +13,10 @@
 //!     └── the store allows it ──── Unavailable           (given up)      Unavailable
 //! ```
 //!
-//! When a tile that could not be had is asked for again is for the store to say ([`Executor::recent_failure`]), and so is
+//! When a tile that could not be read is asked for again is for the store to say ([`Executor::recent_failure`]), and so is
 //! when a request is made anew. The scheduler asks, re-prioritises and cancels (docs/retries.md).
 //!
-//! Every tile of a new want list that is there, or that cannot be had, is told again: a preparer that lost its memory
+//! Every tile of a new want list that is there, or that cannot be read, is told again: a preparer that lost its memory
 //! learns it so. Slots: a tile that a frame wants takes the one that was longest neither wanted nor expected, of those
 //! that no frame in flight names; a tile that is only expected takes none that is wanted or expected now.
 //!

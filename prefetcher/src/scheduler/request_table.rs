@@ -125,12 +125,12 @@ impl RequestTable {
         }
     }
 
-    /// A tile cannot be had: its load ends. What it was asked for, if it still was.
+    /// A tile cannot be read: its load ends. What it was asked for, if it still was.
     pub(super) fn fail(&mut self, tile: Tile) -> Option<Load> {
         self.loads.remove(&tile)
     }
 
-    /// A frame lacks a tile that cannot be had. Whether this is the first time.
+    /// A frame lacks a tile that cannot be read. Whether this is the first time.
     pub(super) fn is_first_told(&mut self, tile: Tile) -> bool {
         self.told_unavailable.insert(tile)
     }

@@ -81,7 +81,7 @@ pub struct FrameRequest<'a> {
 pub struct FrameCounts {
     /// Tiles that it wanted.
     pub wanted: u32,
-    /// Those of them that could not be had.
+    /// Those of them that could not be read.
     pub unavailable: u32,
     /// Nodes of its truncated tree.
     pub nodes: u32,

@@ -31,7 +31,7 @@ pub enum TileState {
     Loading,
     /// Every slot of its pool is named by a frame in flight.
     NoRoom,
-    /// It cannot be had.
+    /// It cannot be read.
     Unavailable {
         /// Whether the next try may have it ([`terravision_common::outcome::TileFailure::may_pass`]).
         may_come: bool,

@@ -145,7 +145,7 @@ impl TileLoader for WantedTiles {
         if self.index_mut(tile.layer).keep(tile.node, sequence) {
             return TileState::Resident;
         }
-        // What cannot be had is on the list, too: whether to try again is the prefetcher's business.
+        // What cannot be read is on the list, too: whether to try again is the prefetcher's business.
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }

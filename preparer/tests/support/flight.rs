@@ -56,7 +56,7 @@ pub fn path(frames: u64) -> Vec<Camera> {
     (0..frames).map(at).collect()
 }
 
-/// A terrain some tiles of which cannot be had, as a fixed share of the finer nodes of each layer.
+/// A terrain some tiles of which cannot be read, as a fixed share of the finer nodes of each layer.
 #[derive(Debug, Clone)]
 pub struct Source {
     pub terrain: SyntheticTerrain,

@@ -19,7 +19,7 @@ use terravision_common::world::World;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FillError {
-    /// A tile cannot be had.
+    /// A tile cannot be read.
     #[error(transparent)]
     Tile(#[from] TileError),
     /// A tile is none.

@@ -243,7 +243,7 @@ const OUTSIDE: u32 = 0u;
 const ABOVE: u32 = 1u;
 const BELOW: u32 = 2u;
 
-// A share less than this is none.
+// A smaller share is not ground.
 const HALF: f32 = 0.5;
 
 // A plane of a tile's array at a point: 1 the share that is ground, 2 the share that was measured. Linear on facets, as heights.

@@ -108,7 +108,7 @@ pub enum TileFault {
     #[error("its colour slot is not one of the pool's")]
     ColorSlot,
     /// The elevation array does not belong to the frame.
-    #[error("its elevation array is none of the frame's")]
+    #[error("its elevation array does not belong to the frame")]
     Elevation,
     /// One colour slot has two generations in one frame.
     #[error("its colour slot has another generation than for an earlier tile of the frame")]

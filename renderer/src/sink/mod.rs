@@ -137,7 +137,7 @@ pub trait FrameSink: Send {
     fn finish(&mut self) -> Result<(), SinkError>;
 
     /// A frame that a sink before this one, which was killed, has written; `None` where that
-    /// cannot be had.
+    /// cannot be read.
     ///
     /// # Errors
     /// The file there is not a picture.

@@ -6,7 +6,7 @@
 //!     ▲        │         │
 //!     └─ wait ─┴─────────┴─ failure that may pass ─▶ error, when attempts, time or budget are used up
 //!
-//!  between reads                  [`NegativeCache`]: a tile that could not be had rests, or is given up for the run
+//!  between reads                  [`NegativeCache`]: a tile that could not be read rests, or is given up for the run
 //! ```
 //!
 //! * [`budget`] keeps requests that are made again in proportion to those that are made the first time. It is for failures
@@ -69,7 +69,7 @@ impl Default for RetryOptions {
     }
 }
 
-/// What becomes of a tile that could not be had.
+/// What becomes of a tile that could not be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FailedTiles {
     /// It rests, and is asked for again afterwards: it may come while a flight goes on.

@@ -1,4 +1,4 @@
-//! The negative cache: tiles that could not be had, and until when they are not asked for again.
+//! The negative cache: tiles that could not be read, and until when they are not asked for again.
 
 use super::FailedTiles;
 use crate::error::{Cause, FetchError};

@@ -3,7 +3,7 @@
 /// One way not to answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// The connection is closed without a word.
+    /// The connection is closed without an answer.
     Drop,
     /// A status, with `Retry-After` if that is told.
     Status(u16, Option<u64>),

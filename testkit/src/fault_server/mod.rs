@@ -1,5 +1,5 @@
 //! A static web server on loopback that honours byte ranges, and misbehaves on demand: a slow link, lost connections,
-//! wrong answers of every kind. For tests and benches: it is no server for others.
+//! wrong answers of every kind. For tests and benches: not a server for production.
 //!
 //! ```no_run
 //! use terravision_testkit::fault_server::{Fault, FaultServer, Rule};

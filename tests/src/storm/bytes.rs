@@ -59,7 +59,7 @@ pub struct BytesReport {
     pub frames_seen: u64,
     /// Looks of the reader that found the ring corrupt.
     pub refused: u64,
-    /// What must not be: crashes, leftovers, endings without a word.
+    /// What must not be: crashes, leftovers, endings without a message.
     pub faults: Vec<String>,
 }
 
@@ -135,7 +135,7 @@ impl BytesStorm {
             fault(format!("the launcher ended with {}: {}", finished.status, finished.stderr));
         }
         if finished.code() != Some(0) && finished.stderr.trim().is_empty() {
-            fault("it ended without a word".to_owned());
+            fault("it ended without a message".to_owned());
         }
         if let Some(line) = crash_in(&finished.stderr) {
             fault(format!("a crash: {line}"));

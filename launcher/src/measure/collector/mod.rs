@@ -55,9 +55,9 @@ pub struct Collector {
     most_frames: usize,
     /// By frame, from the first.
     pub frames: Vec<FrameStats>,
-    /// Tiles that could not be had, and why.
+    /// Tiles that could not be read, and why.
     pub unavailable: BTreeMap<Tile, TileFailure>,
-    /// Tiles that could not be had at first, and came later.
+    /// Tiles that could not be read at first, and came later.
     pub came_later: u64,
     /// What went wrong while the database was read.
     pub failures: Failures,

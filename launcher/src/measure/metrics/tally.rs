@@ -46,7 +46,7 @@ impl FrameTally {
             Some(EventContent::FrameWanted { tiles, .. }) => {
                 self.wanted = tiles.into();
                 if self.period_nanos.is_none() {
-                    // It is prepared when nothing is lacking, or what lacks cannot be had.
+                    // It is prepared when nothing is lacking, or what lacks cannot be read.
                     self.lacked = 0;
                 }
             }

@@ -89,7 +89,7 @@ fn put_tiles(page: &mut Page, facts: &Facts, frames: &FrameTally) {
     page.count("tiles_uploaded_total", "Colour tiles copied to the device.", counter(Counter::TilesUploaded));
     let unavailable =
         TileFailure::ALL.iter().zip(frames.unavailable).map(|(failure, count)| (label("cause", failure.name()), count));
-    page.put("tiles_unavailable_total", "counter", "Tiles that could not be had.", unavailable);
+    page.put("tiles_unavailable_total", "counter", "Tiles that could not be read.", unavailable);
     page.put(
         "pool_slots",
         "gauge",

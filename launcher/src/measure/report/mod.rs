@@ -3,7 +3,7 @@
 //!
 //! * [`realtime`]: the part about a flight against the clock. [`network`]: the parts about where
 //!   tiles came from.
-//! * [`summary`]: a report in one line, and what could not be had.
+//! * [`summary`]: a report in one line, and what could not be read.
 
 pub mod network;
 pub mod realtime;

@@ -44,7 +44,7 @@ pub fn network_summary(report: &Report) -> Option<String> {
     ))
 }
 
-/// How many tiles could not be had, and which is the first; `None` when all could.
+/// How many tiles could not be read, and which is the first; `None` when all could.
 #[must_use]
 pub fn unavailable(report: &Report) -> Option<String> {
     let count = report.tiles.unavailable_count;
@@ -56,5 +56,5 @@ pub fn unavailable(report: &Report) -> Option<String> {
         ),
         None => "which ones is not known: the events that named them were lost".to_owned(),
     };
-    (count > 0).then(|| format!("{count} {tiles} could not be had and {were} drawn from coarser ones; {first}"))
+    (count > 0).then(|| format!("{count} {tiles} could not be read and {were} drawn from coarser ones; {first}"))
 }

@@ -135,7 +135,7 @@ fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
     let report = report(&config(), &stats);
     assert!(!report.settled && !report.is_as_promised());
     let told = summary::unavailable(&report).unwrap();
-    assert!(told.starts_with("1 tile could not be had and was drawn"), "{told}");
+    assert!(told.starts_with("1 tile could not be read and was drawn"), "{told}");
     assert!(told.contains("elevation tile of node (3, 4, 1), corrupt"), "{told}");
     let listed = serde_json::to_value(&report).unwrap()["tiles"]["unavailable"].clone();
     assert_eq!(listed, serde_json::json!([{"layer": "elevation", "node": [3, 4], "level": 1, "cause": "corrupt"}]));

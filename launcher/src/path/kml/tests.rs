@@ -150,7 +150,7 @@ fn values_are_wrapped_and_clamped_as_google_earth_does() {
     assert_eq!(angles("10", "190", "0"), (angles("10", "180", "0").0, 1));
     let far = |lon: f64| first(&tour(&camera(1.0, "smooth", lon, ABSOLUTE))).position;
     assert!((far(238.0) - far(-122.0)).length() < 1e-6);
-    // A word that is none is the default, as is a time that runs backwards.
+    // An unknown word is the default, as is a time that runs backwards.
     let (path, remarks) = fly(&tour(&camera(-1.0, "jump", -122.0, "<altitudeMode>up</altitudeMode>")));
     assert!((path.course.pose(0, 1.0, 1.0).unwrap().position.z - 3100.0).abs() < 1e-9);
     assert!(
