@@ -89,7 +89,7 @@ fn a_run_that_stops_ends_the_preparer_while_it_waits() {
 }
 
 #[test]
-fn trees_and_headers_that_cannot_be_are_refused() {
+fn impossible_trees_and_headers_are_refused() {
     let root = small_world().root();
     let leaf = |node: NodeId| TreeNode {
         node: node.pack(),

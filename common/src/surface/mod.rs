@@ -15,7 +15,7 @@
 //! | what space a node may fill | [`Plane::node_bounds`] |
 //! | which child is nearest to the eye | [`Plane::near_to_far`] |
 //! | distances, depth and slant from an eye; vertices relative to it | [`EyeFrame`], [`Vertices`] |
-//! | directions in the local frame of a place | [`direction`], [`heading`], [`pitch`] |
+//! | directions in the local frame of a place | [`direction()`], [`heading`], [`pitch`] |
 //! | places in the database's CRS | [`CrsFrame`] |
 //! | the height between the posts of a tile | [`facet`], [`tile`] |
 //!

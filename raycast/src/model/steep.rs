@@ -1,5 +1,5 @@
 //! Which cells of the ground are steep: what decides how far one ray vouches for another
-//! ([`crate::steepness`]).
+//! ([`crate::proof::steepness`]).
 
 use super::Ground;
 use super::density::{BOX_HALF_WIDTH, Filter};

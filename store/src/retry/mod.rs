@@ -13,7 +13,7 @@
 //!   among successes.
 //! * [`breaker`]: when requests for a file fail in a row, all reads of the file wait, and one request at a time probes. So a
 //!   server that is away for a while costs a request now and then, nothing of the budget, and no read before its deadline.
-//! * [`backoff`]: how long a read waits before it asks again. [`patience`]: how long it waits for an answer before it asks
+//! * [`backoff`]: how long a read waits before it asks again. [`mod@patience`]: how long it waits for an answer before it asks
 //!   anew although nothing has failed.
 //! * [`negative_cache`]: which tiles are not asked for now, although a frame wants them.
 //!
