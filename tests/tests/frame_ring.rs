@@ -227,8 +227,8 @@ fn wrong_wishes_are_told_in_a_sentence() {
     for (arguments, expected) in [
         (&["-o", "shared:a/b"][..], "no name to share frames by"),
         (&["-o", "shared:"], "no name to share frames by"),
-        (&["-o", "shared:a", "--share", "b"], "frames go to -o shared:a already"),
-        (&["-o", "x/", "--depth"], "--depth without a folder is for shared frames"),
+        (&["-o", "shared:a", "--share", "b"], "frames already go to -o shared:a"),
+        (&["-o", "x/", "--depth"], "--depth without a folder applies to shared frames"),
         (&["-o", "shared:a", "--camera", "udp:10.0.0.1:5"], "udp:127.0.0.1:PORT"),
         (&["-o", "shared:a", "--camera", "shm:a", "--path", "orbit"], "cannot be used with"),
         (&["-o", "shared:a", "--idle-timeout", "3"], "--camera"),
