@@ -12,7 +12,7 @@ use crate::remote::Remote;
 use crate::transport::Transport;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use terravision_common::database::{Index, MANIFEST_FILE, MOST_MANIFEST_BYTES, Tile};
+use terravision_common::database::{Index, Layer, MANIFEST_FILE, MOST_MANIFEST_BYTES, Tile};
 use terravision_common::files::read_bounded;
 use terravision_common::threads::ensure;
 use tokio::runtime::{Builder, Runtime};
@@ -114,6 +114,11 @@ impl RemoteBackend {
         // On the store's own threads, whoever waits: connections live where they were made.
         let task = runtime.spawn(async move { remote.payload(tile, is_vital).await });
         Cancelling(task).await.unwrap_or_else(|error| Err(unfinished(&error)))
+    }
+
+    /// Whether requests for a layer's archive fail in a row.
+    pub(crate) fn is_silent(&self, layer: Layer) -> bool {
+        self.remote.is_silent(layer)
     }
 
     /// Waits for a read; for threads of no async runtime.

@@ -182,7 +182,12 @@ impl Store {
             .map(Payload::new),
             Backend::Remote(remote) => remote.payload(tile, self.failed.is_vital(tile)).await,
         };
-        self.failed.note(tile, read.as_ref().err(), Instant::now());
+        match (&self.backend, &read) {
+            (Backend::Remote(remote), Err(error)) if error.is_passing() && remote.is_silent(tile.layer) => {
+                self.failed.note_silence(tile, error, Instant::now());
+            }
+            _ => self.failed.note(tile, read.as_ref().err(), Instant::now()),
+        }
         read
     }
 

@@ -101,6 +101,12 @@ impl Remote {
         self.network.as_ref()
     }
 
+    /// Whether requests for a layer's archive fail in a row.
+    pub(crate) fn is_silent(&self, layer: Layer) -> bool {
+        let file = self.archives[layer as usize].file;
+        self.network.as_ref().is_some_and(|network| network.policy().is_silent(file))
+    }
+
     pub(crate) fn cache_stats(&self) -> CacheStats {
         self.cache.stats()
     }

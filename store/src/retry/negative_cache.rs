@@ -31,6 +31,8 @@ struct Entry {
     until: Option<Instant>,
     failures: u32,
     error: FetchError,
+    /// It failed while its file failed in a row, perhaps without having been asked for at all.
+    is_of_silence: bool,
 }
 
 impl Entry {
@@ -74,9 +76,15 @@ impl NegativeCache {
         let mut tiles = lock(&self.tiles);
         let Some(error) = error else {
             tiles.remove(&tile);
-            // The server answers: what failed on the way there need not rest for as long as the silence has taught.
-            for entry in tiles.values_mut().filter(|entry| is_of_the_way(&entry.error)) {
-                entry.until = entry.until.map(|until| until.min(now + FIRST_REST));
+            // The server answers: what failed on the way there need not rest for as long as the silence has taught. What
+            // failed because this tile's file was silent as a whole need not rest at all.
+            for (other, entry) in tiles.iter_mut() {
+                let most = match entry.is_of_silence && other.layer == tile.layer {
+                    true => now,
+                    false if is_of_the_way(&entry.error) => now + FIRST_REST,
+                    false => continue,
+                };
+                entry.until = entry.until.map(|until| until.min(most));
             }
             return;
         };
@@ -92,7 +100,16 @@ impl NegativeCache {
         }
         let failures = tiles.get(&tile).map_or(0, |entry| entry.failures);
         let until = self.rest(tile, error, failures).map(|rest| now + rest);
-        tiles.insert(tile, Entry { until, failures: failures.saturating_add(1), error: error.clone() });
+        let failures = failures.saturating_add(1);
+        tiles.insert(tile, Entry { until, failures, error: error.clone(), is_of_silence: false });
+    }
+
+    /// Notes a read that failed while its file failed in a row: the next tile of the same layer that comes ends its rest.
+    pub fn note_silence(&self, tile: Tile, error: &FetchError, now: Instant) {
+        self.note(tile, Some(error), now);
+        if let Some(entry) = lock(&self.tiles).get_mut(&tile) {
+            entry.is_of_silence = true;
+        }
     }
 
     /// How long a tile rests that has failed so often before; `None` for ever.
@@ -163,6 +180,25 @@ mod tests {
         cache.note(color(3), None, now);
         let rests = |m, secs| cache.find(color(m), now + Duration::from_secs(secs)).is_some();
         assert_eq!([rests(1, 1), rests(1, 2), rests(2, 30)], [true, false, true]);
+    }
+
+    #[test]
+    fn an_answer_ends_the_rest_of_what_failed_because_its_file_was_silent() {
+        let cache = cache();
+        let now = Instant::now();
+        let error = FetchError::failed(Cause::Server, "500", "x");
+        let of_elevation = Tile { layer: Layer::Elevation, ..color(1) };
+        for _ in 0..3 {
+            cache.note_silence(color(1), &error, now);
+            cache.note_silence(of_elevation, &error, now);
+        }
+        assert!(cache.find(color(1), now).is_some());
+        cache.note(color(3), None, now);
+        assert!(cache.find(color(1), now).is_none() && cache.find(of_elevation, now).is_some());
+        let exact = NegativeCache::new(FailedTiles::Final, root(), []);
+        exact.note_silence(color(1), &error, now);
+        exact.note(color(3), None, now);
+        assert!(exact.find(color(1), now).is_some(), "a picture must not depend on time");
     }
 
     #[test]

@@ -64,6 +64,11 @@ impl RetryPolicy {
         self.options.most
     }
 
+    /// Whether a file has failed so often in a row that one request asks for all.
+    pub(crate) fn is_silent(&self, file: &str) -> bool {
+        lock(&self.breakers).get(file).is_some_and(|breaker| breaker.is_open())
+    }
+
     /// A read begins.
     pub(crate) fn begin(&self, file: &'static str, allowance: Allowance) -> Tries<'_> {
         lock(&self.budget).first();
