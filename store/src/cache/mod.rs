@@ -32,7 +32,7 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use terravision_common::files::{claim_folder, open_regular, private_folder};
 
@@ -97,7 +97,6 @@ pub(crate) struct DiskCache {
     ledger: Option<Ledger>,
     paused: Mutex<Option<Instant>>,
     counters: Counters,
-    temporaries: AtomicU64,
     log: Arc<ErrorLog>,
 }
 
@@ -119,7 +118,6 @@ impl DiskCache {
             ledger: None,
             paused: Mutex::new(None),
             counters: Counters::default(),
-            temporaries: AtomicU64::new(0),
             log,
         };
         if most_bytes > 0 {
@@ -247,9 +245,8 @@ impl DiskCache {
     }
 
     fn write(&self, path: &Path, content: &[u8]) -> io::Result<()> {
-        let number = self.temporaries.fetch_add(1, Ordering::Relaxed);
         let Some(shard) = path.parent() else { return Ok(()) };
-        let temporary = shard.join(format!("{}{}-{number}", sweep::TEMPORARY, std::process::id()));
+        let temporary = shard.join(temporary_name());
         let written = entry::write(&temporary, content).or_else(|error| match error.kind() {
             // The first of its shard; or a sweep has just removed the empty folder.
             io::ErrorKind::NotFound => fs::create_dir_all(shard).and_then(|()| entry::write(&temporary, content)),
@@ -273,6 +270,18 @@ impl DiskCache {
         let why = format!("the disk cache does not work ({error}), the flight goes on without it");
         self.log.note(&Fault { cause: Cause::Cache, why, place: self.folder.display().to_string() });
     }
+}
+
+/// A name that no other write has: not of this process, which may have opened the folder several times, and not of a process of
+/// another container with the same id.
+fn temporary_name() -> String {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    static BEGUN_NANOS: OnceLock<u128> = OnceLock::new();
+    let begun = BEGUN_NANOS
+        .get_or_init(|| SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_nanos()));
+    // Relaxed: numbers only have to differ.
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    format!("{}{}-{begun:x}-{number}", sweep::TEMPORARY, std::process::id())
 }
 
 fn mark_used(path: &Path, modified: SystemTime) {

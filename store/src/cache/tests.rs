@@ -72,6 +72,25 @@ fn what_was_kept_is_read_again_by_another_process_too() {
 }
 
 #[test]
+fn users_within_one_process_do_not_write_into_each_others_files() {
+    for round in 0..50 {
+        let folder = Folder::new();
+        let caches = [folder.open(1 << 20), folder.open(1 << 20), folder.open(1 << 20)];
+        let start = std::sync::Barrier::new(caches.len());
+        std::thread::scope(|scope| {
+            for cache in &caches {
+                scope.spawn(|| {
+                    start.wait();
+                    cache.put(&key(round), &content(round));
+                });
+            }
+        });
+        assert!(caches.iter().all(|cache| !cache.is_paused()), "round {round}");
+        assert_eq!(caches[0].get(&key(round)).as_deref(), Some(content(round).as_slice()));
+    }
+}
+
+#[test]
 fn the_bound_holds_with_several_users_and_the_longest_unused_goes() {
     let folder = Folder::new();
     let most = 40 * disk_bytes(10_000);
