@@ -3,7 +3,8 @@
 //! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
 //! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
 //! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
-//! pixel. With several views that holds for all of them: what one of them may see stays.
+//! pixel. With several views that holds for all of them: what one of them may see stays, and the slot says which do not
+//! ([`TileSlot::unseen_by`]), so that none draws what only another one sees.
 
 use crate::horizon::Horizon;
 use glam::Vec3;
@@ -111,8 +112,8 @@ impl BlockCulling {
         }
     }
 
-    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in any
-    /// view.
+    /// Cuts a block of the entered leaf down to what is seen, and marks the views that see nothing
+    /// of it; `false` when nothing of it is in any view.
     pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
         let eyes = &self.eyes[..self.view_count];
         if !cull_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
@@ -123,8 +124,10 @@ impl BlockCulling {
         if cull_by(&mut seen, |from, to| eyes.iter().all(|eye| is_unseen(eye, from, to))) {
             *slot = seen;
             self.is_seen = true;
+            let [from, to] = [slot.start, slot.end].map(|post| post.map(usize::from));
+            slot.unseen_by = bits(eyes.iter().map(|eye| is_unseen(eye, from, to)));
         } else {
-            slot.is_hidden = 1;
+            slot.unseen_by = bits(eyes.iter().map(|_| true));
         }
         true
     }
@@ -208,6 +211,11 @@ impl Eye {
         }
         all != 0
     }
+}
+
+/// A bit for each view, that of the first the lowest.
+fn bits(views: impl DoubleEndedIterator<Item = bool>) -> u8 {
+    views.rev().fold(0, |bits, bit| bits << 1 | u8::from(bit))
 }
 
 /// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing is left.

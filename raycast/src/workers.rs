@@ -1,6 +1,9 @@
 //! Threads that share a frame's lines.
 
+use rustix::time::{ClockId, clock_gettime};
 use std::ops::{Add, Range};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Why there are no threads.
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +23,8 @@ pub struct WorkersError {
 pub struct Workers {
     count: usize,
     pool: Option<rayon::ThreadPool>,
+    /// Processor time of all threads together since it was last taken, nanoseconds.
+    busy_nanos: AtomicU64,
 }
 
 impl Workers {
@@ -30,14 +35,15 @@ impl Workers {
     pub fn new(count: usize) -> Result<Self, WorkersError> {
         let count = count.max(1);
         if count == 1 {
-            return Ok(Self { count, pool: None });
+            return Ok(Self { count, pool: None, busy_nanos: AtomicU64::new(0) });
         }
         let name = |index| format!("rays-{index}");
         let builder = || rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(name);
         // As a member of the pool the calling thread works instead of waiting, and hands work over without a queue that
         // allocates. A thread is a member of one pool for ever; a second pool gets threads of its own.
         let pool = builder().use_current_thread().build().or_else(|_| builder().build());
-        Ok(Self { count, pool: Some(pool.map_err(|source| WorkersError { count, source })?) })
+        let pool = Some(pool.map_err(|source| WorkersError { count, source })?);
+        Ok(Self { count, pool, busy_nanos: AtomicU64::new(0) })
     }
 
     /// How many there are.
@@ -46,8 +52,23 @@ impl Workers {
         self.count
     }
 
+    /// Processor time that work has taken since this was called last, of all threads together.
+    pub fn take_busy(&self) -> Duration {
+        // Relaxed: whoever asks has waited for the work, and joins order what it did.
+        Duration::from_nanos(self.busy_nanos.swap(0, Ordering::Relaxed))
+    }
+
+    /// Does a part of the work on the calling thread, and counts its time.
+    fn timed<T>(&self, work: impl FnOnce() -> T) -> T {
+        let started = thread_nanos();
+        let made = work();
+        self.busy_nanos.fetch_add(thread_nanos().saturating_sub(started), Ordering::Relaxed);
+        made
+    }
+
     /// Has each worker do `work(its number)`, waits for all, adds up what they return.
     pub fn run<T: Add<Output = T> + Send>(&self, work: impl Fn(usize) -> T + Sync) -> T {
+        let work = |worker| self.timed(|| work(worker));
         match &self.pool {
             None => work(0),
             Some(pool) => pool.install(|| share(&work, 0, self.count)),
@@ -63,11 +84,18 @@ impl Workers {
         at: &(impl Fn(usize) -> usize + Sync),
         work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
     ) {
+        let work = |range: Range<usize>, out: &mut [T]| self.timed(|| work(range, out));
         match &self.pool {
             None => work(0..count, out),
-            Some(pool) => pool.install(|| split(0..count, self.count, out, at, work)),
+            Some(pool) => pool.install(|| split(0..count, self.count, out, at, &work)),
         }
     }
+}
+
+/// Processor time of the calling thread.
+fn thread_nanos() -> u64 {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    now.tv_sec.cast_unsigned() * 1_000_000_000 + now.tv_nsec.cast_unsigned()
 }
 
 /// Halves items and what belongs to them until there are so many parts.
@@ -108,6 +136,7 @@ mod tests {
         for count in [0, 1, 2, 3, 7] {
             let workers = Workers::new(count).unwrap();
             assert_eq!(workers.run(|n| 1u64 << (8 * n)), (0..count.max(1)).map(|n| 1u64 << (8 * n)).sum::<u64>());
+            assert!(workers.take_busy() > Duration::ZERO && workers.take_busy() == Duration::ZERO);
         }
     }
 

@@ -111,9 +111,9 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
         recording.copy_view(&mut target, &readback, options.size, [0, 0]);
         recording.read_back(readback);
         recording.submit()?;
-        if let Some((readback, nanos)) = slot.take()? {
+        if let Some((readback, times)) = slot.take()? {
             spare = Some(readback);
-            gpu_ms.extend(nanos.map(|nanos| nanos / 1e6));
+            gpu_ms.extend(times.whole.map(|nanos| nanos / 1e6));
         }
     }
     instance.check_validation()?;
@@ -139,7 +139,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
             let Some(finished) = engine.poll(LONGEST)? else { break };
             source.complete(&finished.done())?;
             gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
-            triangles += finished.triangles;
+            triangles += finished.costs.triangles();
             spare.push(finished.pixels);
         }
         if frame == lap {
@@ -154,7 +154,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
     while let Some(finished) = engine.poll(LONGEST)? {
         source.complete(&finished.done())?;
         gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
-        triangles += finished.triangles;
+        triangles += finished.costs.triangles();
     }
     Ok(watch.stop("replay".to_owned(), triangles / frames.max(1) as u64, gpu_ms, frames))
 }

@@ -54,7 +54,7 @@ fn colours_lie_where_they_belong_seen_from_above() {
         // 160 m at 200 m with a focal length of 60 / tan 30 degrees: 83.1 px a side.
         let ground = (w * h) as usize - sky_pixels(&frames[0]);
         assert!(ground.abs_diff(6912) < 200, "{ground} pixels of ground");
-        assert_eq!(frames[0].triangles, 4 * 128);
+        assert_eq!(frames[0].costs.triangles(), 4 * 128);
     }
 }
 
@@ -191,7 +191,7 @@ fn a_block_takes_its_part_of_an_ancestors_array_and_colours() {
     assert_eq!(pixel(&frames[0], 100, 40), [220, 220, 0]);
     assert_eq!(pixel(&frames[0], 60, 80), [20, 20, 0]);
     assert_eq!(pixel(&frames[0], 100, 80), [220, 20, 0]);
-    assert_eq!(frames[0].triangles, 4 * 32);
+    assert_eq!(frames[0].costs.triangles(), 4 * 32);
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn blocks_of_any_width_are_drawn() {
     scene.frame(&camera, vec![whole]);
     let frames = draw(&options(SIZE), &scene.finish()).unwrap();
     assert_eq!(frames[0].pixels.rgba(), frames[1].pixels.rgba());
-    assert_eq!(frames[0].triangles, 128);
+    assert_eq!(frames[0].costs.triangles(), 128);
 }
 
 /// Depth along the view axis of the ground under a point of the picture, pixels, for flat ground at height 0.

@@ -1,16 +1,20 @@
 //! Engines: they turn checked frames into pictures in memory, and know neither where frames come from nor where they go.
 //! [`DeviceEngine`] draws with Vulkan, [`RaysEngine`] with the processor alone, both behind one trait ([`Engine`]).
 
+mod cost;
 mod device;
 mod error;
 mod finished;
 mod options;
+mod parts;
 mod rays;
 
+pub use cost::{DrawCost, DrawCosts};
 pub use device::DeviceEngine;
 pub use error::EngineError;
 pub use finished::{Finished, Submitted};
 pub use options::{EngineOptions, ViewBounds};
+pub use parts::{MOST_PARTS, Parts};
 pub use rays::RaysEngine;
 
 use crate::frame::Frame;

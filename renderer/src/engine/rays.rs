@@ -1,6 +1,7 @@
 //! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in shared memory, cast on the
 //! processor's cores. No Vulkan.
 
+use super::cost::{DrawCost, DrawCosts};
 use super::finished::InFlight;
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
@@ -43,6 +44,8 @@ pub struct RaysEngine {
     /// Of each tile the colour of its outline, where outlines are wanted.
     outlines: Vec<u32>,
     finished: Option<Finished>,
+    /// Of the frame that was cast last.
+    costs: DrawCosts,
     choice: Choice,
     /// Whether the world has holes.
     has_holes: bool,
@@ -138,6 +141,7 @@ impl RaysEngine {
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
+            costs: DrawCosts::default(),
             choice: Choice::of(options.rays),
             has_holes: world.has_holes(),
             options,
@@ -173,7 +177,7 @@ impl Engine for RaysEngine {
         let started_nanos = monotonic_nanos();
         let prepared_nanos = self.cast(self.choice.method(), frame, pools)?;
         let pixels = self.hand_over(frame, pixels);
-        self.finished = Some(InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels));
+        self.finished = Some(InFlight::new(frame, self.costs, started_nanos, prepared_nanos).finish(pixels));
         let mut decided = None;
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
             let took = self.try_both(frame, pools)?;
@@ -236,18 +240,28 @@ impl RaysEngine {
             has_undersides: self.has_holes,
             ..CastOptions::default()
         };
+        self.costs = DrawCosts::default();
         for (index, view) in frame.views.iter().enumerate() {
             match self.pictures.get_mut(index) {
                 Some(picture) if picture.size() == view.size() => {}
                 Some(picture) => *picture = Picture::new(view.size()),
                 None => self.pictures.push(Picture::new(view.size())),
             }
+            // What the workers did for the ground is not this view's.
+            self.caster.workers().take_busy();
             self.caster.draw(ground, &layers[..], &view.camera, &options, &self.pictures[index]);
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
                 self.caster.outline(ground, &view.camera, &self.outlines, &self.pictures[index]);
             }
+            self.costs.push(DrawCost {
+                technique: TechniqueChoice::Rays,
+                view: index,
+                tiles: frame.tiles.len() as u32,
+                triangles: 0,
+                nanos: Some(self.caster.workers().take_busy().as_nanos() as u64),
+            });
         }
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();

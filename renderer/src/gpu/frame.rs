@@ -6,6 +6,7 @@ use super::device::{Device, SubmitValue};
 use super::error::{During, GpuError};
 use super::owned::{Owned, destroyer};
 use super::readback::Readback;
+use super::stamps::{FrameTimes, Stamps};
 use super::target::Target;
 use ash::vk;
 use std::sync::Arc;
@@ -18,7 +19,7 @@ pub struct FrameSlot {
     readback: Option<Readback>,
     commands: vk::CommandBuffer,
     pool: Owned<vk::CommandPool>,
-    queries: Option<Owned<vk::QueryPool>>,
+    stamps: Option<Stamps>,
     index: usize,
 }
 
@@ -40,15 +41,8 @@ impl FrameSlot {
             unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?;
         let commands = buffers[0];
         device.name(commands, &format!("frame slot {index}"));
-        let queries = if device.capabilities().timestamp_period_nanos.is_some() {
-            let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
-            // SAFETY: the queue has timestamps.
-            let queries = unsafe { device.raw().create_query_pool(&info, None) }.during("creating timestamps")?;
-            Some(Owned::new(device, queries, destroyer!(destroy_query_pool)))
-        } else {
-            None
-        };
-        Ok(Self { pending: None, readback: None, commands, pool, queries, index })
+        let stamps = Stamps::new(device)?;
+        Ok(Self { pending: None, readback: None, commands, pool, stamps, index })
     }
 
     /// Whether a frame of this slot is with the device, or has come back and was not taken yet.
@@ -65,36 +59,19 @@ impl FrameSlot {
         self.pending.map_or(Ok(true), |value| self.pool.device().wait(value, timeout))
     }
 
-    /// The pixels of the slot's frame and the nanoseconds that the GPU took; waits for them. `None` without a frame.
+    /// The pixels of the slot's frame and the times that the device took; waits for them. `None` without a frame.
     ///
     /// # Errors
     /// The device was lost, or hangs.
-    pub fn take(&mut self) -> Result<Option<(Readback, Option<f64>)>, GpuError> {
+    pub fn take(&mut self) -> Result<Option<(Readback, FrameTimes)>, GpuError> {
         let seconds = super::device::LONGEST_FRAME.as_secs();
         if !self.wait(super::device::LONGEST_FRAME)? {
             return Err(GpuError::Timeout { seconds });
         }
         let was_pending = self.pending.take().is_some();
         let Some(readback) = self.readback.take() else { return Ok(None) };
-        let nanos = if was_pending { self.gpu_nanos() } else { None };
-        Ok(Some((readback, nanos)))
-    }
-
-    fn gpu_nanos(&self) -> Option<f64> {
-        let device = self.pool.device();
-        let period = device.capabilities().timestamp_period_nanos?;
-        let mut stamps = [0u64; 2];
-        // SAFETY: both queries were written by the submit that `take` waited for.
-        unsafe {
-            device.raw().get_query_pool_results(
-                self.queries.as_ref()?.get(),
-                0,
-                &mut stamps,
-                vk::QueryResultFlags::TYPE_64,
-            )
-        }
-        .ok()?;
-        Some(stamps[1].wrapping_sub(stamps[0]) as f64 * period)
+        let times = self.stamps.as_ref().filter(|_| was_pending).and_then(Stamps::times);
+        Ok(Some((readback, times.unwrap_or_default())))
     }
 
     /// Begins the slot's next frame; what was read back of the last one must have been taken.
@@ -112,17 +89,9 @@ impl FrameSlot {
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the buffer was just reset.
         unsafe { device.raw().begin_command_buffer(self.commands, &info) }.during("beginning a frame")?;
-        if let Some(queries) = &self.queries {
-            // SAFETY: recording, outside of rendering; the pool has two queries.
-            unsafe {
-                device.raw().cmd_reset_query_pool(self.commands, queries.get(), 0, 2);
-                device.raw().cmd_write_timestamp2(
-                    self.commands,
-                    vk::PipelineStageFlags2::TOP_OF_PIPE,
-                    queries.get(),
-                    0,
-                );
-            }
+        if let Some(stamps) = &mut self.stamps {
+            // SAFETY: recording, outside of rendering; the slot's last frame is finished.
+            unsafe { stamps.begin(self.commands) };
         }
         Ok(Recording { slot: self, device, has_copied: false })
     }
@@ -152,6 +121,24 @@ impl Recording<'_> {
         self.slot.commands
     }
 
+    /// Records a piece of work, whose time by the device's clock comes back with the frame
+    /// ([`FrameTimes::piece`]), added up where pieces of one number are several. The device finishes
+    /// what was recorded before it first.
+    pub fn timed<T>(&mut self, piece: usize, work: impl FnOnce(&mut Self) -> T) -> T {
+        self.stamp(piece);
+        let made = work(self);
+        self.stamp(piece);
+        made
+    }
+
+    fn stamp(&mut self, piece: usize) {
+        let commands = self.slot.commands;
+        if let Some(stamps) = &mut self.slot.stamps {
+            // SAFETY: recording; `begin` was called for this frame.
+            unsafe { stamps.stamp(commands, piece) };
+        }
+    }
+
     /// Copies the view of this size that was drawn to `target` to its place in `readback`.
     pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
         if std::mem::replace(&mut self.has_copied, true) {
@@ -175,16 +162,9 @@ impl Recording<'_> {
         let Self { slot, device, .. } = self;
         // SAFETY: recording, outside of rendering.
         unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
-        if let Some(queries) = &slot.queries {
-            // SAFETY: recording; the query was reset in `begin`.
-            unsafe {
-                device.raw().cmd_write_timestamp2(
-                    slot.commands,
-                    vk::PipelineStageFlags2::ALL_COMMANDS,
-                    queries.get(),
-                    1,
-                );
-            }
+        if let Some(stamps) = &slot.stamps {
+            // SAFETY: recording; `begin` was called for this frame.
+            unsafe { stamps.end(slot.commands) };
         }
         // SAFETY: recording; all that was begun has ended.
         unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;

@@ -26,6 +26,7 @@ mod owned;
 mod passes;
 mod readback;
 mod requirements;
+mod stamps;
 mod target;
 
 pub use adapter::{AdapterDescription, describe_adapters};
@@ -41,4 +42,5 @@ pub use passes::rays::{RayNode, RayTile, RayView, RaysPass};
 pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};
+pub use stamps::{FrameTimes, MOST_PIECES};
 pub use target::Target;

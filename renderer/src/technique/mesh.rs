@@ -1,12 +1,13 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
 use super::view::view_parameters;
-use super::{ArrayPlaces, Technique, TechniqueError, outline_of};
-use crate::frame::Frame;
+use super::{ArrayPlaces, Draw, Technique, TechniqueError, outline_of};
+use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
     ViewParameters,
 };
+use std::ops::Range;
 use terravision_common::camera::Camera;
 use terravision_common::rig::MAX_VIEWS;
 use terravision_common::run::TechniqueChoice;
@@ -28,10 +29,19 @@ pub struct MeshTechnique {
     pass: TerrainPass,
     world: World,
     views: Vec<MeshView>,
-    /// The tiles of all views: as seen from one eye after the other.
+    /// All tiles of the frame, as seen from one eye after the other.
     tiles: Vec<TileParameters>,
-    blocks: Vec<Block>,
-    triangles: u64,
+    /// What is drawn of them, one draw after the other.
+    blocks: Vec<(u32, Block)>,
+    draws: Vec<MeshDraw>,
+}
+
+/// A draw of the frame.
+#[derive(Debug, Clone)]
+struct MeshDraw {
+    view: usize,
+    /// Of the technique's blocks.
+    blocks: Range<usize>,
 }
 
 /// A view of the frame.
@@ -63,55 +73,85 @@ impl MeshTechnique {
             views: Vec::with_capacity(MAX_VIEWS),
             tiles: Vec::with_capacity(4096),
             blocks: Vec::with_capacity(4096),
-            triangles: 0,
+            draws: Vec::with_capacity(MAX_VIEWS),
         })
     }
 }
 
 impl Technique for MeshTechnique {
-    fn name(&self) -> &'static str {
-        TechniqueChoice::Mesh.name()
+    fn choice(&self) -> TechniqueChoice {
+        TechniqueChoice::Mesh
+    }
+
+    fn wants_unseen(&self) -> bool {
+        false
     }
 
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
+        draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
     ) -> Result<(), TechniqueError> {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
+        self.draws.clear();
         let datum_m = self.world.surface().height_m(frame.marker.camera.eye());
         for view in frame.views.iter() {
-            let (parameters, cell) = view_parameters(&view.camera, &self.world, datum_m);
-            let sides = visible_sides(&view.camera, &self.world);
-            // Eyes in one cell see the same tiles.
-            let seen =
-                self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
-            let first_tile = seen.unwrap_or(self.tiles.len());
-            self.views.push(MeshView { parameters, sides, cell, first_tile });
-            if seen.is_none() {
-                self.tiles.extend(
-                    drawn_tiles(frame, places).map(|(tile, start)| tile_parameters(tile, &self.world, cell, start)),
-                );
-            }
+            self.add_view(frame, &view.camera, datum_m, places)?;
         }
-        self.blocks.extend(drawn_tiles(frame, places).map(|(tile, _)| block(tile)));
-        let triangles = |Block { size, snap, .. }: &Block| 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
-        self.triangles = frame.views.len() as u64 * self.blocks.iter().map(triangles).sum::<u64>();
+        for Draw { view, tiles, .. } in draws {
+            let Some(first_tile) = self.views.get(view).map(|view| view.first_tile) else { continue };
+            let start = self.blocks.len();
+            let drawn = tiles.of(&frame.tiles);
+            self.blocks.extend(drawn.map(|(number, tile)| ((first_tile + number) as u32, block(tile))));
+            self.draws.push(MeshDraw { view, blocks: start..self.blocks.len() });
+        }
         Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
     }
 
-    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
-        let Some(MeshView { parameters, sides, first_tile, .. }) = self.views.get(view) else { return };
-        let (blocks, sides, first_tile) = (&self.blocks[..], *sides, *first_tile);
-        self.pass.draw(recording, colors, &TerrainView { parameters, blocks, first_tile, sides, is_depth_only });
+    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
+        let Some(MeshDraw { view, blocks }) = self.draws.get(draw) else { return };
+        let MeshView { parameters, sides, .. } = &self.views[*view];
+        let blocks = &self.blocks[blocks.clone()];
+        self.pass.draw(recording, colors, &TerrainView { parameters, blocks, sides: *sides, is_depth_only });
     }
 
-    fn triangles(&self) -> u64 {
-        self.triangles
+    fn triangles(&self, draw: usize) -> u64 {
+        let triangles = |Block { size, snap, .. }: &Block| 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
+        let drawn = self.draws.get(draw).map_or(0..0, |draw| draw.blocks.clone());
+        self.blocks[drawn].iter().map(|(_, block)| triangles(block)).sum()
+    }
+}
+
+impl MeshTechnique {
+    /// Takes a view in, and the tiles as its eye sees them.
+    fn add_view(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        datum_m: f64,
+        places: ArrayPlaces<'_>,
+    ) -> Result<(), TechniqueError> {
+        let (parameters, cell) = view_parameters(camera, &self.world, datum_m);
+        let sides = visible_sides(camera, &self.world);
+        // Eyes in one cell see the same tiles.
+        let seen = self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
+        let first_tile = seen.unwrap_or(self.tiles.len());
+        self.views.push(MeshView { parameters, sides, cell, first_tile });
+        if seen.is_some() {
+            return Ok(());
+        }
+        for (index, tile) in frame.tiles.iter().enumerate() {
+            let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
+            let (frame, fault) = (frame.marker.frame, TileFault::Elevation);
+            let start = places.starts.get(array).ok_or(FrameError::Tile { frame, index, fault })?;
+            self.tiles.push(tile_parameters(tile, &self.world, cell, *start));
+        }
+        Ok(())
     }
 }
 
@@ -120,15 +160,6 @@ impl Technique for MeshTechnique {
 /// An eye beside the world may look under its edge, and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
     if world.surface().is_over(camera.eye()) && !world.has_holes() { Sides::Upper } else { Sides::Both }
-}
-
-/// The tiles that are drawn, each with the first value of its elevation array.
-fn drawn_tiles<'a>(frame: &'a Frame, places: ArrayPlaces<'a>) -> impl Iterator<Item = (&'a TileSlot, u32)> {
-    frame.tiles.iter().filter(|tile| tile.is_hidden == 0).filter_map(move |tile| {
-        let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
-        // `FrameReader` checked that every tile's array is one of the frame's.
-        Some((tile, *places.starts.get(array)?))
-    })
 }
 
 fn block(tile: &TileSlot) -> Block {

@@ -102,10 +102,8 @@ pub enum Sides {
 pub struct TerrainView<'a> {
     /// The view.
     pub parameters: &'a ViewParameters,
-    /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`] behind `first_tile`.
-    pub blocks: &'a [Block],
-    /// Where the tiles as this view sees them begin.
-    pub first_tile: usize,
+    /// Blocks, each with the number of its tile among those of [`TerrainPass::prepare`].
+    pub blocks: &'a [(u32, Block)],
     /// Which sides.
     pub sides: Sides,
     /// The pass of [`Target::begin_depth`].
@@ -254,14 +252,13 @@ impl TerrainPass {
                 bytemuck::bytes_of(view.parameters),
             );
         }
-        let room = (slot.tiles.len() / size_of::<TileParameters>() as u64) as usize;
-        for (instance, block) in (view.first_tile..room).zip(view.blocks) {
+        for &(instance, block) in view.blocks {
             let draw = |indices: u32, first: u32, row: u32| {
                 let vertex = (block.start[1] + (row << block.snap)) * self.posts + block.start[0];
                 // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the
                 // array: `Block`s were checked against its size, and `robustBufferAccess` is on.
                 unsafe {
-                    device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance as u32);
+                    device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance);
                 }
             };
             let Some(sections) = self.sections.get(block.snap as usize) else { continue };
