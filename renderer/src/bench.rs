@@ -2,7 +2,7 @@
 
 use crate::engine::{self, EngineError, EngineOptions};
 use crate::frame::FrameReader;
-use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Readback, Target};
+use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Target};
 use crate::source::{Completion, FrameSource, RecordedSource, Recording};
 use crate::technique::{LOD_BIAS, MAX_ANISOTROPY};
 use rustix::time::{ClockId, clock_gettime};
@@ -10,6 +10,7 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use terravision_common::ids::SlotKey;
+use terravision_common::rig::PictureLayout;
 use terravision_common::texels::TexelFormat;
 
 /// A frame is waited for no longer than this.
@@ -90,14 +91,15 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
     let mut colors = ColorPool::new(&device, [side, 1], texels, filtering, None, 1)?;
     let pass = FloorPass::new(&colors, &target, columns, rows)?;
     let mut slot = FrameSlot::new(&device, 0)?;
-    let mut spare = Some(Readback::new(&device, options.size, false)?);
+    let mut spare = Some(Outputs { readback: Some(Readback::new(&device, options.size, false)?), picture: None });
     let (mut gpu_ms, mut watch) = (Vec::with_capacity(frames), Stopwatch::start());
     for frame in 0..WARM_UP + frames {
         if frame == WARM_UP {
             gpu_ms.clear();
             watch = Stopwatch::start();
         }
-        let Some(readback) = spare.take() else { break };
+        let Some(mut outputs) = spare.take() else { break };
+        outputs.lay_out(&device, PictureLayout::whole(options.size))?;
         let mut recording = slot.begin()?;
         if frame == 0 {
             let room = colors.upload_staged(&recording, SlotKey::new(0, 0))?;
@@ -108,11 +110,11 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
         target.begin_picture(&mut recording, options.size, options.sky_rgb);
         pass.draw(&mut recording, &colors);
         target.end(&mut recording);
-        recording.copy_view(&mut target, &readback, options.size, [0, 0]);
-        recording.read_back(readback);
+        recording.copy_view(&mut target, &outputs, options.size, [0, 0]);
+        recording.put_out(outputs);
         recording.submit()?;
-        if let Some((readback, times)) = slot.take()? {
-            spare = Some(readback);
+        if let Some((outputs, times)) = slot.take()? {
+            spare = Some(outputs);
             gpu_ms.extend(times.whole.map(|nanos| nanos / 1e6));
         }
     }

@@ -232,6 +232,9 @@ impl Border {
     /// Draws walls and floor over the view in its frame's picture, and into the depth where there is one. `samples`: per pixel,
     /// 1 or 4.
     pub fn draw(&self, pixels: &mut Pixels, samples: u32) {
+        if pixels.rgba().is_empty() {
+            return;
+        }
         let row_length = pixels.size()[0] as usize;
         let [left, top] = self.view.at.map(|at| at as usize);
         let [width, height] = self.view.size();
@@ -311,6 +314,7 @@ mod tests {
     use super::*;
     use crate::pixels::Raster;
     use terravision_common::camera::Camera;
+    use terravision_common::rig::{PictureLayout, Views};
 
     /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest ground -10 m; the eye 100 m
     /// west of it, 20 m high, looking east.
@@ -368,7 +372,9 @@ mod tests {
     fn walls_cover_picture_and_depth_and_leave_the_rest() {
         let border = border();
         for (samples, partly) in [(1, 0), (4, 1)] {
-            let mut pixels = Pixels::Memory(Raster::new([200, 200], true));
+            let mut raster = Raster::new(true);
+            raster.lay_out(PictureLayout::new([200, 200], &Views::single(&border.view.camera)));
+            let mut pixels = Pixels::Memory(raster);
             border.draw(&mut pixels, samples);
             let drawn = pixels.rgba().chunks_exact(4).filter(|texel| texel[0] > 0).count();
             let whole = pixels.rgba().chunks_exact(4).filter(|texel| texel[0] == 102).count();

@@ -218,7 +218,7 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
             vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
             "no valid camera",
         ),
-        (vec![SlotContent::Marker(FrameMarker { picture: [9, 9], ..marker() })], "a picture of 9x9 pixels, expected"),
+        (vec![SlotContent::Marker(FrameMarker { picture: [33, 9], ..marker() })], "a picture of 33x9 pixels, expected"),
         (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
         (vec![opened, plain, tile(&|t| t.color_generation = 2)], "another generation"),
         (vec![opened, closed], "the number of its tiles is 1, expected 0"),

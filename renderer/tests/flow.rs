@@ -236,7 +236,7 @@ impl io::Write for Shared {
 #[test]
 fn y4m_is_read_by_ffmpeg_with_the_colours_that_were_drawn() {
     let bytes = Shared::default();
-    play(&flight(2), 1, vec![Box::new(StreamSink::new(bytes.clone(), FrameEncoding::Y4m))]).unwrap();
+    play(&flight(2), 1, vec![Box::new(StreamSink::new(bytes.clone(), FrameEncoding::Y4m, SIZE))]).unwrap();
     let base = folder("y4m");
     let [y4m, back] = ["a.y4m", "a.png"].map(|name| base.join(name));
     // As the launcher makes it: the header, then the packets without theirs.

@@ -6,7 +6,7 @@ use super::parts::{DrawList, MOST_PARTS, Parts};
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Readback, Recording, Target,
+    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Recording, Target,
 };
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, Pools, SourceShape};
@@ -15,6 +15,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::rig::PictureLayout;
 use terravision_common::run::TechniqueChoice;
 
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
@@ -165,8 +166,14 @@ impl DeviceEngine {
         costs
     }
 
-    fn new_readback(&self) -> Result<Readback, EngineError> {
-        Ok(Readback::new(&self.device, self.options.size, self.options.has_depth)?)
+    fn new_outputs(&self) -> Result<Outputs, EngineError> {
+        let EngineOptions { size, has_depth, pixels, .. } = self.options;
+        let readback = || Readback::new(&self.device, size, has_depth);
+        let picture = || DevicePicture::new(&self.device, PictureLayout::whole(size));
+        Ok(Outputs {
+            readback: if pixels.host { Some(readback()?) } else { None },
+            picture: if pixels.device { Some(picture()?) } else { None },
+        })
     }
 }
 
@@ -186,7 +193,7 @@ impl Engine for DeviceEngine {
     }
 
     fn new_pixels(&self) -> Result<Pixels, EngineError> {
-        Ok(Pixels::Device(self.new_readback()?))
+        Ok(Pixels::Device(self.new_outputs()?))
     }
 
     fn has_room(&self) -> bool {
@@ -200,10 +207,11 @@ impl Engine for DeviceEngine {
     /// Records a frame and hands it to the device.
     fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
-        let readback = match pixels {
-            Pixels::Device(readback) => readback,
-            Pixels::Memory(_) => self.new_readback()?,
+        let mut outputs = match pixels {
+            Pixels::Device(outputs) => outputs,
+            Pixels::Memory(_) => self.new_outputs()?,
         };
+        outputs.lay_out(&self.device, frame.layout())?;
         let index = self.next_slot;
         self.draws.plan(frame, self.parts.part_of, &self.of_part, &self.techniques);
         let Self { slots, techniques, draws, elevation, colors, target, starts, options, .. } = self;
@@ -234,9 +242,9 @@ impl Engine for DeviceEngine {
                 draw_view(&mut recording, index, true);
                 target.end(&mut recording);
             }
-            recording.copy_view(target, &readback, view.size(), view.at);
+            recording.copy_view(target, &outputs, view.size(), view.at);
         }
-        recording.read_back(readback);
+        recording.put_out(outputs);
         recording.submit()?;
         let in_flight = InFlight::new(frame, self.costs(), started_nanos, monotonic_nanos());
         self.in_flight.push_back((index, in_flight));
@@ -251,11 +259,11 @@ impl Engine for DeviceEngine {
         }
         let taken = self.slots[slot].take()?;
         self.in_flight.pop_front();
-        let Some((readback, times)) = taken else { return Ok(None) };
+        let Some((outputs, times)) = taken else { return Ok(None) };
         if self.options.has_validation {
             self.check_validation()?;
         }
-        Ok(Some(in_flight.finish_on_device(&times, Pixels::Device(readback))))
+        Ok(Some(in_flight.finish_on_device(&times, Pixels::Device(outputs))))
     }
 
     fn check_validation(&self) -> Result<(), EngineError> {

@@ -36,6 +36,8 @@ pub struct Finished {
     pub slots_end: RingPosition,
     /// The camera that its tree was made for.
     pub pose: Camera,
+    /// Width and height of its picture, pixels.
+    pub size: [u32; 2],
     /// What its picture shows, and where.
     pub views: Views,
     /// Screen resolutions of facets and texels that its tree was made for, pixels.
@@ -62,6 +64,7 @@ pub(super) struct InFlight {
     frame: u64,
     done: Done,
     pose: Camera,
+    size: [u32; 2],
     views: Views,
     r_px: [f64; 2],
     is_settled: bool,
@@ -80,6 +83,7 @@ impl InFlight {
                 slots_end: frame.slots_end,
             },
             pose: frame.marker.camera,
+            size: frame.marker.picture,
             views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,
@@ -99,7 +103,7 @@ impl InFlight {
 
     /// The frame with its picture, now.
     pub(super) fn finish(self, pixels: Pixels) -> Finished {
-        let Self { frame, done, pose, views, r_px, is_settled, costs, started_nanos, submitted_nanos } = self;
+        let Self { frame, done, pose, size, views, r_px, is_settled, costs, started_nanos, submitted_nanos } = self;
         let Done { sequence, elevation_end, slots_end } = done;
         Finished {
             frame,
@@ -107,6 +111,7 @@ impl InFlight {
             elevation_end,
             slots_end,
             pose,
+            size,
             views,
             r_px,
             is_settled,

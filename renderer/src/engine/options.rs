@@ -1,6 +1,7 @@
 //! How frames are drawn, in numbers and choices.
 
 use crate::gpu::{AdapterDescription, DeviceChoice, DeviceKind, ElevationPath, Needs, describe_adapters};
+use crate::pixels::PixelPlaces;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 /// How frames are drawn.
@@ -14,8 +15,11 @@ pub struct EngineOptions {
     pub workers: usize,
     /// Which device.
     pub device: DeviceChoice,
-    /// Size of a frame's picture, which holds all of its views, pixels.
+    /// Size of a frame's picture at most, pixels. It holds all of the frame's views; each frame says
+    /// itself how large it is.
     pub size: [u32; 2],
+    /// Where finished pictures are needed.
+    pub pixels: PixelPlaces,
     /// How large and how many the views of a frame are; `None` for one that is the whole picture.
     pub views: Option<ViewBounds>,
     /// Samples per pixel, 1 or 4.
@@ -82,6 +86,7 @@ impl Default for EngineOptions {
             workers: 1,
             device: DeviceChoice::from_environment(),
             size: [1280, 720],
+            pixels: PixelPlaces::HOST,
             views: None,
             samples: 1,
             sky_rgb: [150, 190, 235],

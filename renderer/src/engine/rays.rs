@@ -129,6 +129,9 @@ impl RaysEngine {
         if options.view_bounds().size.iter().any(|side| *side > LONGEST_SIDE) {
             return Err(EngineError::PictureSize { size: options.view_bounds().size, limit: LONGEST_SIDE });
         }
+        if options.pixels.device {
+            return Err(EngineError::MeshOnly { what: "pictures that stay on the device" });
+        }
         let SourceShape { world, texels, .. } = source.shape();
         if texels.is_compressed() {
             return Err(EngineError::MeshOnly { what: "block-compressed colour tiles" });
@@ -161,7 +164,7 @@ impl Engine for RaysEngine {
     }
 
     fn new_pixels(&self) -> Result<Pixels, EngineError> {
-        Ok(Pixels::Memory(Raster::new(self.options.size, self.options.has_depth)))
+        Ok(Pixels::Memory(Raster::new(self.options.has_depth)))
     }
 
     fn has_room(&self) -> bool {
@@ -277,14 +280,19 @@ impl RaysEngine {
     /// Copies the pictures of a frame's views to where sinks read them.
     fn hand_over(&self, frame: &Frame, pixels: Pixels) -> Pixels {
         let mut raster = match pixels {
-            Pixels::Memory(raster) if raster.size == self.options.size => raster,
-            Pixels::Memory(_) | Pixels::Device(_) => Raster::new(self.options.size, self.options.has_depth),
+            Pixels::Memory(raster) => raster,
+            Pixels::Device(_) => Raster::new(self.options.has_depth),
         };
+        if !self.options.pixels.host {
+            return Pixels::Memory(raster);
+        }
+        raster.lay_out(frame.layout());
+        let size = raster.size();
         for (view, picture) in frame.views.iter().zip(&self.pictures) {
-            self.place(picture, view.at, &mut raster.rgba, raster.size, |(texel, _)| texel.to_le());
+            self.place(picture, view.at, &mut raster.rgba, size, |(texel, _)| texel.to_le());
             if let Some(depths) = &mut raster.reversed_depth {
                 // NaN for the sky, which is infinitely far.
-                self.place(picture, view.at, depths, raster.size, |(_, depth)| {
+                self.place(picture, view.at, depths, size, |(_, depth)| {
                     if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) }
                 });
             }

@@ -12,7 +12,7 @@ pub use reader::FrameReader;
 
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::node::NodeId;
-use terravision_common::rig::Views;
+use terravision_common::rig::{PictureLayout, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 
 /// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
@@ -37,6 +37,14 @@ pub struct Frame {
     pub sequence: Sequence,
     /// One past its last slot.
     pub slots_end: RingPosition,
+}
+
+impl Frame {
+    /// Where its views lie in its picture, whose size is the frame's own.
+    #[must_use]
+    pub fn layout(&self) -> PictureLayout {
+        PictureLayout::new(self.marker.picture, &self.views)
+    }
 }
 
 /// Level of the colour leaf of a tile, for overlays; 0 when its number is not a node's.

@@ -34,7 +34,7 @@ pub struct FrameReader {
 const MOST_LOST: u64 = 1 << 16;
 
 impl FrameReader {
-    /// For frames of this source and pictures of this size.
+    /// For frames of this source and pictures of this size at most.
     ///
     /// # Errors
     /// The world is too large.
@@ -164,8 +164,9 @@ impl FrameReader {
         if !marker.camera.is_valid() {
             return Err(FrameError::Camera { frame: expected });
         }
-        if marker.picture != self.size {
-            return Err(FrameError::PictureSize { frame: expected, found: marker.picture, expected: self.size });
+        let (found, most) = (marker.picture, self.size);
+        if (0..2).any(|axis| found[axis] == 0 || found[axis] > most[axis]) {
+            return Err(FrameError::PictureSize { frame: expected, found, most });
         }
         self.frame.marker = *marker;
         self.views.clear();

@@ -23,6 +23,8 @@ pub(super) enum Access {
     CopySource,
     /// Target of a copy.
     CopyTarget,
+    /// Target of a clear outside of rendering.
+    Cleared,
     /// Read by the processor, after the timeline has been waited for.
     HostRead,
 }
@@ -51,6 +53,7 @@ impl Access {
             Self::ReadByFragments => (S::FRAGMENT_SHADER, A::SHADER_STORAGE_READ, L::UNDEFINED),
             Self::CopySource => (S::COPY, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
             Self::CopyTarget => (S::COPY, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
+            Self::Cleared => (S::CLEAR, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Self::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),
         }
     }

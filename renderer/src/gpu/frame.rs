@@ -5,7 +5,7 @@ use super::barrier::{self, Access};
 use super::device::{Device, SubmitValue};
 use super::error::{During, GpuError};
 use super::owned::{Owned, destroyer};
-use super::readback::Readback;
+use super::picture::Outputs;
 use super::stamps::{FrameTimes, Stamps};
 use super::target::Target;
 use ash::vk;
@@ -16,7 +16,7 @@ use std::time::Duration;
 #[derive(Debug)]
 pub struct FrameSlot {
     pending: Option<SubmitValue>,
-    readback: Option<Readback>,
+    outputs: Option<Outputs>,
     commands: vk::CommandBuffer,
     pool: Owned<vk::CommandPool>,
     stamps: Option<Stamps>,
@@ -42,7 +42,7 @@ impl FrameSlot {
         let commands = buffers[0];
         device.name(commands, &format!("frame slot {index}"));
         let stamps = Stamps::new(device)?;
-        Ok(Self { pending: None, readback: None, commands, pool, stamps, index })
+        Ok(Self { pending: None, outputs: None, commands, pool, stamps, index })
     }
 
     /// Whether a frame of this slot is with the device, or has come back and was not taken yet.
@@ -63,15 +63,15 @@ impl FrameSlot {
     ///
     /// # Errors
     /// The device was lost, or hangs.
-    pub fn take(&mut self) -> Result<Option<(Readback, FrameTimes)>, GpuError> {
+    pub fn take(&mut self) -> Result<Option<(Outputs, FrameTimes)>, GpuError> {
         let seconds = super::device::LONGEST_FRAME.as_secs();
         if !self.wait(super::device::LONGEST_FRAME)? {
             return Err(GpuError::Timeout { seconds });
         }
         let was_pending = self.pending.take().is_some();
-        let Some(readback) = self.readback.take() else { return Ok(None) };
+        let Some(outputs) = self.outputs.take() else { return Ok(None) };
         let times = self.stamps.as_ref().filter(|_| was_pending).and_then(Stamps::times);
-        Ok(Some((readback, times.unwrap_or_default())))
+        Ok(Some((outputs, times.unwrap_or_default())))
     }
 
     /// Begins the slot's next frame; what was read back of the last one must have been taken.
@@ -139,19 +139,26 @@ impl Recording<'_> {
         }
     }
 
-    /// Copies the view of this size that was drawn to `target` to its place in `readback`.
-    pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
+    /// Copies the view of this size that was drawn to `target` to its place in the outputs.
+    pub fn copy_view(&mut self, target: &mut Target, outputs: &Outputs, size: [u32; 2], at: [u32; 2]) {
         if std::mem::replace(&mut self.has_copied, true) {
             // Views beside each other share rows of the buffer, if no byte of them.
             // SAFETY: recording, outside of rendering.
             unsafe { barrier::memory(&self.device, self.slot.commands, Access::CopyTarget, Access::CopyTarget) };
+        } else if let Some(picture) = &outputs.picture {
+            // SAFETY: recording, outside of rendering.
+            unsafe { picture.begin(self.slot.commands) };
         }
-        target.record_copy(self, readback, size, at);
+        target.record_copy(self, outputs, size, at);
     }
 
-    /// The pixels that the frame's views were copied to; they come back with the slot.
-    pub fn read_back(&mut self, readback: Readback) {
-        self.slot.readback = Some(readback);
+    /// All views were copied; the outputs come back with the slot.
+    pub fn put_out(&mut self, outputs: Outputs) {
+        if let Some(picture) = outputs.picture.as_ref().filter(|_| self.has_copied) {
+            // SAFETY: recording, outside of rendering; it was begun with the first view.
+            unsafe { picture.end(self.slot.commands) };
+        }
+        self.slot.outputs = Some(outputs);
     }
 
     /// Hands the frame to the device.

@@ -1,7 +1,7 @@
 //! Vulkan, through `ash`: the only place of the renderer that contains `unsafe` and names `vk` handles.
 //!
 //! Layers, each holding an `Arc` of the one before it: `instance` → `device` → resources (`buffer`, `image`,
-//! `color_pool`, `elevation`, `target`, `readback`) → `passes` → `frame`.
+//! `color_pool`, `elevation`, `target`, `readback`, `picture`) → `passes` → `frame`.
 //!
 //! Destruction order: every object is owned by `owned::Owned` from the moment it exists, so a constructor that fails
 //! half-way destroys what it made. Dropping an owner waits for the submits so far, then destroys the object; memory goes
@@ -24,6 +24,7 @@ mod image;
 mod instance;
 mod owned;
 mod passes;
+mod picture;
 mod readback;
 mod requirements;
 mod stamps;
@@ -40,6 +41,7 @@ pub use instance::Instance;
 pub use passes::floor::FloorPass;
 pub use passes::rays::{RayNode, RayTile, RayView, RaysPass};
 pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
+pub use picture::{DevicePicture, Outputs};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};
 pub use stamps::{FrameTimes, MOST_PIECES};

@@ -3,10 +3,12 @@
 //! depend on where it is shown.
 
 use super::barrier::{self, Access, layout_of};
+use super::buffer::Buffer;
 use super::device::Device;
 use super::error::GpuError;
 use super::frame::Recording;
 use super::image::{Image, ImageShape};
+use super::picture::{DevicePicture, Outputs};
 use super::readback::Readback;
 use ash::vk;
 use std::sync::Arc;
@@ -168,50 +170,99 @@ impl Target {
         unsafe { recording.device().raw().cmd_end_rendering(recording.commands()) };
     }
 
-    /// Copies picture and depth of a view of this size to a place in a read-back buffer; what does not fit there is left out.
+    /// Copies picture and depth of a view of this size to its place in the outputs; what does not fit there is left out.
     pub(super) fn record_copy(
         &mut self,
         recording: &mut Recording<'_>,
-        readback: &Readback,
+        outputs: &Outputs,
         size: [u32; 2],
         at: [u32; 2],
     ) {
-        let room = [0, 1].map(|axis| readback.size()[axis].saturating_sub(at[axis]));
-        let [width, height] = [0, 1].map(|axis| size[axis].min(self.size[axis]).min(room[axis]));
-        if width == 0 || height == 0 {
-            return;
-        }
-        let row = readback.size()[0];
+        let Outputs { readback, picture } = outputs;
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let depth = self.depth_of_centres.as_ref().unwrap_or(&self.depth);
-        let copies = [
-            (&self.color, Some(readback.color_buffer()), Access::ColorTarget),
-            (depth, readback.depth_buffer(), Access::DepthTarget),
-        ];
-        for (image, buffer, previous) in copies {
-            let Some(buffer) = buffer else { continue };
-            let region = vk::BufferImageCopy2::default()
-                .image_subresource(vk::ImageSubresourceLayers {
-                    aspect_mask: image.shape().aspect,
-                    mip_level: 0,
-                    base_array_layer: 0,
-                    layer_count: 1,
-                })
-                .buffer_offset((u64::from(at[1]) * u64::from(row) + u64::from(at[0])) * BYTES_PER_PIXEL)
-                .buffer_row_length(row)
-                .image_extent(vk::Extent3D { width, height, depth: 1 });
-            let regions = [region];
-            let info = vk::CopyImageToBufferInfo2::default()
-                .src_image(image.raw())
-                .src_image_layout(layout_of(Access::CopySource))
-                .dst_buffer(buffer.raw())
-                .regions(&regions);
-            // SAFETY: recording, outside of rendering; the region lies inside image and buffer.
-            unsafe {
-                barrier::image(&device, commands, image, previous, Access::CopySource);
-                device.raw().cmd_copy_image_to_buffer2(commands, &info);
+        let size = [0, 1].map(|axis| size[axis].min(self.size[axis]));
+        if readback.is_some() || picture.is_some() {
+            // SAFETY: recording, outside of rendering.
+            unsafe { barrier::image(&device, commands, &self.color, Access::ColorTarget, Access::CopySource) };
+        }
+        if let Some(readback) = readback {
+            copy_to_buffer(&device, commands, &self.color, (readback, readback.color_buffer()), size, at);
+            if let Some(buffer) = readback.depth_buffer() {
+                let depth = self.depth_of_centres.as_ref().unwrap_or(&self.depth);
+                // SAFETY: recording, outside of rendering.
+                unsafe { barrier::image(&device, commands, depth, Access::DepthTarget, Access::CopySource) };
+                copy_to_buffer(&device, commands, depth, (readback, buffer), size, at);
             }
         }
+        if let Some(picture) = picture {
+            copy_to_picture(&device, commands, &self.color, picture, size, at);
+        }
     }
+}
+
+/// How much of a view of this size fits into a picture at its place.
+fn room(picture: [u32; 2], size: [u32; 2], at: [u32; 2]) -> Option<vk::Extent3D> {
+    let [width, height] = [0, 1].map(|axis| size[axis].min(picture[axis].saturating_sub(at[axis])));
+    (width > 0 && height > 0).then_some(vk::Extent3D { width, height, depth: 1 })
+}
+
+fn layers(image: &Image) -> vk::ImageSubresourceLayers {
+    vk::ImageSubresourceLayers {
+        aspect_mask: image.shape().aspect,
+        mip_level: 0,
+        base_array_layer: 0,
+        layer_count: 1,
+    }
+}
+
+/// Copies a view, whose image is a source of copies, to its place in a read-back buffer.
+fn copy_to_buffer(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    image: &Image,
+    (readback, buffer): (&Readback, &Buffer),
+    size: [u32; 2],
+    at: [u32; 2],
+) {
+    let Some(extent) = room(readback.size(), size, at) else { return };
+    let row = readback.size()[0];
+    let regions = [vk::BufferImageCopy2::default()
+        .image_subresource(layers(image))
+        .buffer_offset((u64::from(at[1]) * u64::from(row) + u64::from(at[0])) * BYTES_PER_PIXEL)
+        .buffer_row_length(row)
+        .image_extent(extent)];
+    let info = vk::CopyImageToBufferInfo2::default()
+        .src_image(image.raw())
+        .src_image_layout(layout_of(Access::CopySource))
+        .dst_buffer(buffer.raw())
+        .regions(&regions);
+    // SAFETY: recording, outside of rendering; the region lies inside image and buffer.
+    unsafe { device.raw().cmd_copy_image_to_buffer2(commands, &info) };
+}
+
+/// Likewise to its place in a picture on the device.
+fn copy_to_picture(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    image: &Image,
+    picture: &DevicePicture,
+    size: [u32; 2],
+    at: [u32; 2],
+) {
+    let Some(extent) = room(picture.size(), size, at) else { return };
+    let [x, y] = at.map(u32::cast_signed);
+    let regions = [vk::ImageCopy2::default()
+        .src_subresource(layers(image))
+        .dst_subresource(layers(picture.image()))
+        .dst_offset(vk::Offset3D { x, y, z: 0 })
+        .extent(extent)];
+    let info = vk::CopyImageInfo2::default()
+        .src_image(image.raw())
+        .src_image_layout(layout_of(Access::CopySource))
+        .dst_image(picture.image().raw())
+        .dst_image_layout(layout_of(Access::CopyTarget))
+        .regions(&regions);
+    // SAFETY: recording, outside of rendering; the region lies inside both images, and the picture was begun.
+    unsafe { device.raw().cmd_copy_image2(commands, &info) };
 }

@@ -11,6 +11,7 @@ use crate::pixels::Pixels;
 use crate::sink::workers::{SinkWorkers, Written};
 use crate::skirt::{Border, Skirt};
 use crate::source::{Done, FrameSource, SourceShape};
+use crate::technique::DrawError;
 use std::collections::VecDeque;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
@@ -120,13 +121,15 @@ struct FrameLoop<'a> {
 
 impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, workers: SinkWorkers) -> Result<Self, RunError> {
+        let options = EngineOptions { pixels: workers.needs(), ..options };
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
         let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
         let engine = engine::open(options.clone(), source)?;
         let shape = source.shape();
-        let skirt = options.skirt_low_m.map(|low| Skirt::new(&shape.world, low));
+        // Walls are drawn over pixels in memory of the processor.
+        let skirt = options.skirt_low_m.filter(|_| options.pixels.host).map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
         let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
@@ -211,7 +214,7 @@ impl<'a> FrameLoop<'a> {
         };
         self.borders.push_back(borders);
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
-        if matches!(submitted, Err(EngineError::Frame { .. })) {
+        if matches!(submitted, Err(EngineError::Draw { source: DrawError::Frame { .. } })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;

@@ -61,7 +61,7 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
         SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
         SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
         // What is left out of a stream the launcher makes up for.
-        SinkConfig::Stream(encoding) => return Ok(Box::new(StreamSink::stdout(*encoding)?)),
+        SinkConfig::Stream(encoding) => return Ok(Box::new(StreamSink::stdout(*encoding, [config.width, config.height])?)),
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {
             let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;

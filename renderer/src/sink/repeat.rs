@@ -2,6 +2,7 @@
 //! picture is there once more, so that a film of them keeps the flight's time.
 
 use super::{FrameSink, Picture, Pixels, SinkError};
+use crate::pixels::PixelPlaces;
 use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
@@ -48,6 +49,10 @@ impl RepeatSink {
 }
 
 impl FrameSink for RepeatSink {
+    fn needs(&self) -> PixelPlaces {
+        self.inner.needs()
+    }
+
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         match self.last.take() {
             Some((size, rgba)) if size == picture.size => {
@@ -71,7 +76,8 @@ impl FrameSink for RepeatSink {
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
             let views = Views::single(&Camera::zeroed());
             let (frame, rgba) = (self.next, &rgba);
-            let last = Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: false };
+            let on_device = None;
+            let last = Picture { frame, view: None, size, rgba, reversed_depth: None, on_device, views, is_settled: false };
             self.repeat(self.frames[1], &last)?;
         }
         self.inner.finish()
@@ -118,8 +124,8 @@ mod tests {
         for &frame in frames {
             let rgba = [frame as u8; 4];
             let views = Views::single(&Camera::zeroed());
-            let picture =
-                Picture { frame, view: None, size: [1, 1], rgba: &rgba, reversed_depth: None, views, is_settled: true };
+            let (size, rgba, reversed_depth, on_device) = ([1, 1], &rgba[..], None, None);
+            let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();

@@ -1,7 +1,7 @@
 //! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for none of them.
 
 use super::tiff::{GroundView, depth_m};
-use super::{FrameSink, Picture, SinkError};
+use super::{FrameSink, Picture, SinkError, check_size};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{MadeUp, ShareConfig};
 use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
@@ -37,6 +37,7 @@ impl SharedSink {
 
 impl FrameSink for SharedSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        check_size("the ring of shared frames", picture, self.shape.size)?;
         let reversed = match picture.reversed_depth {
             Some(reversed) => reversed,
             None if self.shape.has_depth || self.shape.has_ground => {

@@ -252,7 +252,8 @@ mod tests {
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
         for frame in [3, 4] {
             let (views, reversed_depth) = (Views::single(&Camera::zeroed()), Some(&depths[..]));
-            let picture = Picture { frame, view: None, size, rgba: &rgba, reversed_depth, views, is_settled: true };
+            let (rgba, on_device) = (&rgba[..], None);
+            let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         let mut expected = std::io::Cursor::new(Vec::new());
@@ -301,8 +302,8 @@ mod tests {
         let (rgba, depths) =
             ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);
         let (views, reversed_depth) = (Views::single(&camera), Some(&depths[..]));
-        let picture =
-            Picture { frame: 0, view: None, size: [3, 1], rgba: &rgba, reversed_depth, views, is_settled: true };
+        let (frame, size, rgba, on_device) = (0, [3, 1], &rgba[..], None);
+        let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
         let folder = std::env::temp_dir().join(format!("terravision-tiff-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let target = PlaneTarget::File(folder.join("a.tif"));

@@ -6,7 +6,7 @@
 
 use super::{FrameSink, Picture, SinkError};
 use crate::engine::Finished;
-use crate::pixels::Pixels;
+use crate::pixels::{PixelPlaces, Pixels};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -51,6 +51,7 @@ struct Worker {
 pub struct SinkWorkers {
     workers: Vec<Worker>,
     written: Receiver<Result<Written, SinkError>>,
+    needs: PixelPlaces,
     /// Worker of the next frame.
     next: usize,
 }
@@ -69,6 +70,7 @@ impl SinkWorkers {
     pub fn start(sinks: Vec<Box<dyn FrameSink>>) -> Result<Self, SinkError> {
         // Room for all frames that workers can hold, so that a worker never waits for the frame loop.
         let (done, written) = sync_channel(sinks.len() * (QUEUE + 2));
+        let needs = sinks.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()));
         let workers = sinks
             .into_iter()
             .enumerate()
@@ -83,7 +85,13 @@ impl SinkWorkers {
                 Ok(Worker { messages, thread })
             })
             .collect::<Result<_, SinkError>>()?;
-        Ok(Self { workers, written, next: 0 })
+        Ok(Self { workers, written, needs, next: 0 })
+    }
+
+    /// Where they need the pixels of pictures.
+    #[must_use]
+    pub fn needs(&self) -> PixelPlaces {
+        self.needs
     }
 
     /// Read-back buffers that keep all workers busy: one being written and one waiting, each.
@@ -179,9 +187,10 @@ fn run_worker(
         let started_nanos = monotonic_nanos();
         let picture = Picture {
             frame: frame.frame,
-            size: frame.pixels.size(),
+            size: frame.size,
             rgba: frame.pixels.rgba(),
             reversed_depth: frame.pixels.reversed_depth(),
+            on_device: frame.pixels.on_device(),
             view: None,
             views: frame.views,
             is_settled: frame.is_settled,

@@ -2,7 +2,7 @@
 
 use super::rays::{SlotBlock, block_of};
 use super::view::{NEAR_M, datum_above_eye_m};
-use super::{ArrayPlaces, Draw, Technique, TechniqueError, outline_of};
+use super::{ArrayPlaces, Draw, Technique, DrawError, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Elevation, RayNode, RayTile, RayView, RaysPass, Recording, Target};
 use glam::DVec2;
@@ -37,7 +37,7 @@ impl ComputeRays {
         world: &World,
         has_overlay: bool,
         slots_and_draws: [usize; 2],
-    ) -> Result<Self, TechniqueError> {
+    ) -> Result<Self, DrawError> {
         Ok(Self {
             pass: RaysPass::new(colors, target, has_overlay, slots_and_draws)?,
             world: *world,
@@ -66,7 +66,7 @@ impl Technique for ComputeRays {
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         self.views.clear();
         for draw in draws {
             self.prepare_draw(draw, recording, frame, elevation, places)?;
@@ -93,7 +93,7 @@ impl ComputeRays {
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         let (world, surface) = (&self.world, self.world.surface());
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let camera = &frame.views[draw.view.min(frame.views.len() - 1)].camera;

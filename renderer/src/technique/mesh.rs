@@ -1,7 +1,7 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
 
 use super::view::view_parameters;
-use super::{ArrayPlaces, Draw, Technique, TechniqueError, outline_of};
+use super::{ArrayPlaces, Draw, Technique, DrawError, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
@@ -94,7 +94,7 @@ impl Technique for MeshTechnique {
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
@@ -135,7 +135,7 @@ impl MeshTechnique {
         camera: &Camera,
         datum_m: f64,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         let (parameters, cell) = view_parameters(camera, &self.world, datum_m);
         let sides = visible_sides(camera, &self.world);
         // Eyes in one cell see the same tiles.

@@ -18,10 +18,10 @@ use crate::gpu::{ColorPool, Elevation, GpuError, Recording};
 use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 
-/// A technique could not draw.
+/// A frame could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum TechniqueError {
+pub enum DrawError {
     /// The device failed.
     #[error(transparent)]
     Gpu {
@@ -68,7 +68,7 @@ pub trait Technique: Send {
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError>;
+    ) -> Result<(), DrawError>;
 
     /// Draws one of the draws, counted from 0, that were prepared last. `is_depth_only`: no picture, depth at pixel centres.
     fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
