@@ -1,8 +1,11 @@
-//! What the device can do at best (the *floor*), and what the renderer does with recorded frames, in one process.
+//! What the device can do at best (the *floor*), and what the renderer does with recorded frames,
+//! in one process.
 
 use crate::engine::{self, EngineError, EngineOptions};
 use crate::frame::FrameReader;
-use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Target};
+use crate::gpu::{
+    ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Target,
+};
 use crate::source::{Completion, FrameSource, RecordedSource, Recording};
 use crate::technique::{LOD_BIAS, MAX_ANISOTROPY};
 use rustix::time::{ClockId, clock_gettime};
@@ -27,7 +30,8 @@ pub struct Measured {
     pub triangles: u64,
     /// Time of each frame by the device's own clock, milliseconds; empty when it has none.
     pub gpu_ms: Vec<f64>,
-    /// Processor time of the whole process per frame (all threads; on a software device also the drawing), milliseconds.
+    /// Processor time of the whole process per frame (all threads; on a software device also the
+    /// drawing), milliseconds.
     pub cpu_ms_per_frame: f64,
     /// Processor time of the calling thread per frame, milliseconds.
     pub thread_ms_per_frame: f64,
@@ -75,8 +79,8 @@ impl Stopwatch {
     }
 }
 
-/// The floor: one full-screen grid of `columns` by `rows` cells, textured and depth-tested, read back like a frame.
-/// `frames` of them, one after the other.
+/// The floor: one full-screen grid of `columns` by `rows` cells, textured and depth-tested, read
+/// back like a frame. `frames` of them, one after the other.
 ///
 /// # Errors
 /// The device failed.
@@ -122,8 +126,9 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
     Ok(watch.stop(format!("floor {columns}x{rows}"), pass.triangles(), gpu_ms, frames))
 }
 
-/// Plays a recording `laps` times through the engine, dropping the pictures; the first lap (which uploads the tiles) is
-/// not measured. With `options.frames_in_flight` 1 the times are those of single frames.
+/// Plays a recording `laps` times through the engine, dropping the pictures; the first lap (which
+/// uploads the tiles) is not measured. With `options.frames_in_flight` 1 the times are those of
+/// single frames.
 ///
 /// # Errors
 /// The device failed, or the recording is damaged.

@@ -1,6 +1,6 @@
-//! Where a frame's pixels are until they have left the sink. A buffer is filled by one frame, then owned by whoever encodes it,
-//! then goes back to be filled again: pixels are never copied on their way to a sink. What no sink needs is not made
-//! ([`PixelPlaces`]).
+//! Where a frame's pixels are until they have left the sink. A buffer is filled by one frame, then
+//! owned by whoever encodes it, then goes back to be filled again: pixels are never copied on their
+//! way to a sink. What no sink needs is not made ([`PixelPlaces`]).
 
 use crate::gpu::{DevicePicture, Outputs, Readback};
 use terravision_common::rig::PictureLayout;
@@ -85,7 +85,8 @@ impl Pixels {
         }
     }
 
-    /// The picture: `[height, width, 4]` bytes RGBA, row 0 at the top; empty where it was not needed in memory of the processor.
+    /// The picture: `[height, width, 4]` bytes RGBA, row 0 at the top; empty where it was not
+    /// needed in memory of the processor.
     #[must_use]
     pub fn rgba(&self) -> &[u8] {
         match self {
@@ -94,7 +95,8 @@ impl Pixels {
         }
     }
 
-    /// The picture and the depth, as [`Pixels::rgba`] and [`Pixels::reversed_depth`] give them, to be drawn over.
+    /// The picture and the depth, as [`Pixels::rgba`] and [`Pixels::reversed_depth`] give them, to
+    /// be drawn over.
     pub(crate) fn planes_mut(&mut self) -> (&mut [u8], Option<&mut [f32]>) {
         match self {
             Self::Device(outputs) => outputs.readback.as_mut().map_or((&mut [], None), Readback::planes_mut),
@@ -104,8 +106,8 @@ impl Pixels {
         }
     }
 
-    /// The depth, when the frame has it: `[height, width]`, row 0 at the top; near plane over metres along the view axis, 0
-    /// for sky.
+    /// The depth, when the frame has it: `[height, width]`, row 0 at the top; near plane over
+    /// metres along the view axis, 0 for sky.
     #[must_use]
     pub fn reversed_depth(&self) -> Option<&[f32]> {
         match self {

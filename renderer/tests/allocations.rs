@@ -6,8 +6,8 @@ use std::sync::Arc;
 use support::{Scene, camera, node, options, world};
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::run::run;
-use terravision_renderer::sink::{FrameSink, NullSink, Picture, SinkError};
 use terravision_renderer::sink::workers::SinkWorkers;
+use terravision_renderer::sink::{FrameSink, NullSink, Picture, SinkError};
 use terravision_renderer::source::{RecordedSource, Recording};
 
 const SIZE: [u32; 2] = [64, 48];

@@ -88,7 +88,10 @@ fn after_a_lost_device_the_pictures_are_the_same() {
 fn a_device_that_is_lost_with_every_frame_is_given_up() {
     let (summary, pictures) = play(&flight(), EngineOptions { lose_device_at: Some(1), ..options(SIZE) });
     let error = summary.expect_err("no frame can be drawn");
-    assert!(matches!(&error, RunError::Engine { source: EngineError::Draw { source: DrawError::Gpu { .. } } }), "{error:?}");
+    assert!(
+        matches!(&error, RunError::Engine { source: EngineError::Draw { source: DrawError::Gpu { .. } } }),
+        "{error:?}"
+    );
     assert!(error.to_string().contains("device was lost") && pictures.is_empty(), "{error}");
     assert!(!error.is_bad_input() && !error.is_stopping(), "{error}");
 }

@@ -92,7 +92,10 @@ fn a_stream_of_one_size_refuses_another_and_no_picture_is_larger_than_the_runs()
     let recording = recording(&pose([64, 48]), &frames);
     let stream = StreamSink::new(std::io::sink(), FrameEncoding::Y4m, [64, 48]);
     let error = play(options([64, 48]), &recording, Box::new(stream)).unwrap_err();
-    assert!(error.starts_with("frame 1 is a picture of 40x48 pixels, but a film or a stream takes 64x48 only"), "{error}");
+    assert!(
+        error.starts_with("frame 1 is a picture of 40x48 pixels, but a film or a stream takes 64x48 only"),
+        "{error}"
+    );
     assert_eq!(play(options([64, 48]), &recording, Box::new(NullSink)), Ok(()));
     let error = play(options([40, 48]), &recording, Box::new(NullSink)).unwrap_err();
     assert!(error.contains("frame 0") && error.contains("64x48 pixels, expected one of 40x48 at most"), "{error}");

@@ -6,7 +6,8 @@ use super::parts::{DrawList, MOST_PARTS, Parts};
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Recording, Target,
+    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Outputs,
+    Readback, Recording, Target,
 };
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, Pools, SourceShape};
@@ -18,9 +19,10 @@ use terravision_common::event::monotonic_nanos;
 use terravision_common::rig::PictureLayout;
 use terravision_common::run::TechniqueChoice;
 
-/// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
-/// itself gains nothing from a second frame, and then finishes both at the same time: with lavapipe every other frame
-/// took twice as long and the ones between nothing, at the same rate.
+/// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device
+/// that is the processor itself gains nothing from a second frame, and then finishes both at the
+/// same time: with lavapipe every other frame took twice as long and the ones between nothing, at
+/// the same rate.
 fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
     match (asked, kind) {
         (0, DeviceKind::Cpu) => 1,
@@ -227,17 +229,17 @@ impl Engine for DeviceEngine {
         }
         let draw_view = |recording: &mut Recording<'_>, view: usize, is_depth_only: bool| {
             for (number, draw) in draws.draws().iter().enumerate().filter(|(_, draw)| draw.view == view) {
-                let technique = &techniques[draw.technique];
-                recording.timed(number, |recording| {
-                    technique.draw(draw.of_technique, recording, colors, is_depth_only);
-                });
+                techniques[draw.technique].draw(draw.of_technique, recording, colors, is_depth_only);
+                recording.end_piece(number);
             }
         };
         for (index, view) in frame.views.iter().enumerate() {
+            recording.begin_pieces();
             target.begin_picture(&mut recording, view.size(), options.sky_rgb);
             draw_view(&mut recording, index, false);
             target.end(&mut recording);
             if target.has_depth_pass() {
+                recording.begin_pieces();
                 target.begin_depth(&mut recording, view.size());
                 draw_view(&mut recording, index, true);
                 target.end(&mut recording);
@@ -271,8 +273,8 @@ impl Engine for DeviceEngine {
     }
 }
 
-/// Where the frame's elevation arrays begin in the buffer that the device reads; copies them there, unless the device reads
-/// shared memory.
+/// Where the frame's elevation arrays begin in the buffer that the device reads; copies them there,
+/// unless the device reads shared memory.
 fn find_elevations(
     elevation: &mut Elevation,
     array_values: usize,

@@ -10,7 +10,8 @@ use terravision_raycast::workers::WorkersError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The device failed, or a frame from the ring is corrupt: all that can go wrong with drawing itself.
+    /// The device failed, or a frame from the ring is corrupt: all that can go wrong with drawing
+    /// itself.
     #[error(transparent)]
     Draw {
         /// Why.

@@ -93,7 +93,8 @@ impl InFlight {
         }
     }
 
-    /// The frame with its picture, now, and with the times of its draws where a device has taken them.
+    /// The frame with its picture, now, and with the times of its draws where a device has taken
+    /// them.
     pub(super) fn finish_on_device(mut self, times: &FrameTimes, pixels: Pixels) -> Finished {
         for (number, cost) in self.costs.iter_mut().enumerate() {
             cost.nanos = times.piece(number).map(|nanos| nanos as u64);

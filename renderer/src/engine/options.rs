@@ -15,8 +15,8 @@ pub struct EngineOptions {
     pub workers: usize,
     /// Which device.
     pub device: DeviceChoice,
-    /// Size of a frame's picture at most, pixels. It holds all of the frame's views; each frame says
-    /// itself how large it is.
+    /// Size of a frame's picture at most, pixels. It holds all of the frame's views; each frame
+    /// says itself how large it is.
     pub size: [u32; 2],
     /// Where finished pictures are needed.
     pub pixels: PixelPlaces,
@@ -26,7 +26,8 @@ pub struct EngineOptions {
     pub samples: u32,
     /// Colour of the sky.
     pub sky_rgb: [u8; 3],
-    /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None` for no skirt.
+    /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None`
+    /// for no skirt.
     pub skirt_low_m: Option<f64>,
     /// Outlines of the colour leaves.
     pub has_tree_overlay: bool,
@@ -40,7 +41,8 @@ pub struct EngineOptions {
     pub elevation_path: ElevationPath,
     /// Whether colour tiles may be copied from shared memory by the device itself.
     pub can_import_colors: bool,
-    /// For tests: the device is lost when it is handed the frame of this number, counted from 1, and so is every device after it.
+    /// For tests: the device is lost when it is handed the frame of this number, counted from 1,
+    /// and so is every device after it.
     pub lose_device_at: Option<u64>,
 }
 

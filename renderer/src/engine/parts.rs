@@ -14,7 +14,8 @@ pub const MOST_PARTS: usize = MOST_PIECES / MAX_VIEWS;
 /// How the tiles of a view are shared among draws.
 #[derive(Debug, Clone)]
 pub struct Parts {
-    /// What draws each part: [`TechniqueChoice::Mesh`] or [`TechniqueChoice::Rays`], at most [`MOST_PARTS`].
+    /// What draws each part: [`TechniqueChoice::Mesh`] or [`TechniqueChoice::Rays`], at most
+    /// [`MOST_PARTS`].
     pub techniques: Vec<TechniqueChoice>,
     /// Which part a tile is of. Tiles of no part are not drawn.
     pub part_of: fn(&TileSlot) -> usize,
@@ -74,9 +75,9 @@ impl DrawList {
             for (part, &technique) in of_part.iter().enumerate() {
                 let wants_unseen = techniques.get(technique).is_some_and(|technique| technique.wants_unseen());
                 let start = self.numbers.len();
-                let drawn = (0u32..).zip(&frame.tiles).filter(|(_, tile)| {
-                    (wants_unseen || tile.may_be_seen_by(view)) && part_of(tile) == part
-                });
+                let drawn = (0u32..)
+                    .zip(&frame.tiles)
+                    .filter(|(_, tile)| (wants_unseen || tile.may_be_seen_by(view)) && part_of(tile) == part);
                 self.numbers.extend(drawn.map(|(number, _)| number));
                 let tiles = start..self.numbers.len();
                 if !tiles.is_empty() {

@@ -1,5 +1,5 @@
-//! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in shared memory, cast on the
-//! processor's cores. No Vulkan.
+//! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in
+//! shared memory, cast on the processor's cores. No Vulkan.
 
 use super::cost::{DrawCost, DrawCosts};
 use super::finished::InFlight;
@@ -24,8 +24,9 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
 const INTERVAL_VOXELS: f32 = 0.6;
-/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which is a level. The others are drawn
-/// by their heights: as near to the truth, for less (docs/techniques.md).
+/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which
+/// is a level. The others are drawn by their heights: as near to the truth, for less
+/// (docs/techniques.md).
 const ACCURATE_REACH: f64 = 2.0;
 /// Bytes of voxels at most: those of 15,000 tiles of 16 x 16 cells of mountains. Cliffs take more.
 const MOST_VOXEL_BYTES: usize = 64 << 20;
@@ -56,7 +57,8 @@ pub struct RaysEngine {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Choice {
     Asked(Method),
-    /// [`METHODS`]' first, until the other has been tried. When the first frame began, and how many there were.
+    /// [`METHODS`]' first, until the other has been tried. When the first frame began, and how many
+    /// there were.
     Open {
         first_nanos: Option<u64>,
         drawn: u32,
@@ -88,8 +90,9 @@ impl Choice {
         }
     }
 
-    /// A frame that began then has been drawn; whether both methods are to be tried on it, unseen. Not while tiles are being
-    /// loaded, when frames are as cheap as none later, unless that takes long.
+    /// A frame that began then has been drawn; whether both methods are to be tried on it, unseen.
+    /// Not while tiles are being loaded, when frames are as cheap as none later, unless that takes
+    /// long.
     fn is_trial_due(&mut self, began_nanos: u64, is_settled: bool) -> bool {
         let Self::Open { first_nanos, drawn } = self else { return false };
         let first = *first_nanos.get_or_insert(began_nanos);
@@ -196,8 +199,8 @@ impl Engine for RaysEngine {
 }
 
 impl RaysEngine {
-    /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody sees these. The frame is that much
-    /// late, and the next one.
+    /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody
+    /// sees these. The frame is that much late, and the next one.
     fn try_both(&mut self, frame: &Frame, pools: &mut dyn Pools) -> Result<[Duration; 2], EngineError> {
         // The other one's memory.
         self.cast(METHODS[1], frame, pools)?;
@@ -300,7 +303,8 @@ impl RaysEngine {
         Pixels::Memory(raster)
     }
 
-    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view lies within it.
+    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view
+    /// lies within it.
     fn place<T: Send>(
         &self,
         picture: &Picture,

@@ -1,6 +1,8 @@
-//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used again.
+//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used
+//! again.
 //!
-//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
+//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its
+//! numbers.
 
 mod check;
 mod error;
@@ -15,7 +17,8 @@ use terravision_common::node::NodeId;
 use terravision_common::rig::{PictureLayout, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 
-/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
+/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the
+/// device.
 const MAX_NODE_SIDE: u64 = 1 << 29;
 /// Tiles of one frame: as many as a tree has nodes.
 pub const MAX_TILES: usize = 65536;

@@ -268,15 +268,16 @@ impl FrameReader {
         Ok(())
     }
 
-    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a frame is complete, else
-    /// as far as slots are there. Whether a frame is complete.
+    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a
+    /// frame is complete, else as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
     /// The source failed, or a slot is not one that may come now.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
-                // Arrays that a killed stage has left between the frames: the preparer may be waiting for them.
+                // Arrays that a killed stage has left between the frames: the preparer may be
+                // waiting for them.
                 source.release_elevations(RingPosition::new(self.frame.elevation_start))?;
             }
             let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };

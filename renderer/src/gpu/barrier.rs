@@ -1,4 +1,5 @@
-//! Barriers, made from named accesses. Passes say what they did and what comes next; stage masks are written here only.
+//! Barriers, made from named accesses. Passes say what they did and what comes next; stage masks
+//! are written here only.
 
 use super::device::Device;
 use super::image::{Image, whole};

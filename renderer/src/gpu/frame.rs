@@ -1,5 +1,5 @@
-//! Frame slots: what one frame in flight has of its own. A slot is recorded, submitted, and reused when its submit's
-//! value has passed.
+//! Frame slots: what one frame in flight has of its own. A slot is recorded, submitted, and reused
+//! when its submit's value has passed.
 
 use super::barrier::{self, Access};
 use super::device::{Device, SubmitValue};
@@ -51,7 +51,8 @@ impl FrameSlot {
         self.pending.is_some()
     }
 
-    /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also without a frame).
+    /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also
+    /// without a frame).
     ///
     /// # Errors
     /// The device was lost.
@@ -59,7 +60,8 @@ impl FrameSlot {
         self.pending.map_or(Ok(true), |value| self.pool.device().wait(value, timeout))
     }
 
-    /// The pixels of the slot's frame and the times that the device took; waits for them. `None` without a frame.
+    /// The pixels of the slot's frame and the times that the device took; waits for them. `None`
+    /// without a frame.
     ///
     /// # Errors
     /// The device was lost, or hangs.
@@ -122,16 +124,26 @@ impl Recording<'_> {
     }
 
     /// Records a piece of work, whose time by the device's clock comes back with the frame
-    /// ([`FrameTimes::piece`]), added up where pieces of one number are several. The device finishes
-    /// what was recorded before it first.
+    /// ([`FrameTimes::piece`]), added up where pieces of one number are several.
     pub fn timed<T>(&mut self, piece: usize, work: impl FnOnce(&mut Self) -> T) -> T {
-        self.stamp(piece);
+        self.begin_pieces();
         let made = work(self);
-        self.stamp(piece);
+        self.end_piece(piece);
         made
     }
 
-    fn stamp(&mut self, piece: usize) {
+    /// A piece begins here, before rendering begins: software devices draw what was recorded when
+    /// they meet a stamp, and clear the picture more cheaply while they draw.
+    pub fn begin_pieces(&mut self) {
+        self.stamp(None);
+    }
+
+    /// A piece ends here, and another one may begin.
+    pub fn end_piece(&mut self, piece: usize) {
+        self.stamp(Some(piece));
+    }
+
+    fn stamp(&mut self, piece: Option<usize>) {
         let commands = self.slot.commands;
         if let Some(stamps) = &mut self.slot.stamps {
             // SAFETY: recording; `begin` was called for this frame.
@@ -175,8 +187,9 @@ impl Recording<'_> {
         }
         // SAFETY: recording; all that was begun has ended.
         unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;
-        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`, which waits for this
-        // submit before it destroys it; the processor touches a slot's buffers only through a `Recording`.
+        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`,
+        // which waits for this submit before it destroys it; the processor touches a slot's buffers
+        // only through a `Recording`.
         slot.pending = Some(unsafe { device.submit(slot.commands) }?);
         Ok(())
     }

@@ -1,7 +1,8 @@
 //! Pictures that stay on the device: for a sink that shows them there, without read-back.
 //!
-//! Like a read-back buffer, a picture is filled by one frame, then owned by the sink that shows it, then goes back to be filled
-//! again. A sink that shows it copies it, by a submit of its own, to whatever is shown.
+//! Like a read-back buffer, a picture is filled by one frame, then owned by the sink that shows it,
+//! then goes back to be filled again. A sink that shows it copies it, by a submit of its own, to
+//! whatever is shown.
 
 use super::barrier::{self, Access, layout_of};
 use super::buffer::{Buffer, BufferUse};
@@ -81,7 +82,8 @@ impl DevicePicture {
     /// The frame has filled it: what comes next copies it.
     ///
     /// # Safety
-    /// * `commands` is being recorded, outside of rendering, and [`DevicePicture::begin`] was recorded before.
+    /// * `commands` is being recorded, outside of rendering, and [`DevicePicture::begin`] was
+    ///   recorded before.
     pub(super) unsafe fn end(&self, commands: vk::CommandBuffer) {
         // SAFETY: the caller's promise.
         unsafe { barrier::image(&self.device, commands, &self.image, Access::CopyTarget, Access::CopySource) };
@@ -113,7 +115,8 @@ impl DevicePicture {
             .dst_image(self.image.raw())
             .dst_image_layout(layout_of(Access::CopyTarget))
             .regions(&regions);
-        // SAFETY: outside of rendering; both images have this size, and live until the submit has been waited for.
+        // SAFETY: outside of rendering; both images have this size, and live until the submit has
+        // been waited for.
         self.at_once(|device, commands| unsafe {
             barrier::image(device, commands, &self.image, Access::Discarded, Access::CopyTarget);
             device.raw().cmd_copy_image2(commands, &info);
@@ -121,8 +124,8 @@ impl DevicePicture {
         })
     }
 
-    /// Its pixels, `[height, width, 4]` bytes RGBA, row 0 at the top; waits for the device. For tests and screenshots: whoever wants
-    /// all frames reads them back.
+    /// Its pixels, `[height, width, 4]` bytes RGBA, row 0 at the top; waits for the device. For
+    /// tests and screenshots: whoever wants all frames reads them back.
     ///
     /// # Errors
     /// Out of memory, or the device failed.
@@ -130,15 +133,18 @@ impl DevicePicture {
         let [width, height] = self.size();
         let bytes = u64::from(width) * u64::from(height) * 4;
         let buffer = Buffer::new(&self.device, bytes, BufferUse::Readback, "pixels of a picture on the device")?;
-        let regions = [vk::BufferImageCopy2::default()
-            .image_subresource(color_layers())
-            .image_extent(vk::Extent3D { width, height, depth: 1 })];
+        let regions = [vk::BufferImageCopy2::default().image_subresource(color_layers()).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        })];
         let info = vk::CopyImageToBufferInfo2::default()
             .src_image(self.image.raw())
             .src_image_layout(layout_of(Access::CopySource))
             .dst_buffer(buffer.raw())
             .regions(&regions);
-        // SAFETY: outside of rendering; the buffer has room, and lives until the submit has been waited for.
+        // SAFETY: outside of rendering; the buffer has room, and lives until the submit has been
+        // waited for.
         self.at_once(|device, commands| unsafe {
             device.raw().cmd_copy_image_to_buffer2(commands, &info);
             barrier::memory(device, commands, Access::CopyTarget, Access::HostRead);
@@ -157,8 +163,8 @@ impl DevicePicture {
         let pool = Owned::new(device, pool, destroyer!(destroy_command_pool));
         let allocate = vk::CommandBufferAllocateInfo::default().command_pool(pool.get()).command_buffer_count(1);
         // SAFETY: the pool is alive; the buffer goes with it.
-        let commands = unsafe { device.raw().allocate_command_buffers(&allocate) }
-            .during("allocating a command buffer")?[0];
+        let commands =
+            unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?[0];
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the buffer is fresh.
         unsafe { device.raw().begin_command_buffer(commands, &info) }.during("beginning a copy")?;
@@ -168,8 +174,8 @@ impl DevicePicture {
         record(device, commands);
         // SAFETY: recording.
         unsafe { device.raw().end_command_buffer(commands) }.during("ending a copy")?;
-        // SAFETY: complete and not pending; all that it names is alive until it has been waited for below, or, where that fails,
-        // waits itself before it goes (`Owned`).
+        // SAFETY: complete and not pending; all that it names is alive until it has been waited for
+        // below, or, where that fails, waits itself before it goes (`Owned`).
         let value = unsafe { device.submit(commands) }?;
         if device.wait(value, LONGEST_FRAME)? {
             Ok(())

@@ -73,8 +73,8 @@ impl Readback {
         &self.color.bytes()[..self.bytes()]
     }
 
-    /// The depth buffer, when the frame has one: `[height, width]`, row 0 at the top; near plane over metres along the
-    /// view axis, 0 for sky.
+    /// The depth buffer, when the frame has one: `[height, width]`, row 0 at the top; near plane
+    /// over metres along the view axis, 0 for sky.
     #[must_use]
     pub fn reversed_depth(&self) -> Option<&[f32]> {
         self.depth.as_ref().map(|buffer| bytemuck::cast_slice(&buffer.bytes()[..self.bytes()]))

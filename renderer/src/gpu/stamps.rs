@@ -6,16 +6,17 @@ use super::owned::{Owned, destroyer};
 use ash::vk;
 use std::sync::Arc;
 
-/// Pieces of a frame that have a time of their own. A frame has a few draws per view, each recorded
-/// in at most three pieces: before rendering, the picture, and its depth.
+/// Pieces of a frame that have a time of their own: its draws.
 pub const MOST_PIECES: usize = 24;
-/// Stamps of a frame: its begin and end, and those of its pieces.
+/// Stamps of a frame: its begin and end, and those of its pieces, each recorded in at most three
+/// parts (before rendering, the picture, its depth).
 const MOST_STAMPS: usize = 2 + 2 * 3 * MOST_PIECES;
 
 /// Times of a frame by the device's clock.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FrameTimes {
-    /// From its begin to the end of its last copy, nanoseconds; `None` where the device has no clock.
+    /// From its begin to the end of its last copy, nanoseconds; `None` where the device has no
+    /// clock.
     pub whole: Option<f64>,
     pieces: [f64; MOST_PIECES],
 }
@@ -32,8 +33,9 @@ impl FrameTimes {
 #[derive(Debug)]
 pub(super) struct Stamps {
     queries: Owned<vk::QueryPool>,
-    /// Of each stamp behind the first two, in order, its piece. Two and two belong together.
-    pieces: Vec<usize>,
+    /// Of each stamp behind the first two, in order, the piece that ends there, since the stamp
+    /// before.
+    pieces: Vec<Option<usize>>,
     period_nanos: f64,
 }
 
@@ -41,9 +43,8 @@ impl Stamps {
     /// `None` where the device has no clock.
     pub(super) fn new(device: &Arc<Device>) -> Result<Option<Self>, GpuError> {
         let Some(period_nanos) = device.capabilities().timestamp_period_nanos else { return Ok(None) };
-        let info = vk::QueryPoolCreateInfo::default()
-            .query_type(vk::QueryType::TIMESTAMP)
-            .query_count(MOST_STAMPS as u32);
+        let info =
+            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(MOST_STAMPS as u32);
         // SAFETY: the queue has timestamps.
         let queries = unsafe { device.raw().create_query_pool(&info, None) }.during("creating timestamps")?;
         let queries = Owned::new(device, queries, destroyer!(destroy_query_pool));
@@ -53,7 +54,8 @@ impl Stamps {
     /// Begins a frame.
     ///
     /// # Safety
-    /// * `commands` is being recorded, outside of rendering, and no submit that uses the stamps is pending.
+    /// * `commands` is being recorded, outside of rendering, and no submit that uses the stamps is
+    ///   pending.
     pub(super) unsafe fn begin(&mut self, commands: vk::CommandBuffer) {
         self.pieces.clear();
         let device = self.queries.device().raw();
@@ -63,13 +65,13 @@ impl Stamps {
         unsafe { self.write(commands, vk::PipelineStageFlags2::TOP_OF_PIPE, 0) };
     }
 
-    /// A piece of the frame begins or ends. Pieces without a number of their own are not timed.
+    /// A piece of the frame ends here, or, without one, the next one begins.
     ///
     /// # Safety
     /// * `commands` is being recorded, since [`Stamps::begin`].
-    pub(super) unsafe fn stamp(&mut self, commands: vk::CommandBuffer, piece: usize) {
+    pub(super) unsafe fn stamp(&mut self, commands: vk::CommandBuffer, piece: Option<usize>) {
         let query = 2 + self.pieces.len();
-        if piece < MOST_PIECES && query < MOST_STAMPS {
+        if query < MOST_STAMPS {
             self.pieces.push(piece);
             // SAFETY: the caller's promise; the query was reset and not written since.
             unsafe { self.write(commands, vk::PipelineStageFlags2::ALL_COMMANDS, query) };
@@ -97,12 +99,15 @@ impl Stamps {
         let mut stamps = [0u64; MOST_STAMPS];
         let stamps = &mut stamps[..2 + self.pieces.len()];
         let flags = vk::QueryResultFlags::TYPE_64;
-        // SAFETY: these queries were written by a submit that has been waited for; where it was not, they are not ready.
+        // SAFETY: these queries were written by a submit that has been waited for; where it was
+        // not, they are not ready.
         unsafe { self.queries.device().raw().get_query_pool_results(self.queries.get(), 0, stamps, flags) }.ok()?;
         let between = |from: u64, to: u64| to.wrapping_sub(from) as f64 * self.period_nanos;
         let mut times = FrameTimes { whole: Some(between(stamps[0], stamps[1])), ..FrameTimes::default() };
-        for (pair, pieces) in stamps[2..].chunks_exact(2).zip(self.pieces.chunks_exact(2)) {
-            times.pieces[pieces[0]] += between(pair[0], pair[1]);
+        for (pair, piece) in stamps[2..].windows(2).zip(&self.pieces[1.min(self.pieces.len())..]) {
+            if let Some(time) = piece.and_then(|piece| times.pieces.get_mut(piece)) {
+                *time += between(pair[0], pair[1]);
+            }
         }
         Some(times)
     }

@@ -1,6 +1,6 @@
-//! What views are drawn to: a picture and its depth, with 1 or 4 samples per pixel. Every view is drawn from the upper left
-//! corner on, whatever its place in the frame's picture: rasterizers work in coordinates of the target, and its bytes must not
-//! depend on where it is shown.
+//! What views are drawn to: a picture and its depth, with 1 or 4 samples per pixel. Every view is
+//! drawn from the upper left corner on, whatever its place in the frame's picture: rasterizers work
+//! in coordinates of the target, and its bytes must not depend on where it is shown.
 
 use super::barrier::{self, Access, layout_of};
 use super::buffer::Buffer;
@@ -21,7 +21,8 @@ pub(super) const DEPTH_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 /// Bytes of a pixel, in pictures and in depth buffers.
 const BYTES_PER_PIXEL: u64 = 4;
 
-/// The images that views are drawn to. One set serves all of them, and all frames in flight: the device draws one after another.
+/// The images that views are drawn to. One set serves all of them, and all frames in flight: the
+/// device draws one after another.
 #[derive(Debug)]
 pub struct Target {
     color: Image,
@@ -97,7 +98,8 @@ impl Target {
         let commands = recording.commands();
         let images = [Some(&self.color), self.color_samples.as_ref()];
         for image in images.into_iter().flatten() {
-            // SAFETY: recording, outside of rendering; the image waits for the submit before it goes (`Owned`).
+            // SAFETY: recording, outside of rendering; the image waits for the submit before it
+            // goes (`Owned`).
             unsafe { barrier::image(&device, commands, image, Access::Discarded, Access::ColorTarget) };
         }
         // SAFETY: as above.
@@ -124,7 +126,8 @@ impl Target {
     pub fn begin_depth(&self, recording: &mut Recording<'_>, size: [u32; 2]) {
         let Some(depth) = &self.depth_of_centres else { return };
         let device = Arc::clone(recording.device());
-        // SAFETY: recording, outside of rendering; the image waits for the submit before it goes (`Owned`).
+        // SAFETY: recording, outside of rendering; the image waits for the submit before it goes
+        // (`Owned`).
         unsafe { barrier::image(&device, recording.commands(), depth, Access::Discarded, Access::DepthTarget) };
         self.begin(&device, recording.commands(), size, &[], depth);
     }
@@ -156,7 +159,8 @@ impl Target {
             .depth_attachment(&depth);
         let viewport =
             vk::Viewport { x: 0.0, y: 0.0, width: width as f32, height: height as f32, min_depth: 0.0, max_depth: 1.0 };
-        // SAFETY: recording, outside of rendering; the attachments are in the layouts named and have one size.
+        // SAFETY: recording, outside of rendering; the attachments are in the layouts named and
+        // have one size.
         unsafe {
             device.raw().cmd_begin_rendering(commands, &info);
             device.raw().cmd_set_viewport(commands, 0, &[viewport]);
@@ -170,7 +174,8 @@ impl Target {
         unsafe { recording.device().raw().cmd_end_rendering(recording.commands()) };
     }
 
-    /// Copies picture and depth of a view of this size to its place in the outputs; what does not fit there is left out.
+    /// Copies picture and depth of a view of this size to its place in the outputs; what does not
+    /// fit there is left out.
     pub(super) fn record_copy(
         &mut self,
         recording: &mut Recording<'_>,
@@ -208,12 +213,7 @@ fn room(picture: [u32; 2], size: [u32; 2], at: [u32; 2]) -> Option<vk::Extent3D>
 }
 
 fn layers(image: &Image) -> vk::ImageSubresourceLayers {
-    vk::ImageSubresourceLayers {
-        aspect_mask: image.shape().aspect,
-        mip_level: 0,
-        base_array_layer: 0,
-        layer_count: 1,
-    }
+    vk::ImageSubresourceLayers { aspect_mask: image.shape().aspect, mip_level: 0, base_array_layer: 0, layer_count: 1 }
 }
 
 /// Copies a view, whose image is a source of copies, to its place in a read-back buffer.
@@ -263,6 +263,7 @@ fn copy_to_picture(
         .dst_image(picture.image().raw())
         .dst_image_layout(layout_of(Access::CopyTarget))
         .regions(&regions);
-    // SAFETY: recording, outside of rendering; the region lies inside both images, and the picture was begun.
+    // SAFETY: recording, outside of rendering; the region lies inside both images, and the picture
+    // was begun.
     unsafe { device.raw().cmd_copy_image2(commands, &info) };
 }

@@ -35,9 +35,7 @@ impl RunError {
         match self {
             Self::Engine {
                 source: EngineError::Draw { source: DrawError::Gpu { source: GpuError::Unsuitable { missing, .. } } },
-            } => {
-                missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. }))
-            }
+            } => missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })),
             Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => true,
             _ => false,
         }

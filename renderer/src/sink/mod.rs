@@ -1,4 +1,5 @@
-//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`workers`]).
+//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own
+//! ([`workers`]).
 
 mod choose;
 mod each_view;
@@ -37,10 +38,12 @@ pub struct Picture<'a> {
     pub view: Option<&'a str>,
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was made up
-    /// (`terravision_common::validity`). Empty where no sink needs pixels in memory of the processor ([`FrameSink::needs`]).
+    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was
+    /// made up (`terravision_common::validity`). Empty where no sink needs pixels in memory of the
+    /// processor ([`FrameSink::needs`]).
     pub rgba: &'a [u8],
-    /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was asked for.
+    /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was
+    /// asked for.
     pub reversed_depth: Option<&'a [f32]>,
     /// The picture on the device, where a sink needs it there.
     pub on_device: Option<&'a DevicePicture>,
@@ -152,7 +155,8 @@ pub enum SinkError {
     WorkerGone,
 }
 
-/// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing takes.
+/// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing
+/// takes.
 ///
 /// Dropping a sink that was not finished removes what is incomplete.
 pub trait FrameSink: Send {

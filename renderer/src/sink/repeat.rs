@@ -1,5 +1,6 @@
-//! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
-//! picture is there once more, so that a film of them keeps the flight's time.
+//! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame
+//! that was left out the last picture is there once more, so that a film of them keeps the flight's
+//! time.
 
 use super::{FrameSink, Picture, Pixels, SinkError};
 use crate::pixels::PixelPlaces;
@@ -26,8 +27,8 @@ impl std::fmt::Debug for RepeatSink {
 }
 
 impl RepeatSink {
-    /// Before `inner`, for a flight of these frames, the first `written` of which were written by a renderer that was
-    /// killed.
+    /// Before `inner`, for a flight of these frames, the first `written` of which were written by a
+    /// renderer that was killed.
     ///
     /// # Errors
     /// What it wrote cannot be read.
@@ -72,12 +73,14 @@ impl FrameSink for RepeatSink {
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
-        // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
+        // Only what went with a renderer that was killed is missing here; a flight without a known
+        // end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
             let views = Views::single(&Camera::zeroed());
             let (frame, rgba) = (self.next, &rgba);
             let on_device = None;
-            let last = Picture { frame, view: None, size, rgba, reversed_depth: None, on_device, views, is_settled: false };
+            let last =
+                Picture { frame, view: None, size, rgba, reversed_depth: None, on_device, views, is_settled: false };
             self.repeat(self.frames[1], &last)?;
         }
         self.inner.finish()

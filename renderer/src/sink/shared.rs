@@ -1,4 +1,5 @@
-//! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for none of them.
+//! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for
+//! none of them.
 
 use super::tiff::{GroundView, depth_m};
 use super::{FrameSink, Picture, SinkError, check_size};
@@ -18,7 +19,8 @@ pub struct SharedSink {
 }
 
 impl SharedSink {
-    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's origin.
+    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's
+    /// origin.
     ///
     /// # Errors
     /// There is no such ring, or it is of other pictures.

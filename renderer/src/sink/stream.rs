@@ -1,5 +1,6 @@
-//! Pictures as packets to the launcher, which makes a film or Y4M of them ([`terravision_common::film`]). A stream has an
-//! order and cannot be mended: so its end is kept by the process that outlives a renderer.
+//! Pictures as packets to the launcher, which makes a film or Y4M of them
+//! ([`terravision_common::film`]). A stream has an order and cannot be mended: so its end is kept
+//! by the process that outlives a renderer.
 
 use super::{FrameSink, Picture, SinkError, check_size, y4m};
 use std::fs::File;
@@ -23,7 +24,8 @@ impl StreamSink<File> {
     /// # Errors
     /// There is none.
     pub fn stdout(encoding: FrameEncoding, size: [u32; 2]) -> Result<Self, SinkError> {
-        // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every picture.
+        // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every
+        // picture.
         let own = io::stdout().as_fd().try_clone_to_owned().map_err(|source| SinkError::Stdout { source })?;
         Ok(Self::new(File::from(own), encoding, size))
     }
@@ -118,7 +120,10 @@ mod tests {
         let mut sink = StreamSink::new(&mut bytes, FrameEncoding::Raw, [2, 2]);
         sink.write(&picture(6, [2, 2], &[0; 16])).unwrap();
         let error = sink.write(&picture(7, [4, 2], &[0; 32])).unwrap_err().to_string();
-        assert!(error.starts_with("frame 7 is a picture of 4x2 pixels, but a film or a stream takes 2x2 only"), "{error}");
+        assert!(
+            error.starts_with("frame 7 is a picture of 4x2 pixels, but a film or a stream takes 2x2 only"),
+            "{error}"
+        );
         drop(sink);
         assert_eq!(bytes.len(), PacketHeader::SIZE + 16, "nothing of the other picture");
     }

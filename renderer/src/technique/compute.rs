@@ -1,8 +1,9 @@
-//! Exact rays by a Vulkan device: the same surface and the same walk as the processor's (`terravision_raycast`), one thread a pixel.
+//! Exact rays by a Vulkan device: the same surface and the same walk as the processor's
+//! (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
 use super::view::{NEAR_M, datum_above_eye_m};
-use super::{ArrayPlaces, Draw, Technique, DrawError, outline_of};
+use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Elevation, RayNode, RayTile, RayView, RaysPass, Recording, Target};
 use glam::DVec2;
@@ -131,7 +132,8 @@ impl ComputeRays {
         let index = self.views.len();
         self.views.push(view);
         let Self { pass, tiles, nodes, .. } = self;
-        Ok(recording.timed(draw.number, |recording| pass.prepare(recording, elevation, (index, &view), tiles, nodes))?)
+        Ok(recording
+            .timed(draw.number, |recording| pass.prepare(recording, elevation, (index, &view), tiles, nodes))?)
     }
 }
 

@@ -20,7 +20,8 @@ impl<'a> TileSubset<'a> {
 /// and its depth: each pixel shows what is nearest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Draw<'a> {
-    /// Its number among all draws of the frame, by which its time comes back ([`crate::gpu::Recording::timed`]).
+    /// Its number among all draws of the frame, by which its time comes back
+    /// ([`crate::gpu::Recording::timed`]).
     pub number: usize,
     /// Which view of the frame, from 0.
     pub view: usize,

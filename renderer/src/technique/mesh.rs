@@ -1,7 +1,8 @@
-//! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
+//! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as
+//! triangles.
 
 use super::view::view_parameters;
-use super::{ArrayPlaces, Draw, Technique, DrawError, outline_of};
+use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
@@ -15,12 +16,13 @@ use terravision_common::slot::TileSlot;
 use terravision_common::surface::EyeCell;
 use terravision_common::world::World;
 
-/// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about `r_c` pixels, so the
-/// hardware's choice among three mips matters at the far ends of a tile only. 0 is the textbook value; negative is
-/// sharper and flickers.
+/// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about
+/// `r_c` pixels, so the hardware's choice among three mips matters at the far ends of a tile only.
+/// 0 is the textbook value; negative is sharper and flickers.
 pub const LOD_BIAS: f32 = 0.0;
-/// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so texels at glancing
-/// angles are too coarse along the line of sight and too fine across it by up to about this ratio.
+/// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so
+/// texels at glancing angles are too coarse along the line of sight and too fine across it by up to
+/// about this ratio.
 pub const MAX_ANISOTROPY: f32 = 8.0;
 
 /// Draws tiles as triangle meshes.
@@ -56,7 +58,8 @@ struct MeshView {
 }
 
 impl MeshTechnique {
-    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of the colour leaves.
+    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of
+    /// the colour leaves.
     ///
     /// # Errors
     /// The device is out of memory.
@@ -155,9 +158,10 @@ impl MeshTechnique {
     }
 }
 
-/// Which sides of the ground the eye can see. Ground is a height field: an eye over it sees the upper side first along
-/// any ray, so the lower one (the far slopes of ridges, from behind) need not be drawn: a fifth of the time in mountains.
-/// An eye beside the world may look under its edge, and any eye through holes.
+/// Which sides of the ground the eye can see. Ground is a height field: an eye over it sees the
+/// upper side first along any ray, so the lower one (the far slopes of ridges, from behind) need
+/// not be drawn: a fifth of the time in mountains. An eye beside the world may look under its edge,
+/// and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
     if world.surface().is_over(camera.eye()) && !world.has_holes() { Sides::Upper } else { Sides::Both }
 }

@@ -1,5 +1,5 @@
-//! How terrain is drawn. A device draws the mesh, or casts rays, behind one drawing trait; the processor casts rays without any, so that
-//! its part here is what a slot means to rays.
+//! How terrain is drawn. A device draws the mesh, or casts rays, behind one drawing trait; the
+//! processor casts rays without any, so that its part here is what a slot means to rays.
 
 mod compute;
 mod draw;
@@ -45,11 +45,11 @@ pub struct ArrayPlaces<'a> {
     pub starts: &'a [u32],
 }
 
-/// Draws subsets of a frame's tiles into the pictures of its views and their depth, where other techniques may draw others. It
-/// knows no sink.
+/// Draws subsets of a frame's tiles into the pictures of its views and their depth, where other
+/// techniques may draw others. It knows no sink.
 ///
-/// One thread calls it: [`Technique::prepare`] with all draws of a frame, then, within rendering, [`Technique::draw`] of each
-/// once for the picture and perhaps once more for depth.
+/// One thread calls it: [`Technique::prepare`] with all draws of a frame, then, within rendering,
+/// [`Technique::draw`] of each once for the picture and perhaps once more for depth.
 pub trait Technique: Send {
     /// What it is.
     fn choice(&self) -> TechniqueChoice;
@@ -70,7 +70,8 @@ pub trait Technique: Send {
         places: ArrayPlaces<'_>,
     ) -> Result<(), DrawError>;
 
-    /// Draws one of the draws, counted from 0, that were prepared last. `is_depth_only`: no picture, depth at pixel centres.
+    /// Draws one of the draws, counted from 0, that were prepared last. `is_depth_only`: no
+    /// picture, depth at pixel centres.
     fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 
     /// Triangles of such a draw.

@@ -1,4 +1,5 @@
-//! The rays pass: exact rays through blocks of elevation arrays, by compute shaders, then colour and depth of what they meet.
+//! The rays pass: exact rays through blocks of elevation arrays, by compute shaders, then colour
+//! and depth of what they meet.
 
 use super::pipeline::{self, PipelineShape, Words};
 use crate::gpu::barrier::{self, Access};
@@ -85,8 +86,8 @@ pub struct RayTile {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayNode {
-    /// South west, south east, north west, north east: [`RayNode::EMPTY`], a tile's index with [`RayNode::IS_TILE`], or a
-    /// node's.
+    /// South west, south east, north west, north east: [`RayNode::EMPTY`], a tile's index with
+    /// [`RayNode::IS_TILE`], or a node's.
     pub children: [u32; 4],
     /// Where the children meet, metres from the eye.
     pub middle: [f32; 2],
@@ -185,8 +186,8 @@ impl RaysPass {
         Ok(Self { model, cast, color, layout, _set_layout: set_layout, _descriptors: descriptors, slots })
     }
 
-    /// Casts the rays of a view in the `index`-th draw of the frame being recorded; before rendering
-    /// begins. Blocks lie within the elevations, and the tree of nodes is one.
+    /// Casts the rays of a view in the `index`-th draw of the frame being recorded; before
+    /// rendering begins. Blocks lie within the elevations, and the tree of nodes is one.
     ///
     /// # Errors
     /// Out of memory, or no elevations were staged.
@@ -222,8 +223,8 @@ impl RaysPass {
         let compute = vk::PipelineBindPoint::COMPUTE;
         let groups = size.map(|side| side.div_ceil(GROUP_SIDE));
         let constants = |turn: u32| RayView { turn, ..*view };
-        // SAFETY: recording, outside of rendering; the set's buffers have room for all that the shaders index; every object
-        // waits for the submit before it goes.
+        // SAFETY: recording, outside of rendering; the set's buffers have room for all that the
+        // shaders index; every object waits for the submit before it goes.
         unsafe {
             device.raw().cmd_bind_descriptor_sets(commands, compute, self.layout.get(), 0, &[slot.set], &[]);
             device.raw().cmd_bind_pipeline(commands, compute, self.model.get());
@@ -243,14 +244,16 @@ impl RaysPass {
         Ok(())
     }
 
-    /// Draws what the rays of the `index`-th draw of the frame being recorded have met; within rendering.
+    /// Draws what the rays of the `index`-th draw of the frame being recorded have met; within
+    /// rendering.
     pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, (index, view): (usize, &RayView)) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let Some(slot) = self.slots.get(recording.slot_index()).and_then(|draws| draws.get(index)) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
-        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
+        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the
+        // submit before it goes.
         unsafe {
             device.raw().cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
             device.raw().cmd_bind_pipeline(commands, graphics, self.color.get());
@@ -309,12 +312,14 @@ impl DrawInputs {
                 .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
                 .buffer_info(&buffers[binding])
         });
-        // SAFETY: buffers and set are alive, and the set is in no pending submit: a frame of its slot is being recorded.
+        // SAFETY: buffers and set are alive, and the set is in no pending submit: a frame of its
+        // slot is being recorded.
         unsafe { device.raw().update_descriptor_sets(&writes, &[]) };
     }
 }
 
-/// Maxima of a block: those of a square of a power of two, of which it may fill a part (`level_start` of `rays/cast.wgsl`).
+/// Maxima of a block: those of a square of a power of two, of which it may fill a part
+/// (`level_start` of `rays/cast.wgsl`).
 fn maxima_of(cells: [u32; 2]) -> u32 {
     let side = cells[0].max(cells[1]).next_power_of_two();
     (side * side - 1) / 3
