@@ -1,9 +1,10 @@
 //! The slots of the ring between preparer and renderer.
 //!
-//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is drawn, one of kind [`TILE`]
-//! per colour leaf, near to far, and one of kind [`FRAME_END`]. All slots have one size; the kind says which payload the
-//! bytes are. The reader ([`Slot::read`]) trusts none of them. A marker within a frame breaks that frame off, when it is of another preparer than
-//! the one that was killed in it.
+//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is
+//! drawn, one of kind [`TILE`] per colour leaf, near to far, and one of kind [`FRAME_END`]. All
+//! slots have one size; the kind says which payload the bytes are. The reader ([`Slot::read`])
+//! trusts none of them. A marker within a frame breaks that frame off, when it is of another
+//! preparer than the one that was killed in it.
 
 use crate::camera::Camera;
 use crate::ids::SlotKey;
@@ -25,25 +26,29 @@ pub const FRAME_VIEW: u64 = 4;
 pub struct FrameMarker {
     /// The frame's number.
     pub frame: u64,
-    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of the frame's elevation arrays
-    /// are metres above its eye; its own size and field of view are those of no picture.
+    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of
+    /// the frame's elevation arrays are metres above its eye; its own size and field of view are
+    /// those of no picture.
     pub camera: Camera,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
     pub r_c_px: f64,
-    /// The frame's place among those of the run that were prepared, from 1 ([`crate::ids::Sequence`]).
+    /// The frame's place among those of the run that were prepared, from 1
+    /// ([`crate::ids::Sequence`]).
     pub sequence: u64,
-    /// Position in the elevation ring of its first array. Arrays between the end of the frame before and this one
-    /// belong to no frame: their preparer was killed.
+    /// Position in the elevation ring of its first array. Arrays between the end of the frame
+    /// before and this one belong to no frame: their preparer was killed.
     pub elevation_start: u64,
-    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off the frame before.
+    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off
+    /// the frame before.
     pub maker: u64,
     /// Width and height of the picture that holds all views, pixels.
     pub picture: [u32; 2],
 }
 
-/// One view of a frame; follows the marker, in the order of the run's rig. All of a frame's views are drawn from the same tiles.
+/// One view of a frame; follows the marker, in the order of the run's rig. All of a frame's views
+/// are drawn from the same tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ViewSlot {
@@ -57,22 +62,27 @@ pub struct ViewSlot {
     pub count: u32,
 }
 
-/// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.
+/// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that
+/// covers it.
 ///
-/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, both multiples of `1 << grid_snap`, is elevation `[j][i]` of the array (row 0 is the southern
-/// one), at lattice point `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
+/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, both multiples of `1 << grid_snap`, is
+/// elevation `[j][i]` of the array (row 0 is the southern one), at lattice point
+/// `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
 /// diagonal from south west to north east.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileSlot {
-    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing does not need it.
+    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing
+    /// does not need it.
     pub node: u64,
-    /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's index).
+    /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's
+    /// index).
     pub elevation_position: u64,
     /// Lower left corner of the elevation leaf, lattice units.
     pub elevation_origin: [u32; 2],
-    /// Lower left corner of the node whose colour tile is used, lattice units. That node is the colour leaf, or the
-    /// finest ancestor of it that has a tile; then the block uses a sub-square of the tile.
+    /// Lower left corner of the node whose colour tile is used, lattice units. That node is the
+    /// colour leaf, or the finest ancestor of it that has a tile; then the block uses a sub-square
+    /// of the tile.
     pub color_origin: [u32; 2],
     /// First column and row of the block within the elevation array.
     pub start: [u16; 2],
@@ -86,14 +96,16 @@ pub struct TileSlot {
     pub elevation_level: u8,
     /// Level of the node whose colour tile is used.
     pub color_level: u8,
-    /// log2 of the posts from vertex to vertex on the west, east, south and north edge of the *elevation array*, because
-    /// the neighbour there is drawn that many levels coarser: on the edge, index `k` is drawn at `k & !((1 << snap) - 1)`.
-    /// At least `grid_snap`.
+    /// log2 of the posts from vertex to vertex on the west, east, south and north edge of the
+    /// *elevation array*, because the neighbour there is drawn that many levels coarser: on the
+    /// edge, index `k` is drawn at `k & !((1 << snap) - 1)`. At least `grid_snap`.
     pub edge_snap: [u8; 4],
-    /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are multiples of that step.
+    /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are
+    /// multiples of that step.
     pub grid_snap: u8,
-    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it out; a technique with a surface of
-    /// its own may see some of it past the edge of what hides it.
+    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it
+    /// out; a technique with a surface of its own may see some of it past the edge of what hides
+    /// it.
     pub is_hidden: u8,
 }
 
@@ -127,7 +139,8 @@ pub struct FrameEnd {
     pub tile_count: u32,
     /// Tiles that the frame wanted and that could not be read; 0 for a settled frame.
     pub unavailable_count: u32,
-    /// One past the last position of the elevation ring that the frame uses: the reader releases up to here.
+    /// One past the last position of the elevation ring that the frame uses: the reader releases up
+    /// to here.
     pub elevation_end: u64,
     /// Tiles (colour and elevation) that the frame wanted.
     pub wanted_count: u32,
@@ -175,8 +188,8 @@ impl Slot {
         slot
     }
 
-    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be checked against the
-    /// rings and pools that they index.
+    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be
+    /// checked against the rings and pools that they index.
     #[must_use]
     pub fn read(&self) -> Option<SlotContent> {
         let bytes: &[u8] = bytemuck::bytes_of(&self.payload);

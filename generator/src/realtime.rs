@@ -1,9 +1,10 @@
 //! Realtime mode: which frame comes next, from which camera, and how fine.
 //!
-//! Frame k of a flight is of the moment `start + k / fps`. The generator begins with it at that moment, from the newest
-//! camera; while [`IN_FLIGHT`] frames are on their way through the pipeline it waits for one of them, so that pictures never
-//! queue. When that took longer than a frame, the frames whose moments have passed are skipped: the flight is never
-//! slowed down. The last frame is never skipped.
+//! Frame k of a flight is of the moment `start + k / fps`. The generator begins with it at that
+//! moment, from the newest camera; while [`IN_FLIGHT`] frames are on their way through the pipeline
+//! it waits for one of them, so that pictures never queue. When that took longer than a frame, the
+//! frames whose moments have passed are skipped: the flight is never slowed down. The last frame is
+//! never skipped.
 
 use crate::error::GeneratorError;
 use terravision_common::camera::Camera;
@@ -16,7 +17,8 @@ use terravision_common::tree::TreeHeader;
 
 /// Frames between the generator and the end of read-back: one is drawn while another is prepared.
 const IN_FLIGHT: u64 = 2;
-/// How long a camera is waited for past a frame's moment, as a share of the frame's time; then the newest there is will do.
+/// How long a camera is waited for past a frame's moment, as a share of the frame's time; then the
+/// newest there is will do.
 const CAMERA_PATIENCE: f64 = 0.25;
 
 /// The frame to make.
@@ -82,7 +84,8 @@ impl Pace {
         Ok(Due { frame, camera, resolutions })
     }
 
-    /// Takes the time of the newest finished frame: that of the slowest stage, for the stages work side by side.
+    /// Takes the time of the newest finished frame: that of the slowest stage, for the stages work
+    /// side by side.
     fn measure(&mut self, control: &Control) {
         let (Some(controller), Some(timing)) = (&mut self.controller, control.timing()) else { return };
         if timing.sequence > self.measured {

@@ -67,7 +67,8 @@ impl<R: HeightRanges> Generator<R> {
         self.next_frame < self.config.frames[1]
     }
 
-    /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its tree, and hands it over.
+    /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its
+    /// tree, and hands it over.
     ///
     /// # Errors
     /// [`GeneratorError`].

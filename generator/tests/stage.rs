@@ -1,4 +1,5 @@
-//! The generator between its rings: every camera becomes a tree, in order; what is no camera ends it.
+//! The generator between its rings: every camera becomes a tree, in order; what is no camera ends
+//! it.
 
 use bytemuck::Zeroable;
 use std::sync::Arc;
@@ -235,7 +236,8 @@ fn slow_frames_make_facets_coarser_within_what_is_allowed() {
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 200);
     let mut seen = Vec::new();
     for sequence in 1..20 {
-        // Every frame is another view. The clock would leave all but the last out; the test goes on from the first.
+        // Every frame is another view. The clock would leave all but the last out; the test goes on
+        // from the first.
         sides.control.publish_camera(&camera(sequence));
         sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * (2 * sequence + 1) / 2);
         let (frame, _, r_z_px) = sides.next();

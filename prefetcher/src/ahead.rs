@@ -83,8 +83,8 @@ impl<R: HeightRanges> Ahead<R> {
     }
 }
 
-/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at the end of the next
-/// cycle is there.
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
+/// the end of the next cycle is there.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;

@@ -1,4 +1,5 @@
-//! Who does the work: requests run on an async runtime, decoding on threads of its own, straight into pool slots.
+//! Who does the work: requests run on an async runtime, decoding on threads of its own, straight
+//! into pool slots.
 
 use crate::source::PayloadSource;
 use bytes::Bytes;
@@ -158,7 +159,8 @@ pub struct ExecutorError {
     source: std::io::Error,
 }
 
-/// The executor of a run. Dropped, it gives up all requests, lets the threads finish their tile and joins them.
+/// The executor of a run. Dropped, it gives up all requests, lets the threads finish their tile and
+/// joins them.
 pub struct Workers<S> {
     source: Arc<S>,
     runtime: Option<Runtime>,
@@ -177,8 +179,8 @@ impl<S> std::fmt::Debug for Workers<S> {
 }
 
 impl<S: PayloadSource> Workers<S> {
-    /// Workers with `threads` threads (at least one) that decode tiles of `world`, colours as `texels`. They ring `bell`
-    /// when work has ended.
+    /// Workers with `threads` threads (at least one) that decode tiles of `world`, colours as
+    /// `texels`. They ring `bell` when work has ended.
     ///
     /// # Errors
     /// [`ExecutorError`].

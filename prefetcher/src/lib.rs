@@ -1,12 +1,15 @@
-//! The prefetcher: brings tiles into the pools, those that frames want and those that they are going to want.
+//! The prefetcher: brings tiles into the pools, those that frames want and those that they are
+//! going to want.
 //!
-//! * [`stage`] serves a run through its [`ports`]: it reads want lists, answers with outcomes, and sleeps in between.
-//! * [`scheduler`] decides: what is asked for, in which order, what is given up, where tiles go and what they replace. It
-//!   knows no clock, no thread and no network, so that tests drive it step by step. [`window`] is how much it may ask for
-//!   at a time (N of design §9).
-//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`] is where payloads come from,
-//!   and what decides when a tile is asked for again.
-//! * [`track`] predicts the camera, or [`oracle`] knows it; [`lookahead`] finds the tiles that it will want, [`ahead`] says when.
+//! * [`stage`] serves a run through its [`ports`]: it reads want lists, answers with outcomes, and
+//!   sleeps in between.
+//! * [`scheduler`] decides: what is asked for, in which order, what is given up, where tiles go and
+//!   what they replace. It knows no clock, no thread and no network, so that tests drive it step by
+//!   step. [`window`] is how much it may ask for at a time (N of design §9).
+//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`] is
+//!   where payloads come from, and what decides when a tile is asked for again.
+//! * [`track`] predicts the camera, or [`oracle`] knows it; [`lookahead`] finds the tiles that it
+//!   will want, [`ahead`] says when.
 //! * [`usage`]: what the launcher is told of the database.
 
 pub mod ahead;

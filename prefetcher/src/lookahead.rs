@@ -48,7 +48,8 @@ impl<R: HeightRanges> Lookahead<R> {
         }
     }
 
-    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a level, the near first.
+    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a
+    /// level, the near first.
     pub fn tiles(&mut self, pose: &Camera, views: &Views, resolution: &Resolution) -> &[Tile] {
         let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
         let level = LevelFunction::for_views(pose, views, &self.world, exaggeration, measure, r_z_px, r_c_px);

@@ -1,4 +1,5 @@
-//! Cameras that are known to come: the launcher tells those of a path. What prediction is measured against.
+//! Cameras that are known to come: the launcher tells those of a path. What prediction is measured
+//! against.
 
 use std::collections::VecDeque;
 use terravision_common::camera::Camera;
@@ -22,7 +23,8 @@ impl Oracle {
         Self { ring, to_come: VecDeque::new() }
     }
 
-    /// Cameras from `now`, counted from the first frame's moment, until twice the time ahead, the soonest first.
+    /// Cameras from `now`, counted from the first frame's moment, until twice the time ahead, the
+    /// soonest first.
     ///
     /// # Errors
     /// [`ShmError`] when the ring is corrupt.

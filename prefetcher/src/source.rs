@@ -6,14 +6,16 @@ use terravision_common::database::Tile;
 use terravision_common::outcome::TileFailure;
 use terravision_store::{ErrorLog, Payload, Store, StoreStats};
 
-/// A terrain database, wherever it is. It alone decides when a request is made again, and when a tile that could not be read
-/// is asked for again (docs/retries.md); deadlines and caches are its business, too.
+/// A terrain database, wherever it is. It alone decides when a request is made again, and when a
+/// tile that could not be read is asked for again (docs/retries.md); deadlines and caches are its
+/// business, too.
 pub trait PayloadSource: Send + Sync + 'static {
-    /// A tile as it is stored. The future is dropped when nothing wants the tile any more; that ends the request, on the
-    /// wire too.
+    /// A tile as it is stored. The future is dropped when nothing wants the tile any more; that
+    /// ends the request, on the wire too.
     fn payload(&self, tile: Tile) -> impl Future<Output = Result<Payload, TileFailure>> + Send;
 
-    /// Why a tile is not to be asked for at this moment; `None` when it may be. Neither blocks nor asks anybody.
+    /// Why a tile is not to be asked for at this moment; `None` when it may be. Neither blocks nor
+    /// asks anybody.
     fn recent_failure(&self, tile: Tile) -> Option<TileFailure>;
 
     /// The tile's payload came, and cannot be decoded. Any thread may say so.
@@ -24,7 +26,8 @@ pub trait PayloadSource: Send + Sync + 'static {
         StoreStats::default()
     }
 
-    /// What went wrong so far, those failures too that a later request made good; `None` for a source that keeps no log.
+    /// What went wrong so far, those failures too that a later request made good; `None` for a
+    /// source that keeps no log.
     fn errors(&self) -> Option<&ErrorLog> {
         None
     }

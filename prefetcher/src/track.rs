@@ -8,7 +8,8 @@ use terravision_common::run::Prediction;
 
 /// Poses that are remembered.
 const POSES: usize = 128;
-/// Speed is measured over this time: long enough that the jitter of poses means little, short enough to follow a bend.
+/// Speed is measured over this time: long enough that the jitter of poses means little, short
+/// enough to follow a bend.
 const BASE_SECS: f64 = 0.2;
 /// A camera that was not heard of for this long rests.
 const REST_SECS: f64 = 0.5;
@@ -38,7 +39,8 @@ fn secs(nanos: u64) -> f64 {
 }
 
 impl CameraTrack {
-    /// Takes the newest camera, as it was seen at `now`. A camera without a time of its own is of that time.
+    /// Takes the newest camera, as it was seen at `now`. A camera without a time of its own is of
+    /// that time.
     pub fn see(&mut self, camera: &Camera, now_nanos: u64) {
         if self.newest == Some(*camera) {
             return;
@@ -65,7 +67,8 @@ impl CameraTrack {
         self.newest = Some(*camera);
     }
 
-    /// The camera `ahead_secs` after `now`, with the field of view widened, at the same scale; `None` before the first.
+    /// The camera `ahead_secs` after `now`, with the field of view widened, at the same scale;
+    /// `None` before the first.
     #[must_use]
     pub fn predict(&self, now_nanos: u64, ahead_secs: f64, prediction: Prediction) -> Option<Camera> {
         let camera = self.newest?;
@@ -123,8 +126,8 @@ pub fn widened_views(views: &Views, ahead_secs: f64) -> Views {
     Views::new(views.iter().map(wider)).unwrap_or(*views)
 }
 
-/// The camera with a wider field of view, and a picture as much larger: a pixel stays as wide as it was, so that the
-/// levels that are wanted stay the same.
+/// The camera with a wider field of view, and a picture as much larger: a pixel stays as wide as it
+/// was, so that the levels that are wanted stay the same.
 fn widened(camera: &Camera, by_rad: f64) -> Camera {
     let vfov_rad = (camera.vfov_rad + by_rad.max(0.0)).min(WIDEST_RAD.max(camera.vfov_rad));
     let factor = (0.5 * vfov_rad).tan() / (0.5 * camera.vfov_rad).tan();

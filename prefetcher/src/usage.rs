@@ -1,7 +1,8 @@
-//! What the launcher is told of the use of the database: what reading it costs, and what goes wrong.
+//! What the launcher is told of the use of the database: what reading it costs, and what goes
+//! wrong.
 //!
-//! Counts are added to the control block by what they have grown since they were told last, so that those of a prefetcher
-//! that was started again go on where the one before ended.
+//! Counts are added to the control block by what they have grown since they were told last, so that
+//! those of a prefetcher that was started again go on where the one before ended.
 
 use crate::source::PayloadSource;
 use std::collections::BTreeMap;

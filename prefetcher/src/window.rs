@@ -1,8 +1,9 @@
 //! How much is asked for at a time: N of design §9.
 //!
-//! Requests are counted by the cycle in which they were made. A while after its end a cycle is judged by the share of
-//! its requests that came. While that share is low N goes down; it goes up only when N were asked for and N came. What
-//! N bounds is requests on their way: more would only wait in line somewhere on the wire, where nothing can overtake.
+//! Requests are counted by the cycle in which they were made. A while after its end a cycle is
+//! judged by the share of its requests that came. While that share is low N goes down; it goes up
+//! only when N were asked for and N came. What N bounds is requests on their way: more would only
+//! wait in line somewhere on the wire, where nothing can overtake.
 
 use std::collections::VecDeque;
 
@@ -10,7 +11,8 @@ use std::collections::VecDeque;
 const LEAST: f64 = 8.0;
 /// N is never more: no link has more of our tiles on its way at a time.
 const MOST: f64 = 512.0;
-/// N at first; and N is not less while what comes, comes as fast as on an idle link: then it is not N that loses the rest.
+/// N at first; and N is not less while what comes, comes as fast as on an idle link: then it is not
+/// N that loses the rest.
 const FIRST: f64 = 32.0;
 /// Below this share of requests that came N goes down.
 const LOW_SHARE: f64 = 0.9;
@@ -116,8 +118,8 @@ impl Window {
         Some(number)
     }
 
-    /// A payload came (or the answer that there is none), so long after its request. Of a request that was made anew no
-    /// cycle is named: for the cycle that it was made in it is lost.
+    /// A payload came (or the answer that there is none), so long after its request. Of a request
+    /// that was made anew no cycle is named: for the cycle that it was made in it is lost.
     pub fn came(&mut self, number: Option<CycleNumber>, latency_nanos: u64) {
         if let Some(cycle) = number.and_then(|number| self.cycle(number)) {
             cycle.came += 1;
@@ -138,7 +140,8 @@ impl Window {
 
     /// A cycle is over: judges those before it that have had their time.
     pub fn end_cycle(&mut self) {
-        // What was asked for at the end of a cycle has one cycle more, and what the empty link takes.
+        // What was asked for at the end of a cycle has one cycle more, and what the empty link
+        // takes.
         let time = 1 + self.shortest_latency().div_ceil(self.cycle_nanos).min(64) as usize;
         while self.cycles.len() > time {
             let number = self.first;

@@ -1,4 +1,5 @@
-//! What prediction gains over a slow link: a fast straight flight, turns, and a stop, in simulated time.
+//! What prediction gains over a slow link: a fast straight flight, turns, and a stop, in simulated
+//! time.
 #![allow(clippy::print_stdout, reason = "the figures are what one wants to see")]
 
 mod support;
@@ -14,7 +15,8 @@ const LINK: LinkFields = LinkFields { latency_nanos: 80 * MS, bytes_per_sec: 2_5
 
 const SECS: u64 = 60;
 
-/// 0 to 20 s straight ahead at 300 m/s, to 45 s turns of 20 degrees a second to either side, then a stop within 3 s.
+/// 0 to 20 s straight ahead at 300 m/s, to 45 s turns of 20 degrees a second to either side, then a
+/// stop within 3 s.
 fn path(time: f64) -> Camera {
     let speed = |t: f64| if t < 45.0 { 300.0 } else { 300.0 * ((48.0 - t) / 3.0).clamp(0.0, 1.0) };
     let rate = |t: f64| {

@@ -188,7 +188,8 @@ fn no_room_is_told_once_nothing_changes_it_and_a_completed_frame_does() {
     assert_eq!(told.iter().filter(|(_, o)| matches!(o, Outcome::Resident { .. })).count(), 3);
     fixture.step();
     assert!(fixture.told().is_empty(), "once");
-    // Frame 1 is drawn: its tiles make room for the payload that waits, which is not asked for again.
+    // Frame 1 is drawn: its tiles make room for the payload that waits, which is not asked for
+    // again.
     let requests = fixture.control.counter(Counter::TilesRequested);
     fixture.control.set_completed_sequence(Sequence::FIRST);
     fixture.want(2, &[color(3)]);
@@ -269,8 +270,8 @@ fn numbered(number: &u32) -> Tile {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever comes: the top levels stay, and so does every tile that a frame wanted and found there, until that frame
-    /// is completed. What is asked for is on a list, once.
+    /// Whatever comes: the top levels stay, and so does every tile that a frame wanted and found
+    /// there, until that frame is completed. What is asked for is on a list, once.
     #[test]
     fn neither_locked_nor_named_tiles_are_ever_evicted(steps in prop::collection::vec(step(), 1..120)) {
         let mut fixture = Fixture::warmed(27, FailedTiles::Rest);

@@ -100,7 +100,8 @@ fn config() -> RunConfig {
     .expect("valid")
 }
 
-/// Runs a prefetcher with `source` beside `peer`, which ends it. What it returned, and what it told.
+/// Runs a prefetcher with `source` beside `peer`, which ends it. What it returned, and what it
+/// told.
 fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'static) -> Result<Vec<Event>, String> {
     let source = source.clone();
     #[expect(clippy::disallowed_methods, reason = "a test sends a few")]

@@ -6,8 +6,8 @@ use terravision_prefetcher::window::{CycleNumber, Window};
 const MS: u64 = 1_000_000;
 const CYCLE: u64 = 200 * MS;
 
-/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms` after it was made;
-/// and loses one in `loses_one_in` (0: none).
+/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms`
+/// after it was made; and loses one in `loses_one_in` (0: none).
 struct Link {
     window: Window,
     open: VecDeque<(u64, CycleNumber)>,

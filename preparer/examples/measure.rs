@@ -1,5 +1,5 @@
-//! Speed of search and preparation over a synthetic world, with no files and no other process, and how many triangles
-//! a frame has.
+//! Speed of search and preparation over a synthetic world, with no files and no other process, and
+//! how many triangles a frame has.
 //!
 //! `cargo run --release -p terravision-preparer --example measure [-- ELEVATION_TILE [COLOR_TILE]]`
 #![allow(clippy::unwrap_used, reason = "an example")]

@@ -1,4 +1,5 @@
-//! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be unavailable.
+//! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be
+//! unavailable.
 
 use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
@@ -67,15 +68,16 @@ pub struct TileWait {
 }
 
 impl TileWait {
-    /// Buffers for frames that want up to `wanted` tiles, whose colours the pool holds in this format.
+    /// Buffers for frames that want up to `wanted` tiles, whose colours the pool holds in this
+    /// format.
     #[must_use]
     pub fn new(world: &World, texels: TexelFormat, wanted: usize) -> Self {
         let (locked, first_unlocked) = top_levels(world);
         Self { world: *world, texels, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
     }
 
-    /// Waits until the top levels of both pyramids, which the prefetcher keeps for ever, are there: from then on there
-    /// always is a picture.
+    /// Waits until the top levels of both pyramids, which the prefetcher keeps for ever, are there:
+    /// from then on there always is a picture.
     ///
     /// # Errors
     /// [`AwaitError`].
@@ -86,9 +88,10 @@ impl TileWait {
         Ok(())
     }
 
-    /// Waits for as long as `patience` until the top levels are there, also when some of them could not be read at first: a server
-    /// may be away for longer than one read may take. What it refuses is not waited for, but for the root, without which
-    /// there is no picture. Whether the root is there.
+    /// Waits for as long as `patience` until the top levels are there, also when some of them could
+    /// not be read at first: a server may be away for longer than one read may take. What it
+    /// refuses is not waited for, but for the root, without which there is no picture. Whether the
+    /// root is there.
     ///
     /// # Errors
     /// [`AwaitError`].
@@ -123,8 +126,8 @@ impl TileWait {
         }
     }
 
-    /// The first of the root's tiles that is not there: without them there is no picture. Called when the top levels are
-    /// settled; does not block.
+    /// The first of the root's tiles that is not there: without them there is no picture. Called
+    /// when the top levels are settled; does not block.
     pub fn missing_of_root(&mut self, loader: &mut impl TileLoader, control: &Control) -> Option<Tile> {
         let root = self.world.root();
         let mut of_root = self.locked.iter().filter(|tile| tile.node == root);
@@ -189,7 +192,8 @@ impl TileWait {
                         let capacity = u64::from(loader.capacity(layer));
                         return Err(self.too_small(layer, capacity + 1, capacity, frame));
                     }
-                    // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
+                    // Earlier frames hold the slots; all of them are in the ring, so one will be
+                    // completed.
                     control.wait_completed(completed.next())?;
                 }
                 _ => loader.wait(control)?,
@@ -219,7 +223,8 @@ impl TileWait {
             let layout = Layout::for_run(&self.world, memory, self.texels).ok()?;
             Some(u64::from(if layer == Layer::Color { layout.color_slots() } else { layout.elevation_slots() }))
         };
-        // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by halving.
+        // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by
+        // halving.
         let least = |wanted: u64| {
             let (mut low, mut high) = (0u64, 1 << 20);
             while low < high {

@@ -1,8 +1,9 @@
 //! Block culling: the part of a colour leaf's block that is seen.
 //!
-//! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
-//! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
-//! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
+//! The generator culls by node; at the border of the picture most of a node may be outside, and
+//! ground behind a ridge is hidden. Here every vertex is known, so rows and columns of facets of
+//! which all vertices are outside of one frustum plane, or which lie below the
+//! [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
 //! pixel. With several views that holds for all of them: what one of them may see stays.
 
 use crate::horizon::Horizon;
@@ -14,8 +15,8 @@ use terravision_common::surface::{EyeFrame, Surface, Vertices};
 use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
-/// A vertex counts as inside of a plane when it is outside by less than this share of its distance from the eye, plus
-/// a millimetre: the renderer works in single precision, and so does this.
+/// A vertex counts as inside of a plane when it is outside by less than this share of its distance
+/// from the eye, plus a millimetre: the renderer works in single precision, and so does this.
 const MARGIN: f32 = 1e-4;
 const MARGIN_M: f32 = 1e-3;
 const PLANES: usize = 5;
@@ -25,8 +26,8 @@ const PLANES: usize = 5;
 pub struct Sight<'a> {
     /// Its camera.
     pub camera: &'a Camera,
-    /// Height of the ground under its eye, metres, of any level; `None` where leaves do not come near to far for it, so that
-    /// nothing is hidden from it.
+    /// Height of the ground under its eye, metres, of any level; `None` where leaves do not come
+    /// near to far for it, so that nothing is hidden from it.
     pub ground_m: Option<f64>,
 }
 
@@ -84,10 +85,10 @@ impl BlockCulling {
         &mut self.eyes[..self.view_count]
     }
 
-    /// Takes the array of an elevation leaf, near to far: heights relative to the pose's eye, as the slots of its blocks have it,
-    /// and behind them the shares of ground of a world with validity.
-    /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
-    /// between them are not looked at.
+    /// Takes the array of an elevation leaf, near to far: heights relative to the pose's eye, as
+    /// the slots of its blocks have it, and behind them the shares of ground of a world with
+    /// validity. `snaps`: log2 of the steps between vertices that are drawn, inside and on its
+    /// west, east, south and north edge. Rows between them are not looked at.
     pub fn enter(&mut self, node: NodeId, array: &[f32], snaps: (u8, [u8; 4])) {
         let posts = self.world.elevation_posts() as usize;
         let heights = &array[..posts * posts];
@@ -111,8 +112,8 @@ impl BlockCulling {
         }
     }
 
-    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in any
-    /// view.
+    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when
+    /// nothing of it is in any view.
     pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
         let eyes = &self.eyes[..self.view_count];
         if !cull_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
@@ -210,7 +211,8 @@ impl Eye {
     }
 }
 
-/// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing is left.
+/// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing
+/// is left.
 fn cull_by(slot: &mut TileSlot, is_unseen: impl Fn([usize; 2], [usize; 2]) -> bool) -> bool {
     // Vertices on an edge that snaps move within such steps, so strips of them are culled whole.
     let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);

@@ -1,13 +1,15 @@
 //! Vertex decimation: how finely each elevation leaf is drawn.
 //!
-//! The search splits a node for the part of it that wants most, and the restriction of the tree splits some for a
-//! neighbour; so of many leaves every vertex wants a coarser level than the leaf's own. Heights there are taken from
-//! coarser levels (design §5), whose facets are larger: the vertices between lie on those facets, and are left out.
-//! A leaf of level q that is drawn at level e has every `2^(e - q)`-th vertex, and on an edge as few as the neighbour.
+//! The search splits a node for the part of it that wants most, and the restriction of the tree
+//! splits some for a neighbour; so of many leaves every vertex wants a coarser level than the
+//! leaf's own. Heights there are taken from coarser levels (design §5), whose facets are larger:
+//! the vertices between lie on those facets, and are left out. A leaf of level q that is drawn at
+//! level e has every `2^(e - q)`-th vertex, and on an edge as few as the neighbour.
 //!
-//! Two leaves agree on an edge because each has one drawn level, and the coarser of the two holds on the edge. That takes
-//! two rules:
-//! * a leaf is drawn at most so coarse that its neighbours' edges, and the blocks of their colour leaves, can follow;
+//! Two leaves agree on an edge because each has one drawn level, and the coarser of the two holds
+//! on the edge. That takes two rules:
+//! * a leaf is drawn at most so coarse that its neighbours' edges, and the blocks of their colour
+//!   leaves, can follow;
 //! * a leaf beside a coarser one is drawn no coarser than that: along one edge there is one step.
 
 use crate::heights::{Heights, TileVanished};
@@ -77,7 +79,8 @@ impl Decimation {
         Ok(())
     }
 
-    /// log2 of the steps between vertices that a leaf is drawn with, in it and on its west, east, south and north edge.
+    /// log2 of the steps between vertices that a leaf is drawn with, in it and on its west, east,
+    /// south and north edge.
     #[must_use]
     pub fn snaps(&self, at: usize, leaf: &ElevationLeaf) -> (u8, [u8; 4]) {
         let (own, q) = (self.drawn[at], leaf.node.q());
@@ -85,8 +88,8 @@ impl Decimation {
         (own - q, edges)
     }
 
-    /// The coarsest level at which vertices may follow each other on a leaf's edges: a block of its colour leaves is no
-    /// narrower.
+    /// The coarsest level at which vertices may follow each other on a leaf's edges: a block of its
+    /// colour leaves is no narrower.
     fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
         let colors = &truncation.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize];
         let finest = colors.iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());

@@ -13,12 +13,13 @@ use terravision_common::world::World;
 const SAMPLES: u32 = 4;
 /// ... and of one that is coarser than wanted, which may be large on screen.
 const COARSE_SAMPLES: u32 = 16;
-/// Level ground counts as if it were seen at this sine of an angle at least, as for the level functions.
+/// Level ground counts as if it were seen at this sine of an angle at least, as for the level
+/// functions.
 const LEAST_SLANT: f64 = 0.15;
 
-/// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves of the whole tree
-/// against those that stand for nodes below them, all views of the frame together. Ground that other ground hides counts too.
-/// 1 when no ground is seen.
+/// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves
+/// of the whole tree against those that stand for nodes below them, all views of the frame
+/// together. Ground that other ground hides counts too. 1 when no ground is seen.
 #[must_use]
 pub fn detail_coverage(
     world: &World,

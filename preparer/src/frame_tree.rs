@@ -1,4 +1,5 @@
-//! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed from here on.
+//! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed
+//! from here on.
 
 use glam::DVec3;
 use terravision_common::database::Layer;
@@ -8,7 +9,8 @@ use terravision_common::node::NodeId;
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 
-/// What is wrong with a tree. The generator never writes such a tree: it is of another build, or memory is damaged.
+/// What is wrong with a tree. The generator never writes such a tree: it is of another build, or
+/// memory is damaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TreeError {
@@ -118,8 +120,8 @@ impl FrameTree {
         }
     }
 
-    /// Whether the tree, whose nodes come near to far as seen from `eye`, is in that order for another eye, too: no two children
-    /// of a node lie between them.
+    /// Whether the tree, whose nodes come near to far as seen from `eye`, is in that order for
+    /// another eye, too: no two children of a node lie between them.
     #[must_use]
     pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
         let surface = self.world.surface();
@@ -141,7 +143,8 @@ impl FrameTree {
         if found != expected {
             return Err(TreeError::NotTheRoot { found, expected });
         }
-        // Nodes are first copied in their order, then walked, so that parents are known before their children.
+        // Nodes are first copied in their order, then walked, so that parents are known before
+        // their children.
         for (index, node) in (0u32..).zip(tree) {
             let id = self.id(index, node)?;
             self.nodes.push(FrameNode {
@@ -235,7 +238,8 @@ impl FrameTree {
         node.id.q() - q
     }
 
-    /// Every tile that the frame wants, in the order of the tree: a tile comes after those of its ancestors.
+    /// Every tile that the frame wants, in the order of the tree: a tile comes after those of its
+    /// ancestors.
     #[must_use]
     pub fn wanted(&self) -> &[Tile] {
         &self.wanted

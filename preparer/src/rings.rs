@@ -26,7 +26,8 @@ pub(crate) struct Rings<'a> {
 impl FrameOutput for Rings<'_> {
     fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError> {
         if !self.elevation.has_room().map_err(WaitError::from)? {
-            // Arrays that a killed preparer or renderer has left are given back when the frame's marker is seen.
+            // Arrays that a killed preparer or renderer has left are given back when the frame's
+            // marker is seen.
             self.finish()?;
             let started = monotonic_nanos();
             drop(self.elevation.begin(self.control)?);

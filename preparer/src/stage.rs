@@ -139,7 +139,8 @@ impl<L: TileLoader> Preparer<L> {
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
         }
-        // Also of frames that show nothing but sky: where no height is known, the camera itself may be anywhere.
+        // Also of frames that show nothing but sky: where no height is known, the camera itself may
+        // be anywhere.
         if let Some(tile) = preparer.wait.missing_of_root(&mut preparer.loader, &ports.control) {
             let (frame, source) = (preparer.next_frame, RootMissing { tile });
             return Err(PreparerError::RootMissing { frame, source, advice: advice(config) });
@@ -147,8 +148,8 @@ impl<L: TileLoader> Preparer<L> {
         Ok(preparer)
     }
 
-    /// Goes on behind the frames that preparers before this one have made whole. One that was begun is made again: its
-    /// tree was not given back.
+    /// Goes on behind the frames that preparers before this one have made whole. One that was begun
+    /// is made again: its tree was not given back.
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
         let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
@@ -163,15 +164,16 @@ impl<L: TileLoader> Preparer<L> {
         }
     }
 
-    /// Waits for the next tree, then for its tiles, and hands the frame over. The tree is given back when the frame is in
-    /// the ring.
+    /// Waits for the next tree, then for its tiles, and hands the frame over. The tree is given
+    /// back when the frame is in the ring.
     ///
     /// # Errors
     /// [`PreparerError`].
     pub fn frame(&mut self, ports: &mut Ports) -> Result<FrameCounts, PreparerError> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
-        // Trees and frames are counted alike, so that all stages mean the same by the sequence of a frame.
+        // Trees and frames are counted alike, so that all stages mean the same by the sequence of a
+        // frame.
         let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
@@ -240,8 +242,9 @@ impl<L: TileLoader> Preparer<L> {
     }
 }
 
-/// How long a flight against the clock waits for the top levels at its start, although they could not be read: a server may be away for
-/// longer than one read may take. In exact mode what is drawn must not depend on when a tile came.
+/// How long a flight against the clock waits for the top levels at its start, although they could
+/// not be read: a server may be away for longer than one read may take. In exact mode what is drawn
+/// must not depend on when a tile came.
 fn start_patience(config: &RunConfig) -> Option<Duration> {
     let DatabaseConfig { is_offline, request_timeout_ms, .. } = config.database;
     let may_come = config.realtime.is_some() && config.database.is_remote() && !is_offline;

@@ -1,11 +1,13 @@
-//! Truncation: what of a frame's tree is drawn, given the tiles that are there (design §6), and where its elevation
-//! leaves meet (design §5).
+//! Truncation: what of a frame's tree is drawn, given the tiles that are there (design §6), and
+//! where its elevation leaves meet (design §5).
 //!
-//! A node is expanded when the tiles of all its visible children are there; else it is drawn itself, with the tiles that
-//! it has. After that a leaf may lie beside one that is coarser by any number of levels. Edges can bridge up to
-//! `log2 Nz` levels, where the coarser leaf's facets still have a vertex at both ends of the finer leaf's edge; a leaf
-//! that would need more is drawn coarser, too. So are colour leaves whose block is narrower than what an edge of their
-//! elevation leaf collapses: facets at the edge would reach into the next block, and beyond their colour tile.
+//! A node is expanded when the tiles of all its visible children are there; else it is drawn
+//! itself, with the tiles that it has. After that a leaf may lie beside one that is coarser by any
+//! number of levels. Edges can bridge up to `log2 Nz` levels, where the coarser leaf's facets still
+//! have a vertex at both ends of the finer leaf's edge; a leaf that would need more is drawn
+//! coarser, too. So are colour leaves whose block is narrower than what an edge of their elevation
+//! leaf collapses: facets at the edge would reach into the next block, and beyond their colour
+//! tile.
 
 use crate::frame_tree::{FrameTree, Tile};
 use terravision_common::database::Layer;
@@ -40,8 +42,8 @@ pub struct RootMissing {
     pub tile: Tile,
 }
 
-/// How a leaf meets its neighbours: for each place on its border, the level of the coarsest leaf that touches there,
-/// the leaf itself included.
+/// How a leaf meets its neighbours: for each place on its border, the level of the coarsest leaf
+/// that touches there, the leaf itself included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Seams {
     /// Inside the west, east, south and north edge.
@@ -144,8 +146,8 @@ impl Truncation {
         self.node_count
     }
 
-    /// Truncates a frame's tree to the tiles that are there. Each tile is looked at once, so that all of the frame
-    /// agrees.
+    /// Truncates a frame's tree to the tiles that are there. Each tile is looked at once, so that
+    /// all of the frame agrees.
     ///
     /// # Errors
     /// [`RootMissing`] when not even the root can be drawn.
@@ -218,8 +220,8 @@ impl Truncation {
         }
     }
 
-    /// Finds every elevation leaf's neighbours. `false` when some are too coarse for it: the nodes above that are coarse
-    /// enough have been marked to be drawn in their place.
+    /// Finds every elevation leaf's neighbours. `false` when some are too coarse for it: the nodes
+    /// above that are coarse enough have been marked to be drawn in their place.
     fn meet(&mut self, tree: &FrameTree) -> bool {
         let most = self.world.elevation_tile().ilog2() as u8;
         let mut is_bridged = true;
@@ -255,8 +257,8 @@ impl Truncation {
         self.is_blocked[index] = true;
     }
 
-    /// The elevation leaves across the west, east, south and north edge of one, by index, where they are no finer than
-    /// it is.
+    /// The elevation leaves across the west, east, south and north edge of one, by index, where
+    /// they are no finer than it is.
     #[must_use]
     pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
         SIDES.map(|(east, north)| self.leaf_at(node, east, north))
@@ -276,7 +278,8 @@ impl Truncation {
         Seams { edges, corners }
     }
 
-    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or none.
+    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer
+    /// ones do, or none.
     fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
         let mut id = self.world.neighbor(node, east, north)?;
         loop {

@@ -1,8 +1,9 @@
-//! The sampler, the walk along columns and the models of tiles: `cargo bench -p terravision-raycast`.
+//! The sampler, the walk along columns and the models of tiles: `cargo bench -p
+//! terravision-raycast`.
 //!
-//! Without a framework: what is wanted are rays and samples per second and bytes against the machine's memory rate, of processor
-//! time, which other load disturbs least. Each line is the least of several rounds. Run without `--bench` (by `cargo test
-//! --benches`) it does one round.
+//! Without a framework: what is wanted are rays and samples per second and bytes against the
+//! machine's memory rate, of processor time, which other load disturbs least. Each line is the
+//! least of several rounds. Run without `--bench` (by `cargo test --benches`) it does one round.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "its output is the table")]
 

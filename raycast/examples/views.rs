@@ -1,7 +1,8 @@
-//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`,
-//! the last for exact rays alone.
+//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example
+//! views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`, the last for exact rays alone.
 //!
-//! The views are those of docs/quality.md. Medians of processor time of one worker, which other load disturbs least.
+//! The views are those of docs/quality.md. Medians of processor time of one worker, which other
+//! load disturbs least.
 
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 

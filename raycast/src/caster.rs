@@ -24,8 +24,8 @@ pub enum Method {
     /// Lines of voxel samples, each ray starting where the one below it hit.
     #[default]
     Coherent,
-    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What a
-    /// ground without voxels is always drawn with.
+    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What
+    /// a ground without voxels is always drawn with.
     Mipmap,
 }
 
@@ -34,11 +34,11 @@ pub enum Method {
 pub struct CastOptions {
     /// How rays are cast.
     pub method: Method,
-    /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its samples: the
-    /// paper's approximate mode.
+    /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its
+    /// samples: the paper's approximate mode.
     pub is_approximate: bool,
-    /// Whether rays look between samples for hills that are narrower than a sampling interval. The paper's
-    /// do not.
+    /// Whether rays look between samples for hills that are narrower than a sampling interval. The
+    /// paper's do not.
     pub looks_between: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,
@@ -102,10 +102,10 @@ impl Caster {
         })
     }
 
-    /// Draws the ground as a camera sees it, which is valid and has the picture's size. The picture does not
-    /// depend on the number of workers. Heights are as they are in the ground: whoever fills it exaggerates
-    /// them. `colors`: RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that
-    /// is not there, or is too short, is drawn black.
+    /// Draws the ground as a camera sees it, which is valid and has the picture's size. The picture
+    /// does not depend on the number of workers. Heights are as they are in the ground: whoever
+    /// fills it exaggerates them. `colors`: RGBA8 of each layer, mip levels back to back, row 0 of
+    /// each in the north; a layer that is not there, or is too short, is drawn black.
     ///
     /// # Panics
     /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
@@ -170,9 +170,9 @@ impl Caster {
         counts
     }
 
-    /// Draws the outlines of tiles over the picture that was drawn last, which must be of this ground and
-    /// camera. `outlines`: color of each tile, RGBA8, red in the lowest byte; a tile without one has no
-    /// outline. Does not depend on the number of workers.
+    /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
+    /// ground and camera. `outlines`: color of each tile, RGBA8, red in the lowest byte; a tile
+    /// without one has no outline. Does not depend on the number of workers.
     pub fn outline(&mut self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
         let scene = Scene::new(ground, View::new(camera), &mut self.placed, false);
         outline::draw(&scene, outlines, picture, &self.workers);
@@ -249,16 +249,18 @@ const SHARES: usize = 16;
 /// Fewest lines at a time: 4 pixels of 8 bytes, half a cache line.
 const FEWEST_LINES: usize = 4;
 
-/// Neighboring lines that one worker takes at a time, of so many that are left. Neighbors share facets and
-/// cache lines, so that many at once cost less; few at the end keep others from waiting for the last one:
-/// guided self-scheduling (Polychronopoulos and Kuck, 1987), for up to about sixteen workers. Not by how many
-/// there really are: neighbors of a block share footprints, and the picture must not depend on workers. The
-/// paper's interleave, worked out beforehand, lets all wait for a core that something else uses as well.
+/// Neighboring lines that one worker takes at a time, of so many that are left. Neighbors share
+/// facets and cache lines, so that many at once cost less; few at the end keep others from waiting
+/// for the last one: guided self-scheduling (Polychronopoulos and Kuck, 1987), for up to about
+/// sixteen workers. Not by how many there really are: neighbors of a block share footprints, and
+/// the picture must not depend on workers. The paper's interleave, worked out beforehand, lets all
+/// wait for a core that something else uses as well.
 fn lines_at_a_time(left: usize) -> usize {
     (left / SHARES).clamp(FEWEST_LINES, Strips::MOST).min(left)
 }
 
-/// Has workers draw blocks of neighboring lines until none is left; `draw` is given the worker's number.
+/// Has workers draw blocks of neighboring lines until none is left; `draw` is given the worker's
+/// number.
 fn share_lines(workers: &Workers, count: usize, draw: impl Fn(usize, Range<usize>) -> Counts + Sync) -> Counts {
     let next = AtomicUsize::new(0);
     workers.run(|worker| {

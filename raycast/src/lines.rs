@@ -1,5 +1,5 @@
-//! The lines that a picture is cast by: its columns, or, when the camera rolls, parallel scan-converted lines that stay
-//! perpendicular to the horizon (voxel-flythrough-1999 §5).
+//! The lines that a picture is cast by: its columns, or, when the camera rolls, parallel
+//! scan-converted lines that stay perpendicular to the horizon (voxel-flythrough-1999 §5).
 //!
 //! ```text
 //!    roll 0          rolled: every line is the same one, moved sideways
@@ -9,7 +9,8 @@
 //!    0 1 2 3         1 2 3 4        bottom: where lines begin
 //! ```
 //!
-//! A pixel belongs to the line `minor - offset(major)`: exactly one, so that lines are a partition of the picture.
+//! A pixel belongs to the line `minor - offset(major)`: exactly one, so that lines are a partition
+//! of the picture.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -83,7 +84,8 @@ impl Lines {
         self.minor_size() + self.shift_steps.len()
     }
 
-    /// The pixels of line `n < count()`, bottom up: columns and rows from the picture's upper left corner.
+    /// The pixels of line `n < count()`, bottom up: columns and rows from the picture's upper left
+    /// corner.
     pub fn pixels(&self, n: usize) -> impl Iterator<Item = [u32; 2]> + '_ {
         let left = self.shift_steps.len();
         // Lines of the left part begin at the edge, one step after a shift.

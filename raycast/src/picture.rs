@@ -3,13 +3,13 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A picture that any number of threads draw disjoint pixels of. Plain stores: on every processor that Rust knows a
-/// relaxed store is one, and whoever joins the threads sees what they wrote.
+/// A picture that any number of threads draw disjoint pixels of. Plain stores: on every processor
+/// that Rust knows a relaxed store is one, and whoever joins the threads sees what they wrote.
 #[derive(Debug, Default)]
 pub struct Picture {
     size: [u32; 2],
-    /// Colour in the lower half, the bits of depth in the upper one: one store a pixel, since lines cross rows, and each store is
-    /// in another page than the last.
+    /// Colour in the lower half, the bits of depth in the upper one: one store a pixel, since lines
+    /// cross rows, and each store is in another page than the last.
     pixels: Vec<AtomicU64>,
 }
 

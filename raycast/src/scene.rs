@@ -52,8 +52,8 @@ pub(crate) enum Place {
     Left,
 }
 
-/// A point that is no further outside of the ground's bounds than this share of a lattice unit is on
-/// them: rounding of metres from the eye, which is an eighth of a millimetre per kilometre.
+/// A point that is no further outside of the ground's bounds than this share of a lattice unit is
+/// on them: rounding of metres from the eye, which is an eighth of a millimetre per kilometre.
 const NEAR_BOUNDS: f32 = 0.01;
 /// A point on the outer border belongs to the cell before it: so many lattice units are taken off,
 /// which a double of any lattice coordinate still tells apart.
@@ -90,7 +90,8 @@ impl<'a> Scene<'a> {
     pub(crate) fn new(ground: &'a Ground, view: View, placed: &'a mut Vec<Placed>, has_undersides: bool) -> Self {
         let bounds = place(ground, &view, placed);
         let eye_height = ground.shape().surface.height_above(view.eye_in_world(), ground.datum_m()) as f32;
-        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        // No ground is further off than the furthest corner of its bounds, at its lowest or
+        // highest.
         let [lowest, highest] = ground.range_m().map(|height| (height - eye_height).abs());
         let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
         let has_ground = ground.tile_count() > 0 && far.is_finite();
@@ -149,7 +150,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The tile at a point of the ground, metres from the eye; a point outside is taken to the border.
+    /// The tile at a point of the ground, metres from the eye; a point outside is taken to the
+    /// border.
     pub(crate) fn tile_at_point(&self, point: Vec2) -> Option<u32> {
         match self.ground.tree().find(self.lattice_point(point)) {
             Found::Tile(tile) => Some(tile),

@@ -1,9 +1,10 @@
 //! From a camera to rays.
 //!
-//! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along a *guide*, a direction
-//! in the vertical plane of the view axis that is as level as the picture allows: samples of one `s` lie in a nearly
-//! vertical plane, and a ray that is higher in the picture passes it nearly above the lower one. That is what makes
-//! coherence provable (see [`crate::proof`]).
+//! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along
+//! a *guide*, a direction in the vertical plane of the view axis that is as level as the picture
+//! allows: samples of one `s` lie in a nearly vertical plane, and a ray that is higher in the
+//! picture passes it nearly above the lower one. That is what makes coherence provable (see
+//! [`crate::proof`]).
 
 use glam::{DVec3, Vec3};
 use terravision_common::camera::Camera;
@@ -17,7 +18,8 @@ const LEAST_ALONG_GUIDE: f32 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     eye_in_world: DVec3,
-    /// Direction through the centre of the upper left pixel, of depth 1, and its change per column and row.
+    /// Direction through the centre of the upper left pixel, of depth 1, and its change per column
+    /// and row.
     first: Vec3,
     per_column: Vec3,
     per_row: Vec3,
@@ -47,7 +49,8 @@ impl View {
         let first = at(0.0, 0.0);
         let [tan_x, tan_y] = camera.half_tangents();
         let half_diagonal = tan_x.hypot(tan_y).atan();
-        // The steepest ray, whichever way the camera rolls, decides how far the guide tips down (or up).
+        // The steepest ray, whichever way the camera rolls, decides how far the guide tips down (or
+        // up).
         let steepest = camera.pitch_rad.sin().asin();
         let tip = (steepest.abs() + half_diagonal - WIDEST_RAD).clamp(0.0, steepest.abs()).copysign(steepest);
         // A camera past the vertical looks over its back: the guide lies on the view axis' side.
@@ -101,15 +104,17 @@ impl View {
         self.direction_at(x as f32, y as f32)
     }
 
-    /// Direction of depth 1 through any point of the picture, in pixels from the centre of the upper left one.
+    /// Direction of depth 1 through any point of the picture, in pixels from the centre of the
+    /// upper left one.
     #[inline(always)]
     #[must_use]
     pub fn direction_at(&self, x: f32, y: f32) -> Vec3 {
         self.first + self.per_column * x + self.per_row * y
     }
 
-    /// What a point relative to the eye is multiplied with to get its column times its depth, its row times its depth, and its
-    /// depth. Columns and rows count from the centre of the upper left pixel.
+    /// What a point relative to the eye is multiplied with to get its column times its depth, its
+    /// row times its depth, and its depth. Columns and rows count from the centre of the upper left
+    /// pixel.
     #[must_use]
     #[inline]
     pub fn inverse(&self) -> [Vec3; 3] {
@@ -139,7 +144,8 @@ impl View {
         Ray { direction: direction * depth, depth }
     }
 
-    /// The ray through any point of the picture; `None` where rays advance by another length along the guide than others.
+    /// The ray through any point of the picture; `None` where rays advance by another length along
+    /// the guide than others.
     #[inline(always)]
     #[must_use]
     pub(crate) fn ray_along(&self, x: f32, y: f32) -> Option<Ray> {
@@ -148,7 +154,8 @@ impl View {
         Some(Ray { direction: direction * depth, depth })
     }
 
-    /// How far a direction goes along the guide, or as an error the least that is taken in its place.
+    /// How far a direction goes along the guide, or as an error the least that is taken in its
+    /// place.
     #[inline(always)]
     fn along(&self, direction: Vec3) -> Result<f32, f32> {
         let along = direction.dot(self.guide);

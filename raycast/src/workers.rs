@@ -14,8 +14,8 @@ pub struct WorkersError {
     source: rayon::ThreadPoolBuildError,
 }
 
-/// A fixed number of threads, the calling one being the first of them. They live until this is dropped; a frame that is
-/// shared between them allocates nothing.
+/// A fixed number of threads, the calling one being the first of them. They live until this is
+/// dropped; a frame that is shared between them allocates nothing.
 #[derive(Debug)]
 pub struct Workers {
     count: usize,
@@ -34,8 +34,9 @@ impl Workers {
         }
         let name = |index| format!("rays-{index}");
         let builder = || rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(name);
-        // As a member of the pool the calling thread works instead of waiting, and hands work over without a queue that
-        // allocates. A thread is a member of one pool for ever; a second pool gets threads of its own.
+        // As a member of the pool the calling thread works instead of waiting, and hands work over
+        // without a queue that allocates. A thread is a member of one pool for ever; a second pool
+        // gets threads of its own.
         let pool = builder().use_current_thread().build().or_else(|_| builder().build());
         Ok(Self { count, pool: Some(pool.map_err(|source| WorkersError { count, source })?) })
     }
@@ -54,8 +55,8 @@ impl Workers {
         }
     }
 
-    /// Has workers fill what belongs to `count` items, that of item `i` beginning at `at(i)` in `out`: each gets
-    /// neighbouring items, and what is theirs.
+    /// Has workers fill what belongs to `count` items, that of item `i` beginning at `at(i)` in
+    /// `out`: each gets neighbouring items, and what is theirs.
     pub fn split<T: Send>(
         &self,
         count: usize,

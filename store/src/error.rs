@@ -125,7 +125,8 @@ impl Cause {
         }
     }
 
-    /// Whether the server has answered, or was not to be trusted, and will answer the same next time.
+    /// Whether the server has answered, or was not to be trusted, and will answer the same next
+    /// time.
     #[must_use]
     pub fn is_refusal(self) -> bool {
         matches!(
@@ -320,7 +321,8 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether what was named cannot be opened, for whatever reason, rather than this machine failed.
+    /// Whether what was named cannot be opened, for whatever reason, rather than this machine
+    /// failed.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         !matches!(self, Self::Mirror { .. } | Self::Threads { .. })

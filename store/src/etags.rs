@@ -2,7 +2,8 @@
 
 use terravision_common::terminal::cut;
 
-/// Marks of one content that are remembered; a server that changes them more often than that does not mean the content by them.
+/// Marks of one content that are remembered; a server that changes them more often than that does
+/// not mean the content by them.
 pub(crate) const MOST_ETAGS: usize = 16;
 /// A mark is remembered up to so many bytes.
 pub(crate) const MOST_ETAG_BYTES: usize = 256;

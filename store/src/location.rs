@@ -30,7 +30,8 @@ pub enum LocationError {
     },
 }
 
-/// Where a terrain database is. Shown without what may be secret: user, password and query of a URL.
+/// Where a terrain database is. Shown without what may be secret: user, password and query of a
+/// URL.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Location(Kind);
 
@@ -53,8 +54,8 @@ pub(crate) enum Kind {
 
 impl Location {
     /// Reads a location: `world.tv`, `file:///data/world.tv`, `http://host/world.tv`, `https://…`,
-    /// `s3://bucket/prefix`. The manifest in a folder stands for the folder. What ends with `.tar` is an archive with the files
-    /// of a database in it.
+    /// `s3://bucket/prefix`. The manifest in a folder stands for the folder. What ends with `.tar`
+    /// is an archive with the files of a database in it.
     ///
     /// # Errors
     /// [`LocationError`].
@@ -143,7 +144,8 @@ impl Location {
         }
     }
 
-    /// The location as [`Location::parse`] reads it, secrets and all: for another process, never for a person.
+    /// The location as [`Location::parse`] reads it, secrets and all: for another process, never
+    /// for a person.
     #[must_use]
     pub fn to_argument(&self) -> String {
         match &self.0 {
@@ -170,7 +172,8 @@ fn is_scheme(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(is_part)
 }
 
-/// The URL of a folder: without a slash at its end, without fragment; its query goes with every request.
+/// The URL of a folder: without a slash at its end, without fragment; its query goes with every
+/// request.
 fn http_folder(text: &str) -> Result<Url, url::ParseError> {
     let mut url = Url::parse(text)?;
     url.set_fragment(None);

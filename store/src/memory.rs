@@ -1,4 +1,5 @@
-//! Pieces of archives that were read, and the few that are kept in memory: extents of small tiles, which have neighbours.
+//! Pieces of archives that were read, and the few that are kept in memory: extents of small tiles,
+//! which have neighbours.
 
 use crate::cache::Key;
 use bytes::Bytes;
@@ -11,7 +12,8 @@ use std::time::Instant;
 #[derive(Debug)]
 pub(crate) struct Piece {
     pub(crate) bytes: Bytes,
-    /// When it was asked for, if it was asked for anew because the request before took much longer than usual.
+    /// When it was asked for, if it was asked for anew because the request before took much longer
+    /// than usual.
     pub(crate) resent_at: Option<Instant>,
     /// Whether the disk cache has it, or is about to.
     is_on_disk: AtomicBool,

@@ -1,4 +1,5 @@
-//! The index of a remote database, mirrored into a folder: the generator needs it whole, on this machine.
+//! The index of a remote database, mirrored into a folder: the generator needs it whole, on this
+//! machine.
 
 use crate::error::{Cause, FetchError, StoreError};
 use crate::location::Location;
@@ -56,7 +57,8 @@ fn name_of(parts: &[&[u8]]) -> String {
     digest.as_ref()[..16].iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The name of a database in the cache: where it is, and what its manifest says (which has the checksums of the rest).
+/// The name of a database in the cache: where it is, and what its manifest says (which has the
+/// checksums of the rest).
 pub(crate) fn database_name(location: &Location, manifest: &[u8]) -> String {
     name_of(&[location.to_string().as_bytes(), manifest])
 }
@@ -127,7 +129,8 @@ pub(crate) fn cached_manifest(cache: &Path, location: &Location) -> Result<OpenM
     }
 }
 
-/// Name of the database that a location had last. A file of the cache says so; only what is such a name is one.
+/// Name of the database that a location had last. A file of the cache says so; only what is such a
+/// name is one.
 fn cached_name(cache: &Path, location: &Location) -> Option<String> {
     let name = read_bounded(&location_file(cache, location), 2 * NAME_BYTES).ok()?;
     String::from_utf8(name).ok().map(|name| name.trim().to_owned()).filter(|name| is_name(name))
@@ -142,8 +145,8 @@ pub(crate) struct Mirror {
     pub(crate) added: Vec<u64>,
 }
 
-/// Finds the index in the cache, or reads it from the server into the cache; where that cannot be written to, into a
-/// folder that goes away again, as it does without a cache. `note` is told why.
+/// Finds the index in the cache, or reads it from the server into the cache; where that cannot be
+/// written to, into a folder that goes away again, as it does without a cache. `note` is told why.
 pub(crate) async fn mirror(
     open: &OpenManifest,
     location: &Location,
@@ -238,8 +241,8 @@ fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::
     write_whole(&path, name.as_bytes())
 }
 
-/// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and no more than can be held. Nothing is read
-/// or allocated before.
+/// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and
+/// no more than can be held. Nothing is read or allocated before.
 fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
     NodeRanges::checked_bytes(&open.world, &open.manifest.nodes, open.manifest.is_sparse()).map_err(|error| {
         let why = match error {
@@ -252,7 +255,8 @@ fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchErr
     })
 }
 
-/// Reads the height ranges into a file, a few pieces at a time: what is in memory does not depend on how long they are.
+/// Reads the height ranges into a file, a few pieces at a time: what is in memory does not depend
+/// on how long they are.
 async fn read_nodes(
     network: &Network,
     open: &OpenManifest,
@@ -324,7 +328,8 @@ impl NewFile {
     }
 
     fn finish(self) -> io::Result<()> {
-        // A sweep takes its room by age; a power failure must not leave a whole name with half a content.
+        // A sweep takes its room by age; a power failure must not leave a whole name with half a
+        // content.
         self.file.sync_all()?;
         fs::rename(&self.temporary, &self.path)
     }

@@ -18,20 +18,23 @@ pub struct StoreOptions {
     pub cache_bytes: u64,
     /// Never ask the network: what the cache does not have is missing.
     pub is_offline: bool,
-    /// Longest time that one request may take. Shorter gives up on slow links, longer waits for servers that hang.
+    /// Longest time that one request may take. Shorter gives up on slow links, longer waits for
+    /// servers that hang.
     pub request_timeout: Duration,
     /// Longest time that one read may take, all its requests and the waits between them together.
     pub deadline: Duration,
     /// How failed requests are asked again.
     pub retries: RetryOptions,
-    /// Requests for tiles are made anew when their answer takes much longer than usual, before they time out. Better on links
-    /// that lose requests silently, and more load for a server that is slow.
+    /// Requests for tiles are made anew when their answer takes much longer than usual, before they
+    /// time out. Better on links that lose requests silently, and more load for a server that is
+    /// slow.
     pub is_hasty: bool,
     /// What becomes of tiles that could not be read.
     pub failed_tiles: FailedTiles,
     /// Most requests at a time. More use a link of long delay better, and load the server.
     pub parallel_requests: usize,
-    /// A folder that has the index already, checked: it is used as it is, and the server is not asked for it.
+    /// A folder that has the index already, checked: it is used as it is, and the server is not
+    /// asked for it.
     pub index: Option<PathBuf>,
 }
 
@@ -69,8 +72,8 @@ impl StoreOptions {
     }
 }
 
-/// The cache's folder when none is asked for: `$XDG_CACHE_HOME/terravision`, else `~/.cache/terravision`, else one in
-/// the folder of temporary files.
+/// The cache's folder when none is asked for: `$XDG_CACHE_HOME/terravision`, else
+/// `~/.cache/terravision`, else one in the folder of temporary files.
 #[must_use]
 pub fn default_cache_dir() -> PathBuf {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());

@@ -9,7 +9,8 @@ use std::time::Instant;
 pub struct Payload {
     /// Its bytes; their checksum is right.
     pub bytes: Bytes,
-    /// When the request was made that was answered, if it was made anew because the one before took much longer than usual.
+    /// When the request was made that was answered, if it was made anew because the one before took
+    /// much longer than usual.
     pub resent_at: Option<Instant>,
 }
 

@@ -1,7 +1,8 @@
-//! Following redirects: a few, to web servers alone, and what is secret stays with the server that it is for.
+//! Following redirects: a few, to web servers alone, and what is secret stays with the server that
+//! it is for.
 //!
-//! (The HTTP client would follow them by itself, but it takes `x-amz-security-token` along to other hosts, and tells them in `Referer` from which
-//! URL it was sent, query and all.)
+//! (The HTTP client would follow them by itself, but it takes `x-amz-security-token` along to other
+//! hosts, and tells them in `Referer` from which URL it was sent, query and all.)
 
 use crate::error::Cause;
 use crate::wire_error::WireError;
@@ -13,7 +14,8 @@ use url::Url;
 
 /// Redirects that one request follows.
 pub(crate) const MOST_REDIRECTS: usize = 10;
-/// What another host may be told: which bytes of which state are wanted. Everything else may be secret.
+/// What another host may be told: which bytes of which state are wanted. Everything else may be
+/// secret.
 const FOR_ANYBODY: [HeaderName; 6] = [ACCEPT, RANGE, IF_MATCH, IF_NONE_MATCH, IF_MODIFIED_SINCE, IF_UNMODIFIED_SINCE];
 
 /// How connections are made.
@@ -38,7 +40,8 @@ impl Following {
             .pool_max_idle_per_host(options.idle_connections)
             .redirect(reqwest::redirect::Policy::none())
             .referer(false)
-            // As `object_store` has it: its own parallel requests do better without HTTP/2, and lengths are those of files.
+            // As `object_store` has it: its own parallel requests do better without HTTP/2, and
+            // lengths are those of files.
             .http1_only()
             .no_gzip()
             .no_brotli()

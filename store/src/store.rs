@@ -40,10 +40,11 @@ pub struct StoreStats {
     pub cache: CacheStats,
 }
 
-/// A terrain database, open for reading, wherever it is. Used by any thread; reads are shared, and their results are
-/// checked by the checksums that tiles carry.
+/// A terrain database, open for reading, wherever it is. Used by any thread; reads are shared, and
+/// their results are checked by the checksums that tiles carry.
 ///
-/// It has threads of its own for the network. Dropped, it waits a moment for what is still being written to its cache.
+/// It has threads of its own for the network. Dropped, it waits a moment for what is still being
+/// written to its cache.
 #[derive(Debug)]
 pub struct Store {
     location: Location,
@@ -68,8 +69,8 @@ impl Backend {
 }
 
 impl Store {
-    /// Opens a database: reads its manifest, mirrors its index, looks whether its archives are there. Blocks; not for
-    /// threads of an async runtime.
+    /// Opens a database: reads its manifest, mirrors its index, looks whether its archives are
+    /// there. Blocks; not for threads of an async runtime.
     ///
     /// # Errors
     /// [`StoreError`], one sentence: not there, not reachable, damaged, of another version.
@@ -105,8 +106,8 @@ impl Store {
         &self.location
     }
 
-    /// What it is and where its ground lies. Its path is a folder of this machine with manifest and height ranges: that
-    /// of the database itself, or a mirror that stays as long as this store.
+    /// What it is and where its ground lies. Its path is a folder of this machine with manifest and
+    /// height ranges: that of the database itself, or a mirror that stays as long as this store.
     #[must_use]
     pub fn index(&self) -> &Index {
         self.backend.index()
@@ -151,10 +152,12 @@ impl Store {
         }
     }
 
-    /// A tile as it is stored, its checksum verified. Dropping the future cancels the read, in the queue and on the
-    /// wire, unless another one waits for the same bytes. Any executor may drive it.
+    /// A tile as it is stored, its checksum verified. Dropping the future cancels the read, in the
+    /// queue and on the wire, unless another one waits for the same bytes. Any executor may drive
+    /// it.
     ///
-    /// A tile that could not be read is not asked for again for a while: the same error comes at once.
+    /// A tile that could not be read is not asked for again for a while: the same error comes at
+    /// once.
     ///
     /// # Errors
     /// [`FetchError`].
@@ -191,14 +194,16 @@ impl Store {
         read
     }
 
-    /// Why a tile is not to be asked for at this moment: it could not be read, and rests, or is given up for good
-    /// ([`StoreOptions::failed_tiles`]). `None` when it may be asked for. Asks nobody.
+    /// Why a tile is not to be asked for at this moment: it could not be read, and rests, or is
+    /// given up for good ([`StoreOptions::failed_tiles`]). `None` when it may be asked for. Asks
+    /// nobody.
     #[must_use]
     pub fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
         self.failed.find(tile, Instant::now()).map(|error| error.failure())
     }
 
-    /// Notes that a tile which came cannot be decoded: it is treated like one that could not be read.
+    /// Notes that a tile which came cannot be decoded: it is treated like one that could not be
+    /// read.
     pub fn reject(&self, tile: Tile) {
         let error = FetchError::failed(Cause::Damaged, "what came cannot be decoded", tile.to_string());
         self.failed.note(tile, Some(&error), Instant::now());

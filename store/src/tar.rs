@@ -1,5 +1,5 @@
-//! Archives (tar) as databases: where in the file each member lies. Members are read by ranges like files of their own, so
-//! the archive must not be compressed.
+//! Archives (tar) as databases: where in the file each member lies. Members are read by ranges like
+//! files of their own, so the archive must not be compressed.
 //!
 //! Formats: POSIX ustar and pax (IEEE Std 1003.1-2017, pax), and GNU's long names and sizes.
 

@@ -1,4 +1,5 @@
-//! One request to a server, by `object_store`: what came, or what kind of failure it was. Nothing is asked twice here.
+//! One request to a server, by `object_store`: what came, or what kind of failure it was. Nothing
+//! is asked twice here.
 
 use crate::error::{Cause, Fault, StoreError};
 use crate::location::{Kind, Location};
@@ -37,7 +38,8 @@ pub(crate) struct Answer {
     pub(crate) file_bytes: u64,
     /// The server's mark of this content, if it gives one.
     pub(crate) etag: Option<String>,
-    /// When the request was made, if it was made anew because the one before took much longer than usual.
+    /// When the request was made, if it was made anew because the one before took much longer than
+    /// usual.
     pub(crate) resent_at: Option<std::time::Instant>,
 }
 
@@ -168,7 +170,8 @@ impl Transport {
             let answer = self.get_archive("", range).await?;
             let taken = headers.take(&answer.bytes);
             taken.map_err(|error| self.fault("", Cause::NotFound, error.to_string()))?;
-            // What follows is the next header, or the archive ends without the blocks that should end it.
+            // What follows is the next header, or the archive ends without the blocks that should
+            // end it.
             let is_over = matches!(headers.next(), Next::Header(at) if *at >= answer.file_bytes);
             if is_over {
                 return Ok(headers.members);
@@ -261,7 +264,8 @@ fn read_file(path: &std::path::Path, range: Range<u64>) -> io::Result<Answer> {
     Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")), resent_at: None })
 }
 
-/// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is empty is not set.
+/// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is
+/// empty is not set.
 fn s3_from_environment() -> AmazonS3Builder {
     let variables =
         std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
@@ -274,14 +278,16 @@ fn s3_from_environment() -> AmazonS3Builder {
     })
 }
 
-/// TLS needs a provider of cryptography for the whole process; another crate may have chosen one already.
+/// TLS needs a provider of cryptography for the whole process; another crate may have chosen one
+/// already.
 fn install_crypto() {
     drop(rustls::crypto::ring::default_provider().install_default());
 }
 
 fn chain<'e>(error: &'e (dyn Error + 'static)) -> impl Iterator<Item = &'e (dyn Error + 'static)> {
     std::iter::successors(Some(error), |error| {
-        // An i/o error that was made of another one gives that one's source as its own, and so hides it.
+        // An i/o error that was made of another one gives that one's source as its own, and so
+        // hides it.
         let made_of = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
         made_of.map(|inner| inner as &(dyn Error + 'static)).or_else(|| <dyn Error>::source(*error))
     })

@@ -1,5 +1,6 @@
-//! What passes between us and a server: requests are counted, and an answer with an error status becomes an error that keeps
-//! what the server said, `Retry-After` included (which `object_store` does not pass on).
+//! What passes between us and a server: requests are counted, and an answer with an error status
+//! becomes an error that keeps what the server said, `Retry-After` included (which `object_store`
+//! does not pass on).
 
 use crate::error::Cause;
 use crate::redirect::{ConnectOptions, Following};
@@ -85,7 +86,8 @@ impl Connector {
 
 impl HttpConnector for Connector {
     fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
-        // The endpoints that give an instance its credentials are asked with a short timeout of `object_store`'s own.
+        // The endpoints that give an instance its credentials are asked with a short timeout of
+        // `object_store`'s own.
         let own = ClientOptions::new().with_connect_timeout(self.options.connect_timeout);
         let timeout = |options: &ClientOptions| options.get_config_value(&ClientConfigKey::ConnectTimeout);
         let inner = if timeout(options) == timeout(&own) {
@@ -137,7 +139,8 @@ impl HttpService for Counted {
             return Ok(HttpResponse::from_parts(parts, content.into()));
         }
         let status = answer.status();
-        // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one nevertheless.
+        // Of a log-in or a portal that stands between. Some servers call all files so: then the
+        // range is one nevertheless.
         let is_page = status == StatusCode::OK && is_for_range && is_html(answer.headers());
         if status.is_success() && !is_page {
             return Ok(answer);

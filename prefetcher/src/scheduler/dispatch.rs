@@ -10,7 +10,8 @@ use terravision_common::ids::{FrameNumber, Sequence, SlotKey};
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, Counter, Gauge, Residency};
 
-/// Payloads of a layer that wait for a slot or a decoder, at most: more are not asked for before these are through.
+/// Payloads of a layer that wait for a slot or a decoder, at most: more are not asked for before
+/// these are through.
 const HELD: usize = 64;
 
 impl Scheduler {
@@ -49,7 +50,8 @@ impl Scheduler {
     ) {
         let Some((tile, load)) = self.table.answered(ticket) else { return };
         let State::Fetching { asked_at, cycle, .. } = load.state else { return };
-        // A request that was made anew tells how fast the link is, and that it has lost the one before.
+        // A request that was made anew tells how fast the link is, and that it has lost the one
+        // before.
         let start_nanos = resent_at_nanos.map_or(asked_at, |resent_at| resent_at.max(asked_at));
         let latency = at_nanos.saturating_sub(start_nanos);
         let of_cycle = resent_at_nanos.is_none().then_some(cycle);
@@ -121,7 +123,8 @@ impl Scheduler {
         Some(cycle)
     }
 
-    /// Ends a load because nothing wants its tile any more, or something else more: that says nothing about the link.
+    /// Ends a load because nothing wants its tile any more, or something else more: that says
+    /// nothing about the link.
     pub(super) fn cancel(&mut self, tile: Tile, control: &Control, executor: &mut impl Executor) {
         if let Some(cycle) = self.give_up(tile, control, executor) {
             self.window.cancelled(cycle);
@@ -171,7 +174,8 @@ impl Scheduler {
         }
     }
 
-    /// Nothing of the tile's layer finds room; the preparer has to know when nothing here is going to change that.
+    /// Nothing of the tile's layer finds room; the preparer has to know when nothing here is going
+    /// to change that.
     fn no_room(&mut self, tile: Tile, completed: Sequence) {
         let layer = tile.layer as usize;
         if self.table.decoding[layer] == 0 && self.told_no_room[layer] != Some(completed) {
@@ -230,8 +234,8 @@ impl Scheduler {
         }
     }
 
-    /// A cycle is over: the window is judged, and lists are gone through from their beginning: what could not be read may be
-    /// asked for again by now.
+    /// A cycle is over: the window is judged, and lists are gone through from their beginning: what
+    /// could not be read may be asked for again by now.
     pub fn end_cycle(&mut self, control: &Control) {
         self.window.end_cycle();
         self.table.rewind();

@@ -37,7 +37,8 @@ pub enum TileEvent {
         /// How long it took.
         duration_nanos: u64,
     },
-    /// A tile that a frame wants, or one of the top levels, was found to be unavailable; told once for each tile.
+    /// A tile that a frame wants, or one of the top levels, was found to be unavailable; told once
+    /// for each tile.
     Unavailable {
         /// The tile.
         tile: Tile,

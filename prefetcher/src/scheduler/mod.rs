@@ -1,8 +1,10 @@
-//! The scheduler: which tiles are asked for, in which order, what is given up, and what is evicted for what.
+//! The scheduler: which tiles are asked for, in which order, what is given up, and what is evicted
+//! for what.
 //!
-//! Three lists say what is wanted: what the newest frame lacks, what of the top levels is not there yet, and what the
-//! predicted view lacks, each coarse to fine, in this order. A list replaces the one before; what is on none of them is
-//! given up, waiting in line or on the wire. A tile's states:
+//! Three lists say what is wanted: what the newest frame lacks, what of the top levels is not there
+//! yet, and what the predicted view lacks, each coarse to fine, in this order. A list replaces the
+//! one before; what is on none of them is given up, waiting in line or on the wire. A tile's
+//! states:
 //!
 //! ```text
 //!            the window has a place             payload           a slot            decoded
@@ -13,14 +15,17 @@
 //!     └── the store allows it ──── Unavailable           (given up)      Unavailable
 //! ```
 //!
-//! When a tile that could not be read is asked for again is for the store to say ([`Executor::recent_failure`]), and so is
-//! when a request is made anew. The scheduler asks, re-prioritises and cancels (docs/retries.md).
+//! When a tile that could not be read is asked for again is for the store to say
+//! ([`Executor::recent_failure`]), and so is when a request is made anew. The scheduler asks,
+//! re-prioritises and cancels (docs/retries.md).
 //!
-//! Every tile of a new want list that is there, or that cannot be read, is told again: a preparer that lost its memory
-//! learns it so. Slots: a tile that a frame wants takes the one that was longest neither wanted nor expected, of those
-//! that no frame in flight names; a tile that is only expected takes none that is wanted or expected now.
+//! Every tile of a new want list that is there, or that cannot be read, is told again: a preparer
+//! that lost its memory learns it so. Slots: a tile that a frame wants takes the one that was
+//! longest neither wanted nor expected, of those that no frame in flight names; a tile that is only
+//! expected takes none that is wanted or expected now.
 //!
-//! [`request_table`] has the lists and what became of the tiles on them, [`dispatch`] does what follows from them.
+//! [`request_table`] has the lists and what became of the tiles on them, [`dispatch`] does what
+//! follows from them.
 
 mod dispatch;
 mod event;
@@ -40,8 +45,8 @@ use terravision_common::world::World;
 
 /// How often the view is predicted and the window judged: about 5 times a second (design §9).
 pub const CYCLE_NANOS: u64 = 200_000_000;
-/// A want list's sequence is at most so many frames ahead of the last that was completed; a larger one is nonsense, and
-/// would keep its tiles for ever.
+/// A want list's sequence is at most so many frames ahead of the last that was completed; a larger
+/// one is nonsense, and would keep its tiles for ever.
 const MOST_AHEAD: u64 = 1 << 16;
 
 /// Why a tile is asked for; the more urgent first.
@@ -202,8 +207,8 @@ impl Scheduler {
         self.relist(control, executor);
     }
 
-    /// Takes all tiles that the predicted view wants, coarse to fine: those that are there are kept longer, and the first
-    /// N that are not are asked for when nothing more urgent is.
+    /// Takes all tiles that the predicted view wants, coarse to fine: those that are there are kept
+    /// longer, and the first N that are not are asked for when nothing more urgent is.
     pub fn expect(&mut self, tiles: impl IntoIterator<Item = Tile>, control: &Control, executor: &mut impl Executor) {
         let stamp = self.stamp();
         let most = self.window.n() as usize;

@@ -67,8 +67,8 @@ impl RequestTable {
         self.lists.iter_mut().for_each(|list| list.at = 0);
     }
 
-    /// Lists have changed: what is on its way takes its priority from them. Returns what is on none any more, but for what is
-    /// being decoded.
+    /// Lists have changed: what is on its way takes its priority from them. Returns what is on none
+    /// any more, but for what is being decoded.
     pub(super) fn relist(&mut self) -> Vec<Tile> {
         self.epoch += 1;
         self.rewind();
@@ -110,7 +110,8 @@ impl RequestTable {
         Some((tile, self.loads.get_mut(&tile)?))
     }
 
-    /// A load ends before its tile is there. Of a request that was under way: its ticket and its cycle.
+    /// A load ends before its tile is there. Of a request that was under way: its ticket and its
+    /// cycle.
     pub(super) fn give_up(&mut self, tile: Tile) -> Option<(u64, CycleNumber)> {
         match self.loads.remove(&tile)?.state {
             State::Fetching { ticket, cycle, .. } => {

@@ -1,4 +1,5 @@
-//! A flight over a database at the end of a simulated link, in simulated time: no clock, no network, no thread.
+//! A flight over a database at the end of a simulated link, in simulated time: no clock, no
+//! network, no thread.
 
 use super::{MS, SLOT_BYTES};
 use bytes::Bytes;
@@ -50,8 +51,8 @@ struct Open {
     tries: u32,
 }
 
-/// Answers one request after the other, in the order in which they reach the other end. What is lost is asked for anew when
-/// the store's patience ends.
+/// Answers one request after the other, in the order in which they reach the other end. What is
+/// lost is asked for anew when the store's patience ends.
 #[derive(Debug)]
 pub struct Link {
     fields: LinkFields,
@@ -72,8 +73,8 @@ pub struct Link {
     pub bytes: u64,
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): numbers without a pattern, so that what is asked for anew at a steady pace is
-/// not lost at the same pace.
+/// SplitMix64 (Steele, Lea and Flood 2014): numbers without a pattern, so that what is asked for
+/// anew at a steady pace is not lost at the same pace.
 fn mixed(number: u64) -> u64 {
     let mut z = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -299,12 +300,13 @@ fn counter(control: &Control, counter: Counter) -> u64 {
     control.counter(counter)
 }
 
-/// Looks along a grid of rays: the share of those that meet the ground, where it is drawn as finely as wanted. A node is
-/// expanded only when the tiles of all its children are there (design §6).
+/// Looks along a grid of rays: the share of those that meet the ground, where it is drawn as finely
+/// as wanted. A node is expanded only when the tiles of all its children are there (design §6).
 fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]) -> f64 {
     let lacking: HashSet<NodeId> = missing.iter().map(|tile| tile.node).collect();
     let mut is_leaf_of: HashMap<NodeId, bool> = wanted.iter().map(|tile| (tile.node, true)).collect();
-    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a tile.
+    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a
+    // tile.
     let blocked: HashSet<NodeId> =
         lacking.iter().filter(|node| node.q() + 1 < world.levels()).map(|node| node.parent()).collect();
     let nodes: Vec<NodeId> = is_leaf_of.keys().copied().collect();

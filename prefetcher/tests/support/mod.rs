@@ -1,4 +1,5 @@
-//! What the prefetcher's tests share: a world, and a executor that does what it is told when it is told.
+//! What the prefetcher's tests share: a world, and a executor that does what it is told when it is
+//! told.
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
 
 pub mod link;

@@ -202,7 +202,8 @@ impl FrameMaker {
     }
 }
 
-/// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
+/// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is
+/// drawn.
 fn ground_under_eye(world: &World, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
     let (root, surface) = (world.root(), world.surface());
     let under = surface.lattice_under(camera.eye());
@@ -224,8 +225,9 @@ fn tile_slot(
     let from_leaf = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
     let start = [from_leaf(color.node.m(), leaf.node.m()), from_leaf(color.node.n(), leaf.node.n())];
     let origin = world.node_origin(leaf.node);
-    // Vertices beyond the extent collapse onto it: facets past the first of them are nothing, unless an edge snaps, which
-    // needs the vertices that it snaps to. An edge's step is never finer than that of the leaf.
+    // Vertices beyond the extent collapse onto it: facets past the first of them are nothing,
+    // unless an edge snaps, which needs the vertices that it snaps to. An edge's step is never
+    // finer than that of the leaf.
     let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
     let inside = world.surface().cells_inside(origin, q);
     let end = [0, 1].map(|axis| {

@@ -1,5 +1,5 @@
-//! Elevation tiles of a leaf and of the nodes above it: heights of single vertices, and what heights
-//! of whole rows have in common with them.
+//! Elevation tiles of a leaf and of the nodes above it: heights of single vertices, and what
+//! heights of whole rows have in common with them.
 
 use super::TileVanished;
 use crate::truncation::Tiles;
@@ -9,8 +9,8 @@ use terravision_common::surface::LatticePoint;
 use terravision_common::surface::tile::node_elevation;
 use terravision_common::world::World;
 
-/// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it has one post per
-/// side of a finest node.
+/// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it
+/// has one post per side of a finest node.
 pub const SMOOTH_LEVEL: u8 = 5;
 
 /// Elevation tiles of a node and of its ancestors, each looked up once.
@@ -64,8 +64,8 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
     }
 }
 
-/// Height of one vertex relative to the eye, as [`super::Heights::make`] has it: on a leaf `node`, with `floor` the level of
-/// the coarsest leaf that touches it.
+/// Height of one vertex relative to the eye, as [`super::Heights::make`] has it: on a leaf `node`,
+/// with `floor` the level of the coarsest leaf that touches it.
 ///
 /// # Errors
 /// [`TileVanished`] when the tile of an ancestor is not there.
@@ -80,8 +80,9 @@ pub fn vertex_height(
     Ok(stored(level, 0, Ancestors::new(world, tiles, node).vertex_sum(level, 0, point, floor)?))
 }
 
-/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on both sides. A level
-/// that does not take part adds an exact zero, so a sum over more levels has the same bits.
+/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on
+/// both sides. A level that does not take part adds an exact zero, so a sum over more levels has
+/// the same bits.
 #[inline(always)]
 pub(super) fn weight(l: f64, q: u8) -> f64 {
     (1.0 - (l - f64::from(q)).abs()).max(0.0)

@@ -1,14 +1,17 @@
 //! Elevation arrays: the height of every vertex of an elevation leaf (design §5).
 //!
-//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels `floor(l)` and
-//! `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor of a vertex is the level of the
-//! coarsest leaf that touches it, so every leaf that has this vertex computes the same: all of it is a function of the
-//! lattice point and the floor, evaluated with the same operations in the same order.
+//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels
+//! `floor(l)` and `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor
+//! of a vertex is the level of the coarsest leaf that touches it, so every leaf that has this
+//! vertex computes the same: all of it is a function of the lattice point and the floor, evaluated
+//! with the same operations in the same order.
 //!
-//! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
+//! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when
+//! that is coarser.
 //!
-//! In a world with validity an array goes on with the shares of its vertices ([`terravision_common::validity`]), taken from the
-//! tiles' planes just as heights are: so leaves agree on them along their edges, and holes grow and shrink as smoothly as heights.
+//! In a world with validity an array goes on with the shares of its vertices
+//! ([`terravision_common::validity`]), taken from the tiles' planes just as heights are: so leaves
+//! agree on them along their edges, and holes grow and shrink as smoothly as heights.
 
 mod ancestors;
 
@@ -69,9 +72,11 @@ impl Heights {
         }
     }
 
-    /// Fills `out`, [`World::elevation_values`] numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
-    /// relative to the eye, metres, exaggerated, and the planes of validity of a world that has them. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
-    /// them are set to zero. Tiles of the leaf and of all its ancestors have to be there.
+    /// Fills `out`, [`World::elevation_values`] numbers (more are left alone), row 0 in the south,
+    /// with heights of a leaf's vertices relative to the eye, metres, exaggerated, and the planes
+    /// of validity of a world that has them. The leaf is drawn with every `1 << grid_snap`-th row
+    /// and column; rows between them are set to zero. Tiles of the leaf and of all its ancestors
+    /// have to be there.
     ///
     /// # Errors
     /// [`TileVanished`] when one is not.
@@ -117,7 +122,8 @@ impl Heights {
         }
     }
 
-    /// The level wanted at each vertex inside the leaf's own range, and so where each row's heights are taken from.
+    /// The level wanted at each vertex inside the leaf's own range, and so where each row's heights
+    /// are taken from.
     fn make_levels<T: Tiles>(
         &mut self,
         level: &LevelFunction,
@@ -144,8 +150,8 @@ impl Heights {
         Ok(())
     }
 
-    /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth row is looked at:
-    /// levels change by far less than one from row to row.
+    /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth
+    /// row is looked at: levels change by far less than one from row to row.
     ///
     /// # Errors
     /// [`TileVanished`] when the tile with the smooth elevation is not there.

@@ -1,20 +1,23 @@
 //! Hidden ground: facets that lie wholly behind ground that is drawn before them need not be drawn.
 //!
-//! Leaves come near to far. Over a height field, whatever is seen along a vertical plane through the eye below the
-//! highest ground so far is hidden by that ground: a ray to it would have to come up through the surface. So one number
-//! per direction, the *horizon*, is all that has to be kept. Directions are those of an upright picture plane ahead of the
-//! eye, on which facets stay triangles whatever the camera's pitch and roll:
+//! Leaves come near to far. Over a height field, whatever is seen along a vertical plane through
+//! the eye below the highest ground so far is hidden by that ground: a ray to it would have to come
+//! up through the surface. So one number per direction, the *horizon*, is all that has to be kept.
+//! Directions are those of an upright picture plane ahead of the eye, on which facets stay
+//! triangles whatever the camera's pitch and roll:
 //!
 //! ```text
 //! u = across / ahead     v = up / ahead      ahead = (p − eye) · heading, horizontal
 //! ```
 //!
-//! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken from the rows and columns
-//! of drawn edges; a block of facets is hidden when its highest vertex lies below the horizon of every bin that it touches.
+//! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken
+//! from the rows and columns of drawn edges; a block of facets is hidden when its highest vertex
+//! lies below the horizon of every bin that it touches.
 //!
-//! Through a hole in the ground (`terravision_common::validity`) rays come under the surface, and out of it where there is
-//! another hole. So a leaf with a hole hides nothing, and neither does what comes after it in its directions; what was nearer
-//! goes on hiding: a ray that meets it has met no hole before.
+//! Through a hole in the ground (`terravision_common::validity`) rays come under the surface, and
+//! out of it where there is another hole. So a leaf with a hole hides nothing, and neither does
+//! what comes after it in its directions; what was nearer goes on hiding: a ray that meets it has
+//! met no hole before.
 
 use glam::{DVec2, Vec2, Vec3};
 use terravision_common::camera::Camera;
@@ -23,10 +26,11 @@ use terravision_common::world::World;
 
 /// Bins across the picture: narrower than a facet is wide.
 const BINS: usize = 512;
-/// Every how many lines of vertices raise the horizon: it costs time, and a ridge is broader than one line.
+/// Every how many lines of vertices raise the horizon: it costs time, and a ridge is broader than
+/// one line.
 const LINES_APART: usize = 2;
-/// How far below the horizon hidden ground has to be, pixels: the renderer works in single precision, and its edges in
-/// 256ths of a pixel.
+/// How far below the horizon hidden ground has to be, pixels: the renderer works in single
+/// precision, and its edges in 256ths of a pixel.
 const MARGIN_PX: f64 = 0.25;
 /// Directions this steep, as ahead over distance, have no place on the upright plane.
 const LEAST_AHEAD: f64 = 0.2;
@@ -45,7 +49,8 @@ pub struct Horizon {
     /// In `u` and `v`.
     margin: f32,
     bins: Vec<f32>,
-    /// Bins that may be seen through a hole, from the first to the one past the last. Nothing raises them any more.
+    /// Bins that may be seen through a hole, from the first to the one past the last. Nothing
+    /// raises them any more.
     holed: [usize; 2],
     /// Whether the entered leaf has a hole.
     has_hole: bool,
@@ -100,9 +105,10 @@ impl Horizon {
         }
     }
 
-    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated; `None` where leaves do not
-    /// come near to far for this eye. Nothing is hidden then, nor from an eye beside the world, which may see under its edge,
-    /// from one under the ground, nor in a steep view.
+    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level,
+    /// exaggerated; `None` where leaves do not come near to far for this eye. Nothing is hidden
+    /// then, nor from an eye beside the world, which may see under its edge, from one under the
+    /// ground, nor in a steep view.
     pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
         let (sin, cos) = camera.heading_rad.sin_cos();
         let ahead = DVec2::new(sin, cos);
@@ -124,8 +130,9 @@ impl Horizon {
         }
     }
 
-    /// Takes the vertices of the next leaf, near to far, to say what of it is [hidden](Self::is_hidden). It is drawn with every
-    /// vertex that is a multiple of `grid`, on its west, east, south and north edges of `edges`; the others are not looked at.
+    /// Takes the vertices of the next leaf, near to far, to say what of it is
+    /// [hidden](Self::is_hidden). It is drawn with every vertex that is a multiple of `grid`, on
+    /// its west, east, south and north edges of `edges`; the others are not looked at.
     pub fn enter(&mut self, vertices: Vertices<'_>, grid: usize, edges: [usize; 4]) {
         let leaf = Leaf { grid, edges, step: edges.into_iter().fold(grid, usize::max) };
         if self.is_active && self.is_under(vertices, leaf) {
@@ -150,8 +157,9 @@ impl Horizon {
         }
     }
 
-    /// The directions of a leaf that has a hole are open from now on; all of them when it has no place on the upright plane. As one
-    /// range: holes beside each other are the usual case, and directions between two cost time alone.
+    /// The directions of a leaf that has a hole are open from now on; all of them when it has no
+    /// place on the upright plane. As one range: holes beside each other are the usual case, and
+    /// directions between two cost time alone.
     fn open(&mut self, leaf: Option<Leaf>) {
         let Some(leaf) = leaf else {
             self.holed = [0, BINS];
@@ -169,8 +177,8 @@ impl Horizon {
         self.holed = if before < after { [before.min(first), after.max(end)] } else { [first, end] };
     }
 
-    /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. It is taken to be as large as the
-    /// blocks, of the longest step's sides, that it touches.
+    /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. It is
+    /// taken to be as large as the blocks, of the longest step's sides, that it touches.
     #[must_use]
     pub fn is_hidden(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
         let Some(leaf) = self.entered else { return false };
@@ -196,9 +204,10 @@ impl Horizon {
         !bins.is_empty() && bins.iter().all(|bin| bounds.top + self.margin < *bin)
     }
 
-    /// Whether the eye may be under the surface that is drawn (ground that is coarse, because its tiles are on their way):
-    /// what is hidden from above is seen from there. An eye within the range of heights of a node's ground is in its box, so
-    /// that node is in the tree; one below the range is below the ground of every level.
+    /// Whether the eye may be under the surface that is drawn (ground that is coarse, because its
+    /// tiles are on their way): what is hidden from above is seen from there. An eye within the
+    /// range of heights of a node's ground is in its box, so that node is in the tree; one below
+    /// the range is below the ground of every level.
     fn is_under(&self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
         let Some([column, row]) = vertices.cell_under_eye(leaf.step) else { return false };
         let mut rows = (row..=row + leaf.step).step_by(leaf.grid);
@@ -236,8 +245,8 @@ impl Horizon {
         &self.bins[first as usize..=(last as usize).min(BINS - 1)]
     }
 
-    /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are drawn as they are only where
-    /// nothing collapses on them.
+    /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are drawn as
+    /// they are only where nothing collapses on them.
     fn raise(&mut self, leaf: Leaf) {
         let Leaf { grid, edges: [west, east, south, north], .. } = leaf;
         let last = self.posts - 1;
@@ -255,7 +264,8 @@ impl Horizon {
         }
     }
 
-    /// A line of vertices, straight as seen from above, so that `u` only rises or only falls along it.
+    /// A line of vertices, straight as seen from above, so that `u` only rises or only falls along
+    /// it.
     fn raise_by_line(&mut self, start: usize, [from, to]: [usize; 2], grid: usize, stride: usize) {
         let is_rising = self.us[start + from * stride] < self.us[start + to * stride];
         let vertex = |step: usize| {

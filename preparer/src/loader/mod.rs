@@ -1,8 +1,8 @@
 //! Tiles, as the preparer asks for them.
 //!
-//! What a frame wants is asked of a [`TileLoader`], tile by tile; what is not there is asked of the prefetcher, all of a
-//! frame together. [`wanted::WantedTiles`] is the loader of a run; tests have others. A tile's states, as the frame sees
-//! them:
+//! What a frame wants is asked of a [`TileLoader`], tile by tile; what is not there is asked of the
+//! prefetcher, all of a frame together. [`wanted::WantedTiles`] is the loader of a run; tests have
+//! others. A tile's states, as the frame sees them:
 //!
 //! ```text
 //!               asked, in flight, undecoded
@@ -33,7 +33,8 @@ pub enum TileState {
     NoRoom,
     /// It cannot be read.
     Unavailable {
-        /// Whether the next try may have it ([`terravision_common::outcome::TileFailure::may_pass`]).
+        /// Whether the next try may have it
+        /// ([`terravision_common::outcome::TileFailure::may_pass`]).
         may_come: bool,
     },
 }
@@ -49,8 +50,8 @@ pub enum LoadError {
 
 /// Has tiles brought into the pools. Used by the preparer's one thread.
 pub trait TileLoader: Tiles {
-    /// Frame `frame`, at place `sequence` of the run, wants a tile: keeps it when it is there, and remembers to ask for it
-    /// when it is not. Does not block.
+    /// Frame `frame`, at place `sequence` of the run, wants a tile: keeps it when it is there, and
+    /// remembers to ask for it when it is not. Does not block.
     fn want(&mut self, tile: Tile, frame: FrameNumber, sequence: Sequence, control: &Control) -> TileState;
 
     /// All tiles of the frame have been wanted: asks for those that are not there. Does not block.

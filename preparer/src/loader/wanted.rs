@@ -1,4 +1,5 @@
-//! The loader of a run: the pools as a reader sees them, the want list that the prefetcher reads, and what it answers.
+//! The loader of a run: the pools as a reader sees them, the want list that the prefetcher reads,
+//! and what it answers.
 
 use super::{LoadError, TileLoader, TileState};
 use crate::frame_tree::Tile;
@@ -13,8 +14,8 @@ use terravision_common::shm::{
     WantHead, WantListWriter,
 };
 
-/// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so; where it starts another, it is left to
-/// it for ever.
+/// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so;
+/// where it starts another, it is left to it for ever.
 const PEER_GRACE: u32 = 10;
 
 /// Asks the prefetcher for tiles. In the steady state it allocates nothing.
@@ -100,7 +101,8 @@ impl WantedTiles {
     }
 
     fn take(&mut self, outcome: &TileOutcome) {
-        // What says nothing that can be is passed over: the tile is still missing, and will be asked for again.
+        // What says nothing that can be is passed over: the tile is still missing, and will be
+        // asked for again.
         let Some((tile, outcome)) = outcome.read() else { return };
         match outcome {
             Outcome::Resident { key } => {
@@ -115,7 +117,8 @@ impl WantedTiles {
         }
     }
 
-    /// Whether the layer is known to have no room; a frame that was completed since may have made some.
+    /// Whether the layer is known to have no room; a frame that was completed since may have made
+    /// some.
     fn has_no_room(&mut self, layer: Layer, control: &Control) -> bool {
         let Some(completed) = self.no_room[layer as usize] else { return false };
         if control.completed_sequence() > completed {
@@ -145,7 +148,8 @@ impl TileLoader for WantedTiles {
         if self.index_mut(tile.layer).keep(tile.node, sequence) {
             return TileState::Resident;
         }
-        // What cannot be read is on the list, too: whether to try again is the prefetcher's business.
+        // What cannot be read is on the list, too: whether to try again is the prefetcher's
+        // business.
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }
@@ -164,8 +168,8 @@ impl TileLoader for WantedTiles {
         if sequence != self.sequence {
             self.begin(sequence);
         }
-        // Within a frame a list is replaced when more is wanted than it names. What it names and is there by now does no
-        // harm.
+        // Within a frame a list is replaced when more is wanted than it names. What it names and is
+        // there by now does no harm.
         if self.is_stale {
             self.wants.publish(WantHead { sequence, frame, is_last: false }, &self.missing);
             self.asked.clear();
@@ -180,7 +184,8 @@ impl TileLoader for WantedTiles {
             self.waits_with_dead_peer = 0;
             return Ok(());
         }
-        // Nothing for a while: perhaps an outcome found its ring full. What is asked again is answered again.
+        // Nothing for a while: perhaps an outcome found its ring full. What is asked again is
+        // answered again.
         self.is_stale = true;
         self.waits_with_dead_peer = if !control.is_supervised() && control.is_stage_dead(Stage::Prefetcher) {
             self.waits_with_dead_peer + 1
@@ -196,7 +201,8 @@ impl TileLoader for WantedTiles {
     fn drain(&mut self) -> Result<(), LoadError> {
         self.missing.clear();
         self.loading = 0;
-        // At most a ring full at a time, so that a prefetcher that floods it cannot keep the frame from being made.
+        // At most a ring full at a time, so that a prefetcher that floods it cannot keep the frame
+        // from being made.
         for _ in 0..self.outcomes.capacity() {
             match self.outcomes.try_pop().map_err(WaitError::from)? {
                 Some(outcome) => self.take(&outcome),

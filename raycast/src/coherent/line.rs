@@ -167,8 +167,8 @@ impl<R: StartRule> VoxelLines<'_, R> {
             End::Left(plane) => plane,
         };
         self.canvas.put_sky(pixel);
-        // A ray that rose above everything is in the air for ever. Beyond the ground's border it says
-        // nothing.
+        // A ray that rose above everything is in the air for ever. Beyond the ground's border it
+        // says nothing.
         if plane >= casting.end && !rays.scene.ground.is_cut() {
             rays.planes.s().len() as u32
         } else {

@@ -23,13 +23,14 @@ use crate::scene::{Placed, Scene};
 use glam::Vec2;
 use planes::VoxelStretch;
 
-/// Share of the fall of densities across a surface with which they fall along a ray, at most: up to 45
-/// degrees between the two. With 1 rays look at a twentieth more samples and find the same; with a half
-/// they miss a twentieth of what is found, with a third a quarter (pixels that are sky to them and ground
-/// to the mesh, in a view with hills before the sky).
+/// Share of the fall of densities across a surface with which they fall along a ray, at most: up to
+/// 45 degrees between the two. With 1 rays look at a twentieth more samples and find the same; with
+/// a half they miss a twentieth of what is found, with a third a quarter (pixels that are sky to
+/// them and ground to the mesh, in a view with hills before the sky).
 const FALL_TRUSTED: f32 = 0.7;
 
-/// How fast densities fall along a ray that comes out of the ground, per voxel, as far as that is trusted.
+/// How fast densities fall along a ray that comes out of the ground, per voxel, as far as that is
+/// trusted.
 pub(crate) fn fall(filter: Option<Filter>) -> f32 {
     FALL_TRUSTED * filter.unwrap_or_default().fall()
 }

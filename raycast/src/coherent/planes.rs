@@ -2,7 +2,8 @@
 
 use crate::view::View;
 
-/// The parameters that rays are sampled at: a sampling interval apart, in voxels of the finest level that is at this distance.
+/// The parameters that rays are sampled at: a sampling interval apart, in voxels of the finest
+/// level that is at this distance.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Planes {
     s: Vec<f32>,
@@ -19,7 +20,8 @@ pub(crate) struct Planes {
 pub struct Sampling {
     /// VoxelStretch from sample to sample on the view axis.
     pub interval_voxels: f32,
-    /// VoxelStretch that are smaller on screen are sampled as if they had this size, pixels. 0: every voxel by its own size.
+    /// VoxelStretch that are smaller on screen are sampled as if they had this size, pixels. 0:
+    /// every voxel by its own size.
     pub voxel_px: f32,
 }
 
@@ -32,13 +34,14 @@ pub(crate) struct VoxelStretch {
     pub(crate) side_m: f32,
 }
 
-/// log2 of the stretches of s per octave, for which the finest voxels are noted: levels are an octave
-/// apart, so that an eighth of one is a tenth of a leaf's distance.
+/// log2 of the stretches of s per octave, for which the finest voxels are noted: levels are an
+/// octave apart, so that an eighth of one is a tenth of a leaf's distance.
 const LOG_STRETCHES: u32 = 3;
 /// Stretches in all: 24 octaves from the nearest plane on, from a decimetre to 1,600 km.
 const STRETCHES: usize = 24 << LOG_STRETCHES;
-/// log2 of the steps per octave by which planes are found again: with 0.6 voxels from plane to plane and
-/// voxels of a pixel, a step holds few planes ([`Planes::at_or_after`] searches those of one step).
+/// log2 of the steps per octave by which planes are found again: with 0.6 voxels from plane to
+/// plane and voxels of a pixel, a step holds few planes ([`Planes::at_or_after`] searches those of
+/// one step).
 const LOG_STEPS: u32 = 7;
 
 /// A number's octave and its place in it, in `1 << log` steps: grows with positive numbers.
@@ -48,7 +51,8 @@ fn step_of(s: f32, log: u32) -> u32 {
 }
 
 impl Planes {
-    /// Most planes: 0.6 voxels apart, about as many as a ray through a thousand tiles of 16 cells takes.
+    /// Most planes: 0.6 voxels apart, about as many as a ray through a thousand tiles of 16 cells
+    /// takes.
     pub(crate) const MOST: usize = 1 << 15;
 
     /// Sets them for a view of voxels, out to parameter `far`.
@@ -96,7 +100,8 @@ impl Planes {
         (step_of(s.max(0.0), LOG_STRETCHES).saturating_sub(self.first_stretch) as usize).min(STRETCHES - 1)
     }
 
-    /// Sets planes `per_m` of a voxel's side apart, `growth` of the parameter at least; whether all have found room.
+    /// Sets planes `per_m` of a voxel's side apart, `growth` of the parameter at least; whether all
+    /// have found room.
     fn fill(&mut self, per_m: f64, growth: f64, far: f32) -> bool {
         self.s.clear();
         let mut s = 0.0f64;
@@ -142,7 +147,8 @@ impl Planes {
         if s <= 0.0 {
             return 0;
         }
-        // Planes of earlier steps are before it, those of later ones after it: steps never fall while numbers rise.
+        // Planes of earlier steps are before it, those of later ones after it: steps never fall
+        // while numbers rise.
         let at = step_of(s, LOG_STEPS).saturating_sub(self.first_step) as usize;
         let Some(&[from, to]) = self.first.get(at..at + 2) else { return self.s.len() as u32 };
         from + self.s[from as usize..to as usize].partition_point(|&plane| plane < s) as u32

@@ -1,5 +1,5 @@
-//! Where a ray passes the surface, once its samples have found it: between two samples, on the border of the ground, or at
-//! the top of a hill that is narrower than a sampling interval.
+//! Where a ray passes the surface, once its samples have found it: between two samples, on the
+//! border of the ground, or at the top of a hill that is narrower than a sampling interval.
 
 use super::voxels::{Current, cell};
 use super::walk::VoxelRays;
@@ -17,7 +17,8 @@ pub(crate) struct Sample {
     pub(crate) inside: Option<f32>,
     /// That of the sample before, if it was looked at.
     pub(crate) outside: Option<f32>,
-    /// Where between the sample before, in the air, and this one, which may be in the air too, the surface is passed.
+    /// Where between the sample before, in the air, and this one, which may be in the air too, the
+    /// surface is passed.
     pub(crate) crossing: Option<[Point; 2]>,
 }
 
@@ -28,15 +29,17 @@ pub(crate) struct Point {
     density: f32,
 }
 
-/// Halvings of a sampling interval in which a ray may pass through the top of a hill: ground of less than an eighth of it is missed.
+/// Halvings of a sampling interval in which a ray may pass through the top of a hill: ground of
+/// less than an eighth of it is missed.
 const HALVINGS: u32 = 3;
-/// Of a ray's way to where it leaves the ground, so that rounding leaves this point over the ground.
+/// Of a ray's way to where it leaves the ground, so that rounding leaves this point over the
+/// ground.
 const JUST_BEFORE: f32 = 1.0 - 1e-6;
 
 impl VoxelRays<'_> {
-    /// Whether a ray passes through ground between plane `k` and the one before, both in the air: over the top of a hill that is
-    /// narrower there than a sampling interval, or else silhouettes show the planes as steps. `densities`: of both, one of
-    /// them at least.
+    /// Whether a ray passes through ground between plane `k` and the one before, both in the air:
+    /// over the top of a hill that is narrower there than a sampling interval, or else silhouettes
+    /// show the planes as steps. `densities`: of both, one of them at least.
     #[inline(always)]
     pub(crate) fn between<const APPROXIMATE: bool>(
         &self,
@@ -81,8 +84,9 @@ impl VoxelRays<'_> {
         Some(Sample { plane: k as u32, inside: None, outside: None, crossing: Some(crossing) })
     }
 
-    /// The first place between two points in the air at which a ray enters the ground, as a point before and one after it.
-    /// `fall`: by how much densities fall, or rise, from one point to the other, at most.
+    /// The first place between two points in the air at which a ray enters the ground, as a point
+    /// before and one after it. `fall`: by how much densities fall, or rise, from one point to the
+    /// other, at most.
     fn crossing<const APPROXIMATE: bool>(
         &self,
         ray: &Ray,
@@ -106,8 +110,8 @@ impl VoxelRays<'_> {
         half([from, middle]).or_else(|| half([middle, to]))
     }
 
-    /// Whether a ray that has met no sample in the ground before `plane` is in the ground where it leaves it: planes do not lie on
-    /// the border.
+    /// Whether a ray that has met no sample in the ground before `plane` is in the ground where it
+    /// leaves it: planes do not lie on the border.
     #[inline(always)]
     pub(crate) fn at_border<const APPROXIMATE: bool>(
         &self,
@@ -149,8 +153,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// Where a ray passes the surface before a sample that is in the ground: the plane before, which is in the air, and the parameter
-    /// between it and the next one, by the two densities.
+    /// Where a ray passes the surface before a sample that is in the ground: the plane before,
+    /// which is in the air, and the parameter between it and the next one, by the two densities.
     #[inline(always)]
     pub(crate) fn refined<const APPROXIMATE: bool>(
         &self,
@@ -174,7 +178,8 @@ impl VoxelRays<'_> {
                 let inside = here.or_else(|| density(plane)).unwrap_or(255.0);
                 let from = Point { s: planes[plane - 1], density: outside };
                 let to = Point { s: planes[plane], density: inside };
-                // What lies between the last sample in the air and the next one is for the next ray to look at, if it does.
+                // What lies between the last sample in the air and the next one is for the next ray
+                // to look at, if it does.
                 return (plane as u32 - u32::from(self.looks_between()), surface_between(from, to));
             }
             counts.steps_back += 1;

@@ -22,17 +22,18 @@ pub(crate) struct Current<'a> {
     pub(crate) datum: f32,
 }
 
-/// A number's whole part, as a number and as an index: past any cell count for a negative number. A whole number may give
-/// the cell below it, of which it is the end.
+/// A number's whole part, as a number and as an index: past any cell count for a negative number. A
+/// whole number may give the cell below it, of which it is the end.
 #[inline(always)]
 pub(crate) fn cell(at: f32) -> (u32, f32) {
-    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
+    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for
+    // numbers that do not fit.
     let rounded = (at - 0.5) + 12_582_912.0;
     (rounded.to_bits().wrapping_sub(0x4b40_0000), rounded - 12_582_912.0)
 }
 
-/// How fast [`Current::density_by_height`] falls: so fast that up to a slope of 45 degrees it falls no faster across the surface
-/// than densities of voxels do.
+/// How fast [`Current::density_by_height`] falls: so fast that up to a slope of 45 degrees it falls
+/// no faster across the surface than densities of voxels do.
 const DENSITY_PER_LAYER: f32 = 60.0;
 
 impl Current<'_> {
@@ -47,8 +48,9 @@ impl Current<'_> {
         cell(at.x).0 < self.cells[0] && cell(at.y).0 < self.cells[1]
     }
 
-    /// The cell below a place, and its corner; `None` beside the tile. `is_found`: the tree says that the
-    /// place is over the tile; the difference is rounding, and the place is taken to the border.
+    /// The cell below a place, and its corner; `None` beside the tile. `is_found`: the tree says
+    /// that the place is over the tile; the difference is rounding, and the place is taken to the
+    /// border.
     #[inline(always)]
     pub(crate) fn cell_at(&self, at: &mut Vec3, is_found: bool) -> Option<([u32; 2], [f32; 2])> {
         let [columns, rows] = self.cells;
@@ -81,8 +83,9 @@ impl Current<'_> {
         self.spans.get(j as usize * self.cells[0] as usize + i as usize).copied().unwrap_or_default()
     }
 
-    /// A density for a place in the cell `(i, j)` of a tile without voxels, whose corner is `low`: the threshold on the surface
-    /// that is bilinear between the cell's posts, and linear in the height above it.
+    /// A density for a place in the cell `(i, j)` of a tile without voxels, whose corner is `low`:
+    /// the threshold on the surface that is bilinear between the cell's posts, and linear in the
+    /// height above it.
     #[inline(always)]
     pub(crate) fn density_by_height(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
         let (fu, fv) = (at.x - low[0], at.y - low[1]);

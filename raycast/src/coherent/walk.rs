@@ -14,8 +14,8 @@ use glam::Vec3;
 pub(crate) struct VoxelRays<'a> {
     pub(crate) scene: &'a Scene<'a>,
     pub(crate) planes: &'a Planes,
-    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is looked
-    /// for; minus infinity where nothing is looked for between samples.
+    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is
+    /// looked for; minus infinity where nothing is looked for between samples.
     pub(crate) fall: f32,
 }
 
@@ -49,8 +49,9 @@ impl VoxelRays<'_> {
         })
     }
 
-    /// Looks at the samples of a ray from plane `from` up to `end`. `current` is the tile to begin in, and
-    /// where it ended. With `SKIPS` it passes over blocks and nodes that lie below it as a whole.
+    /// Looks at the samples of a ray from plane `from` up to `end`. `current` is the tile to begin
+    /// in, and where it ended. With `SKIPS` it passes over blocks and nodes that lie below it as a
+    /// whole.
     #[inline(always)]
     pub(super) fn walk<'f, const APPROXIMATE: bool, const SKIPS: bool>(
         &'f self,
@@ -131,8 +132,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// The tile at the first plane from `k` on that may be in the ground, and that plane; or the plane
-    /// from which on there is no ground, `None` for the last one.
+    /// The tile at the first plane from `k` on that may be in the ground, and that plane; or the
+    /// plane from which on there is no ground, `None` for the last one.
     #[inline(always)]
     fn next_tile<const SKIPS: bool>(
         &self,
@@ -154,8 +155,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// The first plane from `k` on at which a ray that is above all boundary cells of a block may not be
-    /// any more.
+    /// The first plane from `k` on at which a ray that is above all boundary cells of a block may
+    /// not be any more.
     fn skip(&self, current: &Current<'_>, per_s: Vec3, cell: [u32; 2], height: f32, block: u32, k: usize) -> usize {
         let Some(highest) = current.blocks.get(block as usize) else { return k };
         let top = f32::from(*highest) + 1.0;

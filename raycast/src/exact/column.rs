@@ -6,11 +6,12 @@ use crate::scene::Scene;
 use crate::shade::strip::Strip;
 use glam::Vec2;
 
-/// Pixels for which the ground's steepness is looked up at once: those of a run ([`Strip`]), half of what
-/// the painter takes at once. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Pixels for which the ground's steepness is looked up at once: those of a run ([`Strip`]), half
+/// of what the painter takes at once. (Measured; see `docs/techniques.md`, *Thresholds*.)
 pub(crate) const CHUNK: usize = 16;
-/// Pixels above each other from which on the ground is followed: with fewer, casting their rays costs
-/// less than looking up how steep the ground is. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Pixels above each other from which on the ground is followed: with fewer, casting their rays
+/// costs less than looking up how steep the ground is. (Measured; see `docs/techniques.md`,
+/// *Thresholds*.)
 const FEWEST: usize = 3;
 /// The distance up to which the ground is followed is a thousandth shorter: rounding.
 const SHORTER: f32 = 0.999;
@@ -33,7 +34,8 @@ pub(crate) struct Column<'a> {
     pub(super) last: usize,
     /// Whether they are in one row, instead of one column.
     pub(super) is_row: bool,
-    /// Column (or row) of all of them, row (or column) of pixel number 0, and from number to number: 1 or -1.
+    /// Column (or row) of all of them, row (or column) of pixel number 0, and from number to
+    /// number: 1 or -1.
     pub(super) fixed: f32,
     pub(super) first: f32,
     pub(super) sign: f32,
@@ -45,7 +47,8 @@ pub(crate) struct Column<'a> {
     pub(super) chunk: Chunk,
 }
 
-/// Pixels for which the ground is known to keep below the slope that they allow, up to some distance.
+/// Pixels for which the ground is known to keep below the slope that they allow, up to some
+/// distance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chunk {
     /// Which; none at first.

@@ -1,4 +1,5 @@
-//! How an exact ray crosses a tile: from above through the pyramid of maxima, from below cell by cell.
+//! How an exact ray crosses a tile: from above through the pyramid of maxima, from below cell by
+//! cell.
 
 use super::entered::{Along, Entered, Hit};
 use crate::model::Ground;
@@ -106,8 +107,8 @@ impl Entered<'_> {
         }
     }
 
-    /// Follows a ray that is under the ground from `from` until it comes out of it, leaves, or is past
-    /// `until`.
+    /// Follows a ray that is under the ground from `from` until it comes out of it, leaves, or is
+    /// past `until`.
     pub(crate) fn emerge(&self, along: &Along, from: f32, until: f32, samples: &mut u64) -> Crossing {
         let cells = self.tile.cells;
         let size = Vec2::new(cells[0] as f32, cells[1] as f32);

@@ -12,9 +12,10 @@ pub(crate) struct Hit {
     pub(crate) facet: Facet,
 }
 
-/// A ray lies under the ground when it is lower by so many metres, and by this share of the distance:
-/// less is rounding. Places along a ray are kept in 24 bits, and so are heights, so that both are off by
-/// a ten-millionth of the distance, times the slope of the ground, which a hundred of those allow for.
+/// A ray lies under the ground when it is lower by so many metres, and by this share of the
+/// distance: less is rounding. Places along a ray are kept in 24 bits, and so are heights, so that
+/// both are off by a ten-millionth of the distance, times the slope of the ground, which a hundred
+/// of those allow for.
 pub(crate) const LEAST_BELOW_M: f32 = 1e-3;
 pub(crate) const LEAST_BELOW: f32 = 1e-5;
 
@@ -71,7 +72,8 @@ impl Entered<'_> {
         }
     }
 
-    /// The number of a facet among those of the tile: twice that of its south western post ([`crate::exact::projected`]), and which half.
+    /// The number of a facet among those of the tile: twice that of its south western post
+    /// ([`crate::exact::projected`]), and which half.
     #[inline(always)]
     pub(crate) fn facet_number(&self, facet: &Facet) -> usize {
         let [i, j] = [facet.corner.x as usize + 1, facet.corner.y as usize + 1];
@@ -86,7 +88,8 @@ impl Entered<'_> {
         at.x >= 0.0 && at.y >= 0.0 && at.x < columns as f32 && at.y < rows as f32
     }
 
-    /// Where a ray that is in the air up to `from` meets a facet, when it is over that facet from there on.
+    /// Where a ray that is in the air up to `from` meets a facet, when it is over that facet from
+    /// there on.
     #[inline(always)]
     pub(crate) fn meets(&self, along: &Along, facet: &Facet, from: f32) -> Option<f32> {
         let [per_s, at_eye] = above(facet, along, self.at_0);
@@ -106,8 +109,8 @@ impl Entered<'_> {
         along.rise * s < facet.height + facet.slope.dot(at) - LEAST_BELOW * s - LEAST_BELOW_M
     }
 
-    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell whose corner is `low`, or with
-    /// `IS_BELOW` not under them.
+    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell
+    /// whose corner is `low`, or with `IS_BELOW` not under them.
     #[inline(always)]
     pub(crate) fn root<const IS_BELOW: bool>(
         &self,

@@ -1,10 +1,11 @@
 //! Following the ground along a plane of rays.
 //!
-//! Pixels above each other in a column (or beside each other in a row) have rays in one plane through the
-//! eye. Within it, at one parameter `s`, rays lie on a line that leans as the plane does, always the same
-//! way. Where no ground is steeper than that line ([`crate::proof::steepness`]), the line enters the
-//! ground once, so that the plane's cut of the ground is the graph of a function of `s`: one line, from
-//! facet to facet, without islands. Pixels are then found by following it:
+//! Pixels above each other in a column (or beside each other in a row) have rays in one plane
+//! through the eye. Within it, at one parameter `s`, rays lie on a line that leans as the plane
+//! does, always the same way. Where no ground is steeper than that line
+//! ([`crate::proof::steepness`]), the line enters the ground once, so that the plane's cut of the
+//! ground is the graph of a function of `s`: one line, from facet to facet, without islands. Pixels
+//! are then found by following it:
 //!
 //! ```text
 //!             ·b                 the first time that the cut rises to a pixel is what the pixel's ray meets
@@ -13,10 +14,10 @@
 //!    ·        │                  ·
 //! ```
 //!
-//! Posts are projected into the picture once a frame ([`super::projected`]). A step from one facet to the
-//! next is then a comparison: on which side of the plane is the next post? Where the plane cuts the edge
-//! between, pixel and one over depth are linear along it, and so is one over depth from pixel to pixel
-//! within a facet.
+//! Posts are projected into the picture once a frame ([`super::projected`]). A step from one facet
+//! to the next is then a comparison: on which side of the plane is the next post? Where the plane
+//! cuts the edge between, pixel and one over depth are linear along it, and so is one over depth
+//! from pixel to pixel within a facet.
 
 use super::column::{CHUNK, Column, Target};
 use super::entered::{Entered, Hit};
@@ -26,8 +27,8 @@ use crate::proof::Steepness;
 use crate::scene::Scene;
 use crate::shade::strip::Strip;
 
-/// Hidden facets that are followed before it is cheaper to look for the next visible one through the
-/// pyramid. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Hidden facets that are followed before it is cheaper to look for the next visible one through
+/// the pyramid. (Measured; see `docs/techniques.md`, *Thresholds*.)
 const MOST_HIDDEN: u32 = 24;
 /// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
 const MOST_FACETS: u32 = 1 << 16;
@@ -70,8 +71,8 @@ struct Cut<'a> {
 
 impl Follower<'_> {
     /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to
-    /// `reach`, where it left the ground: chunk by chunk, as long as the ground may be followed that far
-    /// and lies below all rays from there on.
+    /// `reach`, where it left the ground: chunk by chunk, as long as the ground may be followed
+    /// that far and lies below all rays from there on.
     pub(crate) fn trace_sky(
         &self,
         column: &mut Column<'_>,
@@ -103,9 +104,9 @@ impl Follower<'_> {
         (traced.next > k).then_some(traced)
     }
 
-    /// Follows the ground from where pixel `k` meets it, as far as slopes allow, and puts what the next
-    /// pixels see into the strip. `entered` is the tile of the hit, and then that of the last pixel.
-    /// `None` when no pixel was found.
+    /// Follows the ground from where pixel `k` meets it, as far as slopes allow, and puts what the
+    /// next pixels see into the strip. `entered` is the tile of the hit, and then that of the last
+    /// pixel. `None` when no pixel was found.
     pub(crate) fn trace<'f>(
         &'f self,
         column: &mut Column<'_>,
@@ -133,8 +134,8 @@ impl Follower<'_> {
         Some(Traced { next, reach: column.s_per_depth((next - 1) as f32) / target.strip.nearness[next - 1] })
     }
 
-    /// The same, from a tile: the first pixel that is not known yet, and the tile that the last one sees.
-    /// `MINOR` is the axis of the picture that pixels have in common.
+    /// The same, from a tile: the first pixel that is not known yet, and the tile that the last one
+    /// sees. `MINOR` is the axis of the picture that pixels have in common.
     #[inline(never)]
     fn follow<const MINOR: usize>(
         &self,
@@ -177,8 +178,8 @@ impl Follower<'_> {
         (row > k + 1).then_some((row, seen))
     }
 
-    /// Puts the pixels from `row` to `last` that see the facet of a cut, which leaves it at `to`; the first
-    /// of them that does not, or the one after the last.
+    /// Puts the pixels from `row` to `last` that see the facet of a cut, which leaves it at `to`;
+    /// the first of them that does not, or the one after the last.
     #[inline(always)]
     fn put_facet(
         &self,
@@ -238,14 +239,15 @@ impl Follower<'_> {
         true
     }
 
-    /// Whether what a pixel was said to see lies beyond the ground's border, over which cells may reach.
+    /// Whether what a pixel was said to see lies beyond the ground's border, over which cells may
+    /// reach.
     fn is_past_border(&self, column: &Column<'_>, k: usize, strip: &Strip<'_>) -> bool {
         let ray = self.scene.view.ray(strip.pixel(k));
         column.s_per_depth(k as f32) / strip.nearness[k] > self.scene.departure(&ray)
     }
 
-    /// The tile beside, of the same level, that has the facet beyond an edge of a facet, whose third post
-    /// is the last one; and there the edge, and the third post of that facet.
+    /// The tile beside, of the same level, that has the facet beyond an edge of a facet, whose
+    /// third post is the last one; and there the edge, and the third post of that facet.
     #[inline(never)]
     fn neighbor(&self, index: u32, posts: &Posts<'_>, facet: [usize; 3]) -> Option<(u32, [usize; 3])> {
         let ground = self.scene.ground;

@@ -4,9 +4,9 @@ use crate::scene::Scene;
 use crate::view::Ray;
 use glam::Vec3;
 
-/// The highest ground is looked up for so much more around, as a share of the distance: the lines beside
-/// are likely to ask for it. The 32 lines that a worker takes at a time span a twentieth of the distance, at
-/// 60 degrees and 1280 columns.
+/// The highest ground is looked up for so much more around, as a share of the distance: the lines
+/// beside are likely to ask for it. The 32 lines that a worker takes at a time span a twentieth of
+/// the distance, at 60 degrees and 1280 columns.
 const SEEN_AROUND: f32 = 1.0 / 16.0;
 /// A stretch is widened by this share of its distance and so many metres on all sides: rounding of
 /// metres from the eye, a hundred times what it can be.
@@ -34,8 +34,8 @@ impl HighestSeen {
 }
 
 impl Scene<'_> {
-    /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
-    /// not: there those that have not prove nothing.
+    /// Whether rays between two, in one plane, are above the ground where some of them have come
+    /// over its bounds and others have not: there those that have not prove nothing.
     pub(super) fn is_entered_above(&self, rays: [&Ray; 2], seen: &mut HighestSeen) -> bool {
         if !self.is_eye_beside_tiles() {
             return true;

@@ -1,9 +1,11 @@
-//! Holes, and ground that was made up (`terravision_common::validity`): what pixels see once all rays have been cast.
+//! Holes, and ground that was made up (`terravision_common::validity`): what pixels see once all
+//! rays have been cast.
 //!
-//! All methods cast their rays at the whole surface, holes and all: what they prove of the air above it stays true, and worlds
-//! without holes know nothing of them. Then the pixels whose ray meets a hole are cast on, one by one, from facet to facet:
-//! under the surface until the ray comes out of it, or above it again. A point is in a hole where the share of ground,
-//! linear over its facet, is less than a half: the same rule as the mesh's.
+//! All methods cast their rays at the whole surface, holes and all: what they prove of the air
+//! above it stays true, and worlds without holes know nothing of them. Then the pixels whose ray
+//! meets a hole are cast on, one by one, from facet to facet: under the surface until the ray comes
+//! out of it, or above it again. A point is in a hole where the share of ground, linear over its
+//! facet, is less than a half: the same rule as the mesh's.
 
 use super::entered::{LEAST_BELOW, LEAST_BELOW_M};
 use super::walk::{Side, past};

@@ -1,14 +1,14 @@
 //! One exact ray per pixel of a line, bottom up.
 //!
-//! No line of pixels is taken for granted. Where the ground's slope allows it, pixels above one that hit
-//! are found by following the ground ([`super::follow`]). Elsewhere, where a witness below proves that a
-//! stretch is in the air ([`crate::proof`]; here for every parameter, not for samples alone) a ray starts
-//! behind that stretch; and where it starts over the facet that the ray below hit, and meets that facet,
-//! nothing else has to be looked at.
+//! No line of pixels is taken for granted. Where the ground's slope allows it, pixels above one
+//! that hit are found by following the ground ([`super::follow`]). Elsewhere, where a witness below
+//! proves that a stretch is in the air ([`crate::proof`]; here for every parameter, not for samples
+//! alone) a ray starts behind that stretch; and where it starts over the facet that the ray below
+//! hit, and meets that facet, nothing else has to be looked at.
 //!
-//! The ground is a surface: it has no sides where tiles end. A ray that comes over it lower than its edge
-//! is under it, and meets facets from below, or none, as the mesh draws them (`docs/rendering.md`,
-//! culling). It proves nothing for others.
+//! The ground is a surface: it has no sides where tiles end. A ray that comes over it lower than
+//! its edge is under it, and meets facets from below, or none, as the mesh draws them
+//! (`docs/rendering.md`, culling). It proves nothing for others.
 
 use super::column::{Column, Target};
 use super::entered::{Entered, Hit};

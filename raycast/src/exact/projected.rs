@@ -1,12 +1,13 @@
-//! Posts of tiles as the picture shows them: once a frame, for all columns of pixels that follow the ground over them.
+//! Posts of tiles as the picture shows them: once a frame, for all columns of pixels that follow
+//! the ground over them.
 
 use crate::model::Tile;
 use crate::scene::{Placed, Scene};
 use crate::workers::Workers;
 use glam::{Vec2, Vec4};
 
-/// Nearer to the eye along the view axis than this, metres, posts have no place in the picture: a millimetre,
-/// which is the rounding of heights.
+/// Nearer to the eye along the view axis than this, metres, posts have no place in the picture: a
+/// millimetre, which is the rounding of heights.
 const NEAREST_M: f32 = 1e-3;
 /// What is at no place in the picture.
 const NOWHERE: [f32; 4] = [f32::NAN; 4];
@@ -14,8 +15,8 @@ const NOWHERE: [f32; 4] = [f32::NAN; 4];
 /// The posts of all tiles.
 #[derive(Debug, Default)]
 pub(crate) struct Projected {
-    /// Column and row in pixels from the centre of the upper left one, one over depth, and height above the datum; with a frame of
-    /// posts that are nowhere around each tile.
+    /// Column and row in pixels from the centre of the upper left one, one over depth, and height
+    /// above the datum; with a frame of posts that are nowhere around each tile.
     posts: Vec<[f32; 4]>,
     /// Where each tile's begin, and posts from row to row of it; at last where all end.
     tiles: Vec<(usize, usize)>,
@@ -58,7 +59,8 @@ impl<'a> Posts<'a> {
         [(post % self.stride) as i32 - 1, (post / self.stride) as i32 - 1]
     }
 
-    /// The number of the facet of three posts: twice that of the south western one, and 1 for the south eastern half of a cell.
+    /// The number of the facet of three posts: twice that of the south western one, and 1 for the
+    /// south eastern half of a cell.
     #[inline(always)]
     pub(crate) fn facet(&self, [a, b, c]: [usize; 3]) -> usize {
         let (first, last) = (a.min(b).min(c), a.max(b).max(c));

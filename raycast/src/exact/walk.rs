@@ -22,9 +22,9 @@ pub(crate) enum Side {
 const MOST_TILES: u32 = 1 << 16;
 
 impl Scene<'_> {
-    /// Where, from `from` on and before `until`, a ray meets the ground. Up to `from` it is in the air,
-    /// but for what is before its `entry` into the ground's bounds. `current` is the tile that it is
-    /// likely in, and that it hit.
+    /// Where, from `from` on and before `until`, a ray meets the ground. Up to `from` it is in the
+    /// air, but for what is before its `entry` into the ground's bounds. `current` is the tile that
+    /// it is likely in, and that it hit.
     pub(crate) fn first_hit<'f>(
         &'f self,
         ray: &Ray,
@@ -163,8 +163,8 @@ impl Scene<'_> {
     }
 }
 
-/// A little further, by a few of the last bits of a parameter: a point on a border belongs to what lies
-/// behind it.
+/// A little further, by a few of the last bits of a parameter: a point on a border belongs to what
+/// lies behind it.
 #[inline(always)]
 pub(crate) fn past(s: f32) -> f32 {
     s + s.abs() * 2e-6 + 1e-6

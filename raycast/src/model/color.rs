@@ -52,7 +52,8 @@ pub struct ColorPlace {
 }
 
 impl ColorPlace {
-    /// The place of a colour tile of a world: its node's lower left corner (lattice units) and level.
+    /// The place of a colour tile of a world: its node's lower left corner (lattice units) and
+    /// level.
     #[must_use]
     pub fn of_tile(world: &World, layer: u32, origin: [u32; 2], level: u8) -> Self {
         let texel_m = world.color_spacing_m(level);

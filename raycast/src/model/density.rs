@@ -1,5 +1,5 @@
-//! Density of the voxels of a column: 255 in the ground, 0 in the air, between them near the surface, so that the terrain
-//! is antialiased once and for any view (voxel-flythrough-1999 §3).
+//! Density of the voxels of a column: 255 in the ground, 0 in the air, between them near the
+//! surface, so that the terrain is antialiased once and for any view (voxel-flythrough-1999 §3).
 
 /// A density above this is ground.
 pub const THRESHOLD: f32 = 127.5;
@@ -7,16 +7,18 @@ pub const THRESHOLD: f32 = 127.5;
 /// How densities are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Filter {
-    /// An oriented box: density falls linearly over [`BOX_HALF_WIDTH`] voxels to both sides of the surface, measured along
-    /// its normal (Šrámek, Kaufman: "Alias-free voxelization of geometric objects", TVCG 1999). Keeps every height.
+    /// An oriented box: density falls linearly over [`BOX_HALF_WIDTH`] voxels to both sides of the
+    /// surface, measured along its normal (Šrámek, Kaufman: "Alias-free voxelization of geometric
+    /// objects", TVCG 1999). Keeps every height.
     #[default]
     OrientedBox,
-    /// A three-dimensional Gaussian of [`SIGMA`] voxels. Rounds ridges and fills hollows of a voxel or two.
+    /// A three-dimensional Gaussian of [`SIGMA`] voxels. Rounds ridges and fills hollows of a voxel
+    /// or two.
     Gaussian,
 }
 
-/// Half the width of the oriented box, voxels: above 1, so that along a slope, however steep, the transitions of
-/// neighbouring columns overlap and trilinear samples between them find the slope.
+/// Half the width of the oriented box, voxels: above 1, so that along a slope, however steep, the
+/// transitions of neighbouring columns overlap and trilinear samples between them find the slope.
 pub const BOX_HALF_WIDTH: f32 = 1.5;
 /// Standard deviation of the Gaussian, voxels.
 pub const SIGMA: f32 = 0.7;
@@ -104,8 +106,9 @@ impl Column<'_> {
     }
 }
 
-/// A step filtered by a Gaussian of deviation 1: the logistic approximation of the normal distribution function, off by
-/// 0.01 at most (Bowling et al., "A logistic approximation to the cumulative normal distribution", 2009).
+/// A step filtered by a Gaussian of deviation 1: the logistic approximation of the normal
+/// distribution function, off by 0.01 at most (Bowling et al., "A logistic approximation to the
+/// cumulative normal distribution", 2009).
 fn step_response(x: f32) -> f32 {
     1.0 / (1.0 + (-(1.5976 + 0.070_56 * x * x) * x).exp())
 }

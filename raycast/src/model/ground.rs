@@ -155,8 +155,8 @@ impl Ground {
         self.finish_for(&Detail::ALL);
     }
 
-    /// As [`Ground::finish`], with voxels for the nearest tiles alone. Which those are depends on the
-    /// tiles and `detail` alone.
+    /// As [`Ground::finish`], with voxels for the nearest tiles alone. Which those are depends on
+    /// the tiles and `detail` alone.
     pub fn finish_for(&mut self, detail: &Detail) {
         let Some(filter) = self.shape.filter else {
             for index in 0..self.tiles.len() {
@@ -241,8 +241,8 @@ impl Ground {
         self.datum_m
     }
 
-    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there are
-    /// no tiles.
+    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there
+    /// are no tiles.
     #[must_use]
     pub fn range_m(&self) -> [f32; 2] {
         [self.lowest_m, self.highest_m]

@@ -1,4 +1,5 @@
-//! The height of the ground at a point, linear on facets as everywhere (`terravision_common::surface::facet`).
+//! The height of the ground at a point, linear on facets as everywhere
+//! (`terravision_common::surface::facet`).
 
 use super::Ground;
 use super::tile::Tile;
@@ -7,8 +8,8 @@ use terravision_common::surface::facet::facet_linear;
 use terravision_common::surface::tile::CellPosition;
 
 impl Ground {
-    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no tile
-    /// is. Lattice units.
+    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no
+    /// tile is. Lattice units.
     #[must_use]
     pub fn height_at(&self, point: [f64; 2]) -> Option<f32> {
         match self.tree.find(point) {

@@ -1,4 +1,5 @@
-//! Extremes of a tile's heights: their range, and the pyramid of maxima by which exact rays skip ground.
+//! Extremes of a tile's heights: their range, and the pyramid of maxima by which exact rays skip
+//! ground.
 
 use super::Ground;
 use super::tile::Tile;
@@ -17,7 +18,8 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    /// Two rows of `count` values: the first row filled with the first value, the second with the other.
+    /// Two rows of `count` values: the first row filled with the first value, the second with the
+    /// other.
     pub(super) fn rows(&mut self, count: usize, values: [f32; 2]) -> [&mut [f32]; 2] {
         let mut values = values.into_iter();
         self.rows.each_mut().map(|row| {
@@ -64,8 +66,8 @@ pub(super) fn range(heights: &[f32], columns: usize, scratch: &mut Scratch) -> O
 }
 
 impl Ground {
-    /// The highest post of blocks of 2, 4, 8, … cells a side of a tile, their borders included, until
-    /// one block is all.
+    /// The highest post of blocks of 2, 4, 8, … cells a side of a tile, their borders included,
+    /// until one block is all.
     pub(super) fn make_maxima(&mut self, index: usize) {
         let tile = self.tiles[index];
         let start = self.maxima.len();
@@ -112,7 +114,8 @@ impl Ground {
         coarser
     }
 
-    /// Highest post of block `at` of `2^level` cells a side, `level >= 1`, given the maxima of its tile.
+    /// Highest post of block `at` of `2^level` cells a side, `level >= 1`, given the maxima of its
+    /// tile.
     #[inline(always)]
     pub(crate) fn block_maximum(tile: &Tile, maxima: &[f32], level: u32, at: [u32; 2]) -> f32 {
         let mut start = 0;

@@ -5,9 +5,9 @@ use super::tile::Tile;
 use super::tree::Found;
 
 impl Ground {
-    /// Heights of a tile's posts and of `radius` more on each side, metres above the datum: those of
-    /// its neighbors, so that two tiles of a level make the same of an edge that they share. Where no
-    /// neighbor is, the border goes on.
+    /// Heights of a tile's posts and of `radius` more on each side, metres above the datum: those
+    /// of its neighbors, so that two tiles of a level make the same of an edge that they share.
+    /// Where no neighbor is, the border goes on.
     pub(super) fn gather(&self, tile: &Tile, radius: usize, out: &mut Vec<f32>) {
         out.clear();
         let [columns, rows] = tile.posts();
@@ -21,7 +21,8 @@ impl Ground {
                 let neighbor = |post| self.neighbor_height(tile, post);
                 out.push(match (x, y) == (i, j) {
                     true => own,
-                    // Past the corner of two tiles at the border of all ground, the border goes on as well.
+                    // Past the corner of two tiles at the border of all ground, the border goes on
+                    // as well.
                     false => neighbor([i, j]).or_else(|| neighbor([i, y])).or_else(|| neighbor([x, j])).unwrap_or(own),
                 });
             }
@@ -32,7 +33,8 @@ impl Ground {
     fn neighbor_height(&self, tile: &Tile, post: [i64; 2]) -> Option<f32> {
         let unit = 1i64 << tile.log_spacing;
         let point = [0, 1].map(|axis| (i64::from(tile.origin[axis]) + post[axis] * unit) as f64);
-        // A post on the border of two tiles belongs to both; the one that is nearer to this tile surely has it.
+        // A post on the border of two tiles belongs to both; the one that is nearer to this tile
+        // surely has it.
         let nudge = [0, 1].map(|axis| if post[axis] > 0 { point[axis] - 0.5 } else { point[axis] });
         match self.tree.find(nudge) {
             Found::Tile(neighbor) => {

@@ -1,4 +1,5 @@
-//! What a ground is made of: its shape, the tiles that are added to it, and how much of it gets voxels.
+//! What a ground is made of: its shape, the tiles that are added to it, and how much of it gets
+//! voxels.
 
 use super::color::{ColorLayout, ColorPlace};
 use super::density::Filter;
@@ -8,8 +9,8 @@ use terravision_common::surface::Surface;
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundShape {
-    /// Where lattice points lie, and where the ground ends east and north: at an extent of `u32::MAX`
-    /// where tiles end it. Cells may reach beyond.
+    /// Where lattice points lie, and where the ground ends east and north: at an extent of
+    /// `u32::MAX` where tiles end it. Cells may reach beyond.
     pub surface: Surface,
     /// Levels of the quad tree.
     pub levels: u8,
@@ -37,8 +38,8 @@ pub struct TileSpec<'a> {
     pub shares: Option<[&'a [f32]; 2]>,
     /// Heights from row to row, at least `cells[0] + 1`.
     pub stride: usize,
-    /// What heights are above, metres in world coordinates (the eye's height for elevation arrays of
-    /// the ring).
+    /// What heights are above, metres in world coordinates (the eye's height for elevation arrays
+    /// of the ring).
     pub datum_m: f64,
     /// Its colors.
     pub color: ColorPlace,

@@ -9,8 +9,8 @@ use super::tile::Tile;
 /// log2 of the cells along a side of a block that is steep or not. (Measured; see
 /// `docs/techniques.md`, *Thresholds*.)
 const LOG_STEEP: u32 = 2;
-/// The slope, metres up per metre, that all ground outside of steep blocks keeps below. (Measured; see
-/// `docs/techniques.md`, *Thresholds*.)
+/// The slope, metres up per metre, that all ground outside of steep blocks keeps below. (Measured;
+/// see `docs/techniques.md`, *Thresholds*.)
 pub(crate) const SLOPE_BOUND: f32 = 0.75;
 
 /// Cells of a tile, some of which are steep.
@@ -64,8 +64,8 @@ impl Ground {
         const SIDE: usize = 1 << LOG_STEEP;
         let tile = self.tiles[index];
         let [columns, rows] = tile.cells.map(|n| n as usize);
-        // A little less than the bound, so that rounding leaves out no block; which cells are steep is
-        // told in `steepest_of_block`.
+        // A little less than the bound, so that rounding leaves out no block; which cells are steep
+        // is told in `steepest_of_block`.
         let limit = (0.9999 * SLOPE_BOUND * tile.spacing_m).powi(2);
         let mut scratch = std::mem::take(&mut self.scratch);
         for south in (0..rows).step_by(SIDE) {
@@ -94,8 +94,8 @@ impl Ground {
         self.scratch = scratch;
     }
 
-    /// The steepest slope of a block of cells, metres up per metre, and the highest post of cells that
-    /// are steeper than the bound.
+    /// The steepest slope of a block of cells, metres up per metre, and the highest post of cells
+    /// that are steeper than the bound.
     fn steepest_of_block(&self, tile: &Tile, [west, south]: [usize; 2], [width, side]: [usize; 2]) -> [f32; 2] {
         let [columns, rows] = tile.cells.map(|n| n as usize);
         let per_m = 1.0 / tile.spacing_m;
@@ -115,8 +115,8 @@ impl Ground {
         [slope, top_m]
     }
 
-    /// Notes a steep cell in its block, which is new or among those of its tile, from `first` on. Cells
-    /// come row by row.
+    /// Notes a steep cell in its block, which is new or among those of its tile, from `first` on.
+    /// Cells come row by row.
     pub(super) fn note_steep(&mut self, tile: &Tile, first: usize, cell: [usize; 2], steep: Steep) {
         let Steep { slopes, top_m } = steep;
         let corner = |axis: usize, past: u32| {
@@ -150,7 +150,8 @@ fn steepen(south: &[f32], north: &[f32], squares: &mut [f32]) {
     }
 }
 
-/// The steeper one of a cell's two facets, up per cell: the south eastern and the north western one.
+/// The steeper one of a cell's two facets, up per cell: the south eastern and the north western
+/// one.
 fn facets_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     let [south, north] = [se - sw, ne - nw];
     let [west, east] = [nw - sw, ne - se];
@@ -164,15 +165,15 @@ fn bilinear_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     (east * east + north * north).sqrt()
 }
 
-/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals
-/// at its corners.
+/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the
+/// normals at its corners.
 fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
     let slope = bilinear_slope(corners);
     let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
     let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
     let range = highest - lowest;
-    // Between columns whose densities fall at different rates the surface is a mean of heights weighted
-    // by these rates.
+    // Between columns whose densities fall at different rates the surface is a mean of heights
+    // weighted by these rates.
     let graded = slope * most_up / least_up;
     if range * most_up <= BOX_HALF_WIDTH {
         graded

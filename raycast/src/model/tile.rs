@@ -1,4 +1,5 @@
-//! A tile of ground as rays see it: where it lies, and where its arrays begin in those of the ground.
+//! A tile of ground as rays see it: where it lies, and where its arrays begin in those of the
+//! ground.
 
 use super::Ground;
 use super::color::ColorPlace;
@@ -60,8 +61,8 @@ impl Ground {
         &self.maxima[tile.maxima_at..]
     }
 
-    /// Shares of the posts of a cell: south west, south east, north west, north east. All is measured
-    /// where nothing else is known.
+    /// Shares of the posts of a cell: south west, south east, north west, north east. All is
+    /// measured where nothing else is known.
     pub(crate) fn shares_of_cell(&self, tile: &Tile, [i, j]: [u32; 2]) -> [[f32; 2]; 4] {
         let columns = tile.cells[0] as usize + 1;
         let south = tile.shares_at.map(|start| start + j as usize * columns + i as usize);

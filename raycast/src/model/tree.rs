@@ -1,4 +1,5 @@
-//! Which tile is at a point: a quad tree of the tiles, and the highest ground below each of its nodes.
+//! Which tile is at a point: a quad tree of the tiles, and the highest ground below each of its
+//! nodes.
 
 /// What a link of the tree leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,8 +6,8 @@ use super::maxima::Scratch;
 use super::steep::{CellSlopes, SLOPE_BOUND, Steep};
 use super::tile::Tile;
 
-/// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the lowest
-/// one is ground, the whole upper face of the highest one air.
+/// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the
+/// lowest one is ground, the whole upper face of the highest one air.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Span {
     /// Lowest boundary cell.
@@ -96,8 +96,8 @@ impl Ground {
     }
 
     /// Turns heights around a tile, metres above the datum, into layers above its lowest one; which
-    /// layer that is, and how many there are. In double precision: layers of neighboring tiles have to
-    /// lie at the same heights.
+    /// layer that is, and how many there are. In double precision: layers of neighboring tiles have
+    /// to lie at the same heights.
     fn to_layers(&self, tile: &Tile, heights: &mut [f32]) -> [i32; 2] {
         let scale = 1.0 / f64::from(tile.spacing_m);
         let in_voxels = |height: f32| (f64::from(height) + self.datum_m) * scale;
@@ -114,7 +114,8 @@ impl Ground {
         [lowest_layer, layers]
     }
 
-    /// Fills a tile's columns with densities, if it has some, and notes where each one's surface is.
+    /// Fills a tile's columns with densities, if it has some, and notes where each one's surface
+    /// is.
     fn fill_columns(&mut self, tile: &Tile, filter: Filter, scratch: &mut Scratch) {
         let [columns, rows] = tile.posts();
         let layers = tile.voxels.layers as usize;
@@ -164,7 +165,8 @@ impl Ground {
                 let slopes = CellSlopes::of_voxels(corners, [least_up, most_up], tile.voxels.is_accurate, filter);
                 if slopes.heights.max(slopes.voxels) > SLOPE_BOUND {
                     let highest_post = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
-                    // What lies above a boundary cell is air, and so is what lies above the highest post.
+                    // What lies above a boundary cell is air, and so is what lies above the highest
+                    // post.
                     let top_m = self.layer_m(tile, f64::from(highest) + 1.0);
                     let post_m = self.layer_m(tile, f64::from(highest_post));
                     self.note_steep(tile, first, [i, j], Steep { slopes, top_m: top_m.max(post_m) });
@@ -198,8 +200,8 @@ impl Ground {
     }
 }
 
-/// The highest voxel of a column that is ground; 0 for a column of air, which does not occur: layers
-/// begin below the lowest post.
+/// The highest voxel of a column that is ground; 0 for a column of air, which does not occur:
+/// layers begin below the lowest post.
 fn top(voxels: &[u8]) -> u16 {
     let top = voxels.iter().rposition(|&density| f32::from(density) > THRESHOLD);
     top.unwrap_or(0).min(usize::from(u16::MAX)) as u16

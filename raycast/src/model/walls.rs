@@ -4,17 +4,19 @@ use super::Ground;
 use super::steep::{CellSlopes, Steep};
 use super::tile::Tile;
 
-/// A step between two tiles that counts as a wall, in the finer one's voxels. Nearly every edge of two
-/// levels has a step; taking all of them for walls doubles what rays cost, for what less than a pixel
-/// of a line would see.
+/// A step between two tiles that counts as a wall, in the finer one's voxels. Nearly every edge of
+/// two levels has a step; taking all of them for walls doubles what rays cost, for what less than a
+/// pixel of a line would see.
 const LEAST_WALL: f32 = 0.5;
 
 impl Ground {
-    /// Notes the walls around a tile. For voxels alone: exact rays meet facets, which make no walls.
+    /// Notes the walls around a tile. For voxels alone: exact rays meet facets, which make no
+    /// walls.
     pub(super) fn push_border_walls(&mut self, tile: &Tile) {
         let first = self.steep.len();
         let [columns, rows] = tile.cells;
-        // Of each side its first post, the axis along it, how many cells it has, and which way is out.
+        // Of each side its first post, the axis along it, how many cells it has, and which way is
+        // out.
         let sides = [
             ([0, 0], 0, columns, [0.0, -0.5]),
             ([0, rows], 0, columns, [0.0, 0.5]),

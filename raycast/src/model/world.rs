@@ -1,8 +1,8 @@
-//! The ground that a camera sees, straight from a terrain database: tiles at the levels that the screen asks for, read when they are
-//! first wanted and kept.
+//! The ground that a camera sees, straight from a terrain database: tiles at the levels that the
+//! screen asks for, read when they are first wanted and kept.
 //!
-//! Elevation and colour have levels of their own: a tile of elevation is drawn with the colour tile of the ancestor whose
-//! texels have the wanted size.
+//! Elevation and colour have levels of their own: a tile of elevation is drawn with the colour tile
+//! of the ancestor whose texels have the wanted size.
 
 use crate::model::color::{ColorLayout, ColorPlace};
 use crate::model::{Filter, Ground, GroundError, GroundShape, TileSpec};
@@ -72,8 +72,8 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         self.colors.iter().map(Vec::as_slice).collect()
     }
 
-    /// Fills a ground with what a camera sees, at the levels of `level`, which is of that camera. Tiles that begin within
-    /// `accurate_m` of the eye get voxels. Blocks on storage.
+    /// Fills a ground with what a camera sees, at the levels of `level`, which is of that camera.
+    /// Tiles that begin within `accurate_m` of the eye get voxels. Blocks on storage.
     ///
     /// # Errors
     /// [`FillError`]; the ground is then incomplete.
@@ -89,7 +89,8 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         let mut open = vec![self.world.root()];
         while let Some(node) = open.pop() {
             let Some(bounds) = node_box(&self.world, self.ranges, level.exaggeration(), node) else { continue };
-            // The ray enters the frustum's ground from the near side, never from the nodes around it.
+            // The ray enters the frustum's ground from the near side, never from the nodes around
+            // it.
             if !frustum.may_see(&bounds) {
                 continue;
             }

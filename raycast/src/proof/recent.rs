@@ -7,8 +7,8 @@ pub(crate) struct Recent<K> {
     next: usize,
 }
 
-/// Rays below that are tried. Two pixels of a scan-converted line, a few apart, lie more nearly above
-/// each other the further apart they are. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Rays below that are tried. Two pixels of a scan-converted line, a few apart, lie more nearly
+/// above each other the further apart they are. (Measured; see `docs/techniques.md`, *Thresholds*.)
 const MOST: usize = 4;
 
 impl<K: Copy> Recent<K> {

@@ -8,12 +8,12 @@
 //!                 sectors      entered.
 //! ```
 //!
-//! A field also has the highest elevation angle under which its steep ground is seen: rays above that
-//! pass over it.
+//! A field also has the highest elevation angle under which its steep ground is seen: rays above
+//! that pass over it.
 //!
-//! Two neighboring rays of a line lie, at the same parameter, in the same sector or in two beside each
-//! other, and so does the straight way between them. Where a field is steeper than the rays allow, and
-//! there alone, the way has to be looked at.
+//! Two neighboring rays of a line lie, at the same parameter, in the same sector or in two beside
+//! each other, and so does the straight way between them. Where a field is steeper than the rays
+//! allow, and there alone, the way has to be looked at.
 
 use super::unproven::{RING_ENDS, RINGS};
 use crate::model::{Ground, SLOPE_BOUND};
@@ -26,8 +26,8 @@ pub(crate) const SECTORS: usize = 512;
 const MARGIN: f32 = 1.01;
 /// Ring 0 ends at this many lattice units from the eye: nearer ground is under it.
 const NEAREST_UNITS: f32 = 4.0;
-/// Steep blocks are this much wider on each side, lattice units, and their angles this much steeper, as a
-/// share and as a tangent: rounding, here and in the rays.
+/// Steep blocks are this much wider on each side, lattice units, and their angles this much
+/// steeper, as a share and as a tangent: rounding, here and in the rays.
 const WIDER_UNITS: f64 = 0.25;
 const STEEPER: f32 = 1e-3;
 const STEEPER_TANGENT: f32 = 1e-4;
@@ -40,8 +40,8 @@ const WIDER_RINGS: f32 = 1e-3;
 pub(super) struct Field {
     /// No ground is steeper.
     pub(super) slope: f32,
-    /// All ground that is steeper than the bound is seen from the eye under this tangent of elevation or
-    /// a lower one.
+    /// All ground that is steeper than the bound is seen from the eye under this tangent of
+    /// elevation or a lower one.
     pub(super) tangent: f32,
 }
 
@@ -130,8 +130,8 @@ impl Steepness {
         RING_ENDS.partition_point(|end| *end < distance).min(RINGS - 1)
     }
 
-    /// Enters a rectangle of ground, metres from the eye, no steep part of which is higher than `top`
-    /// above the eye.
+    /// Enters a rectangle of ground, metres from the eye, no steep part of which is higher than
+    /// `top` above the eye.
     fn enter(&mut self, low: Vec2, high: Vec2, slope: f32, top: f32) {
         self.steepest = self.steepest.max(slope);
         let inside = Vec2::ZERO.clamp(low, high);

@@ -28,8 +28,8 @@ const fn ring_ends() -> [f32; RINGS] {
 pub struct Unproven {
     /// One bit for each ring.
     rings: u64,
-    /// Parameter of the end of ring 0: as seen by the ray that gets there first, for where an interval
-    /// begins, and by the last, for where it ends.
+    /// Parameter of the end of ring 0: as seen by the ray that gets there first, for where an
+    /// interval begins, and by the last, for where it ends.
     first: f32,
     last: f32,
 }

@@ -8,12 +8,12 @@ use glam::Vec3;
 
 /// Rings that are looked at at once: a vector of fields, without a branch for each.
 const GROUP: usize = 8;
-/// Two rays whose directions are more sectors apart say nothing of each other, unless all ground keeps
-/// below the slope bound. Neighboring pixels of a line are less than a sector apart, but where rays are
-/// nearly plumb.
+/// Two rays whose directions are more sectors apart say nothing of each other, unless all ground
+/// keeps below the slope bound. Neighboring pixels of a line are less than a sector apart, but
+/// where rays are nearly plumb.
 const MOST_APART: usize = 2;
-/// The way between two points in sectors that near is nowhere nearer to the eye than this share of the
-/// nearer one's distance: the cosine of half of three sectors is 0.9997.
+/// The way between two points in sectors that near is nowhere nearer to the eye than this share of
+/// the nearer one's distance: the cosine of half of three sectors is 0.9997.
 const SAGITTA: f32 = 0.999;
 /// Distances are widened by a thousandth on both sides, for the rounding of lengths.
 const WIDER: f32 = 1e-3;
@@ -74,8 +74,9 @@ impl Steepness {
         Between { limit, tangent: tangent(a).min(tangent(b)), is_bound_proven: self.bound * self.bound <= limit }
     }
 
-    /// Up to which distance no ground between the directions `a` and `b` (the smaller angle of the two),
-    /// and not below all rays between them, is steeper than the square root of `limit`, metres.
+    /// Up to which distance no ground between the directions `a` and `b` (the smaller angle of the
+    /// two), and not below all rays between them, is steeper than the square root of `limit`,
+    /// metres.
     pub(crate) fn below_slope_until(&self, a: Vec3, b: Vec3, limit: f32) -> f32 {
         if self.steepest * self.steepest <= limit {
             return f32::INFINITY;
@@ -107,8 +108,8 @@ impl Steepness {
         }
     }
 
-    /// Where, up to parameter `reach` of both, ray `other` in the air does not prove that `ray` is in
-    /// the air as well. `None`: anywhere.
+    /// Where, up to parameter `reach` of both, ray `other` in the air does not prove that `ray` is
+    /// in the air as well. `None`: anywhere.
     #[inline(always)]
     pub(crate) fn unproven(&self, ray: &Ray, other: &Ray, reach: f32) -> Option<Unproven> {
         let by = ray.direction - other.direction;

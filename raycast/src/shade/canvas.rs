@@ -32,8 +32,8 @@ impl Canvas<'_> {
         self.picture.put(pixel, self.shade(tile, ray, s), s * ray.depth);
     }
 
-    /// Color of a tile at parameter `s` of a ray: the mip whose texels are about as wide as the pixel, as
-    /// if the ground faced the eye.
+    /// Color of a tile at parameter `s` of a ray: the mip whose texels are about as wide as the
+    /// pixel, as if the ground faced the eye.
     #[inline(always)]
     pub(crate) fn shade(&self, tile: u32, ray: &Ray, s: f32) -> u32 {
         let scene = self.scene;

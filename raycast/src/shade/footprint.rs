@@ -1,8 +1,9 @@
-//! Footprints: what a pixel covers on its facet, worked out once for the pixels that see it side by side.
+//! Footprints: what a pixel covers on its facet, worked out once for the pixels that see it side by
+//! side.
 //!
-//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose
-//! texels are about as wide as the shorter one. Footprints are plain loops over arrays, which compilers turn
-//! into vector instructions.
+//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at
+//! the mip whose texels are about as wide as the shorter one. Footprints are plain loops over
+//! arrays, which compilers turn into vector instructions.
 
 use super::strip::{Run, Runs};
 use crate::model::Tile;
@@ -10,18 +11,18 @@ use crate::scene::Scene;
 use crate::view::View;
 use glam::{Vec2, Vec4};
 
-/// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips. (Measured,
-/// as is [`TEXELS_PER_TAP`]; see `docs/techniques.md`, *Thresholds*.)
+/// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips.
+/// (Measured, as is [`TEXELS_PER_TAP`]; see `docs/techniques.md`, *Thresholds*.)
 const LOG_MOST_TAPS: u32 = 1;
 /// A footprint gets another tap for every so many texels of length.
 const TEXELS_PER_TAP: f32 = 2.0;
-/// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance, which is
-/// several pixels of any field of view.
+/// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance,
+/// which is several pixels of any field of view.
 const LONGEST_SHARE: f32 = 0.01;
 /// Mips that are used of a layer: those of layers as wide as fixed point reaches.
 const MOST_MIPS: usize = 16;
-/// Facets that are seen face their rays, or are turned from them, at least this much: rounding, where
-/// they are seen edge on.
+/// Facets that are seen face their rays, or are turned from them, at least this much: rounding,
+/// where they are seen edge on.
 const LEAST_FACING: f32 = 1e-6;
 
 /// The footprints of the runs of neighboring lines. Memory is used again.
@@ -56,10 +57,11 @@ impl Footprints {
 /// Memory of what footprints are made of.
 #[derive(Debug, Default)]
 struct Scratch {
-    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres up per metre), texels per metre.
+    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres
+    /// up per metre), texels per metre.
     given: [Vec<f32>; 6],
-    /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
-    /// the middle, finest texels east and north.
+    /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and
+    /// from the first tap to the middle, finest texels east and north.
     levels: Vec<i32>,
     log_taps: Vec<i32>,
     reach: [Vec<f32>; 2],
@@ -117,7 +119,8 @@ impl Footprint {
         (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
     }
 
-    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together, so that lanes never overflow.
+    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together,
+    /// so that lanes never overflow.
     #[inline(always)]
     fn tap(&self, texels: &[u8], [i, j]: [u32; 2], weight: u32) -> u64 {
         let stride = 4 * self.side as usize;
@@ -201,7 +204,8 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     for n in 0..count {
         let (east, north) = (slopes_east[n], slopes_north[n]);
         let d = view.direction_at(columns[n], rows[n]);
-        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world, from below.
+        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world,
+        // from below.
         let facing = d.z - east * d.x - north * d.y;
         let facing = facing.abs().max(LEAST_FACING).copysign(facing);
         let scale = texels[n] / nearness[n];

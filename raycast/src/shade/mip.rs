@@ -40,7 +40,8 @@ impl<'a> Mip<'a> {
         }
     }
 
-    /// Bilinear colour at a point in texels from the mip's north west corner, in 16-bit lanes times 256.
+    /// Bilinear colour at a point in texels from the mip's north west corner, in 16-bit lanes times
+    /// 256.
     #[inline(always)]
     fn bilinear_lanes(&self, at: Vec2) -> u64 {
         let last = (self.side - 1) as f32;

@@ -1,5 +1,5 @@
-//! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every method
-//! has seen the ground.
+//! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every
+//! method has seen the ground.
 
 use crate::model::Tile;
 use crate::model::facet::Facet;
@@ -9,20 +9,20 @@ use crate::workers::Workers;
 use glam::{Vec2, Vec3, Vec4};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that one worker takes at a time: a hundredth of a picture of 720 rows, so that none waits long for
-/// the last.
+/// Rows that one worker takes at a time: a hundredth of a picture of 720 rows, so that none waits
+/// long for the last.
 const ROWS_AT_A_TIME: usize = 8;
-/// From a tile's edge inwards the line is covered for one pixel and fades over another: with that of the
-/// neighbor about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
+/// From a tile's edge inwards the line is covered for one pixel and fades over another: with that
+/// of the neighbor about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
 const WIDTH_PX: f32 = 2.0;
 /// How much of the ground's color a line hides: as the mesh's.
 const OPACITY: f32 = 0.85;
-/// A facet that is seen more nearly edge on than this counts as seen at this angle: its pixels then span
-/// the whole tile.
+/// A facet that is seen more nearly edge on than this counts as seen at this angle: its pixels then
+/// span the whole tile.
 const LEAST_FACING: f32 = 1e-3;
 
-/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: color of each tile,
-/// RGBA8, red in the lowest byte; a tile without one has no outline.
+/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: color of
+/// each tile, RGBA8, red in the lowest byte; a tile without one has no outline.
 pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, workers: &Workers) {
     let outliner = Outliner { scene, outlines };
     let [width, height] = picture.size().map(|side| side as usize);

@@ -1,16 +1,16 @@
 //! Colors of lines of pixels, averaged over what each covers on its facet ([`super::footprint`]).
 //!
-//! Depth and place are plain loops over arrays, which compilers turn into vector instructions. Neighboring
-//! lines are painted a few pixels of each at a time: they share cache lines of color tiles, and of the
-//! picture.
+//! Depth and place are plain loops over arrays, which compilers turn into vector instructions.
+//! Neighboring lines are painted a few pixels of each at a time: they share cache lines of color
+//! tiles, and of the picture.
 
 use super::canvas::{Canvas, OPAQUE_BLACK};
 use super::footprint::Footprints;
 use super::strip::{Line, Strips};
 use crate::view::View;
 
-/// Pixels of a line that are painted before the next line's: as many as there are lines at a time, 8 KiB in
-/// all, which a core's first cache holds.
+/// Pixels of a line that are painted before the next line's: as many as there are lines at a time,
+/// 8 KiB in all, which a core's first cache holds.
 const CHUNK: usize = 32;
 
 /// Colors and depths of so many pixels of neighboring lines.

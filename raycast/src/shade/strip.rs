@@ -1,16 +1,18 @@
-//! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
+//! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some
+//! per worker, used again.
 
 use crate::lines::Lines;
 use glam::Vec2;
 
-/// log2 of the pixels of a line within which a facet is measured once: within 32 x 16 pixels footprints are
-/// as good as equal.
+/// log2 of the pixels of a line within which a facet is measured once: within 32 x 16 pixels
+/// footprints are as good as equal.
 const LOG_LONGEST_RUN: u32 = 4;
-/// log2 of the entries by which runs are found again: 64 KiB, so that they stay in a core's second cache.
+/// log2 of the entries by which runs are found again: 64 KiB, so that they stay in a core's second
+/// cache.
 const LOG_ENTRIES: u32 = 12;
 
-/// Neighbouring lines, which are painted together: what is beside each other in the picture is so in colour tiles as well, is seen on
-/// the same facets, and is written at once.
+/// Neighbouring lines, which are painted together: what is beside each other in the picture is so
+/// in colour tiles as well, is seen on the same facets, and is written at once.
 #[derive(Debug, Default)]
 pub(crate) struct Strips {
     pub(crate) lines: Vec<Line>,
@@ -143,8 +145,8 @@ impl Strip<'_> {
         self.run_of[k] = self.runs.find(k, tile, facet, || Run { pixel, nearness, tile, slope });
     }
 
-    /// Pixels from `first` to `last`, sixteen of a multiple of sixteen at most, see a facet, `nearness` of a pixel being linear: its
-    /// value at pixel `at`, and from pixel to pixel.
+    /// Pixels from `first` to `last`, sixteen of a multiple of sixteen at most, see a facet,
+    /// `nearness` of a pixel being linear: its value at pixel `at`, and from pixel to pixel.
     #[inline(always)]
     pub(crate) fn put_run(
         &mut self,

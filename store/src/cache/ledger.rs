@@ -25,7 +25,8 @@ impl Ledger {
         file.lock()?;
         let mut bytes = [0; 8];
         let read = file.read_at(&mut bytes, 0);
-        // A ledger that is new, or cut short, counts from nothing: the next sweep finds what there is.
+        // A ledger that is new, or cut short, counts from nothing: the next sweep finds what there
+        // is.
         let total = if matches!(read, Ok(8)) { u64::from_le_bytes(bytes) } else { 0 };
         let (new, result) = change(total);
         let written = if new == total { Ok(()) } else { file.write_all_at(&new.to_le_bytes(), 0) };

@@ -9,15 +9,18 @@
 //!   tiles/<database>/<xx>/<archive>-<first byte>-<bytes>
 //! ```
 //!
-//! Folders are this user's alone (0700): what others could write there would be drawn, and what they could read shows where somebody flew.
-//! A sweep removes what has such a name, and nothing else that may lie there.
+//! Folders are this user's alone (0700): what others could write there would be drawn, and what
+//! they could read shows where somebody flew. A sweep removes what has such a name, and nothing
+//! else that may lie there.
 //!
-//! Several processes may use it at once: entries appear whole, by renaming, and room is reserved in the ledger before an
-//! entry is written. A process that dies between the two leaves the ledger too high, never too low; the next sweep sets
-//! it right. Each entry carries a checksum; one that fails it is removed. Nothing that goes wrong here is fatal: the
-//! cache then keeps still for a while, and that is noted once.
+//! Several processes may use it at once: entries appear whole, by renaming, and room is reserved in
+//! the ledger before an entry is written. A process that dies between the two leaves the ledger too
+//! high, never too low; the next sweep sets it right. Each entry carries a checksum; one that fails
+//! it is removed. Nothing that goes wrong here is fatal: the cache then keeps still for a while,
+//! and that is noted once.
 //!
-//! An entry's time of modification is when it was used last, to the second; a sweep removes the ones longest unused.
+//! An entry's time of modification is when it was used last, to the second; a sweep removes the
+//! ones longest unused.
 
 mod entry;
 mod ledger;
@@ -106,8 +109,8 @@ fn disk_bytes(content: u64) -> u64 {
 }
 
 impl DiskCache {
-    /// The cache in a folder, for one database, and at most `most_bytes` for all databases. Never fails: a cache that
-    /// does not work keeps nothing.
+    /// The cache in a folder, for one database, and at most `most_bytes` for all databases. Never
+    /// fails: a cache that does not work keeps nothing.
     pub(crate) fn open(folder: &Path, database: &str, most_bytes: u64, log: Arc<ErrorLog>) -> Self {
         let tiles = folder.join("tiles").join(database);
         let mut cache = Self {
@@ -272,8 +275,8 @@ impl DiskCache {
     }
 }
 
-/// A name that no other write has: not of this process, which may have opened the folder several times, and not of a process of
-/// another container with the same id.
+/// A name that no other write has: not of this process, which may have opened the folder several
+/// times, and not of a process of another container with the same id.
 fn temporary_name() -> String {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     static BEGUN_NANOS: OnceLock<u128> = OnceLock::new();
@@ -287,7 +290,8 @@ fn temporary_name() -> String {
 fn mark_used(path: &Path, modified: SystemTime) {
     let now = SystemTime::now();
     if now.duration_since(modified).is_ok_and(|age| age > MARK_EVERY) {
-        // An entry that another process removes just now needs no mark; nor does one in a folder that is read only.
+        // An entry that another process removes just now needs no mark; nor does one in a folder
+        // that is read only.
         let marked = open_regular(path).and_then(|file| file.set_times(FileTimes::new().set_modified(now)));
         marked.unwrap_or_default();
     }

@@ -32,8 +32,8 @@ pub(super) fn open_gate(folder: &Path) -> io::Result<File> {
     File::options().write(true).create(true).truncate(false).open(folder.join("gate"))
 }
 
-/// Removes entries until 80 % of the bound are left and the ledger is right, unless another process just made room for
-/// `size` bytes.
+/// Removes entries until 80 % of the bound are left and the ledger is right, unless another process
+/// just made room for `size` bytes.
 pub(super) fn sweep(folder: &Path, ledger: &Ledger, size: u64, most_bytes: u64) -> io::Result<()> {
     let gate = open_gate(folder)?;
     gate.lock()?;
@@ -102,7 +102,8 @@ fn file_of(entry: &DirEntry) -> Option<(SystemTime, u64)> {
     Some((about.modified().unwrap_or(SystemTime::UNIX_EPOCH), bytes))
 }
 
-/// Whether a name is that of an entry that is being written (true) or of a whole one (false); `None` for one that no entry has.
+/// Whether a name is that of an entry that is being written (true) or of a whole one (false);
+/// `None` for one that no entry has.
 fn kind_of_entry(name: &OsStr) -> Option<bool> {
     let name = name.to_str()?;
     if name.starts_with(TEMPORARY) {

@@ -1,4 +1,5 @@
-//! Where a tile lies in an archive: its head and root directory, then a leaf, each read when first needed.
+//! Where a tile lies in an archive: its head and root directory, then a leaf, each read when first
+//! needed.
 
 use super::{Remote, damaged};
 use crate::cache::Key;
@@ -13,7 +14,8 @@ use terravision_common::database::{
 };
 use tokio::sync::OnceCell;
 
-/// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3, section 3).
+/// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3,
+/// section 3).
 const HEAD_BYTES: u64 = 16_384;
 
 /// An archive of the database, as far as it is known.

@@ -17,8 +17,9 @@ use terravision_common::database::{MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest}
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 
 impl Remote {
-    /// Why a read has failed: often an archive that was replaced by a smaller one refuses ranges (416), or gives other bytes, and no
-    /// mark of its content tells. Then its manifest does, which is asked for now and then.
+    /// Why a read has failed: often an archive that was replaced by a smaller one refuses ranges
+    /// (416), or gives other bytes, and no mark of its content tells. Then its manifest does, which
+    /// is asked for now and then.
     pub(super) async fn look_for_change(&self, archive: &RemoteArchive, error: FetchError) -> FetchError {
         let may_tell = matches!(
             error.cause(),
@@ -64,7 +65,8 @@ impl Remote {
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
-        // Another mark: another database, or the same once more. The manifest and the directory tell.
+        // Another mark: another database, or the same once more. The manifest and the directory
+        // tell.
         let _alone = self.verifying.lock().await;
         if is_known(&etag) {
             return Ok(answer.bytes);

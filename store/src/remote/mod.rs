@@ -1,4 +1,5 @@
-//! Tiles of a remote database: directories by need, small tiles by extents, large ones by themselves.
+//! Tiles of a remote database: directories by need, small tiles by extents, large ones by
+//! themselves.
 //!
 //! ```text
 //!   tile ─▶ directory: root, then a leaf ─▶ range ─▶ pieces ─▶ checksum of the tile ─▶ bytes
@@ -6,8 +7,9 @@
 //!                             memory, disk cache, network ◀───────────┘
 //! ```
 //!
-//! Elevation tiles are small and their archive keeps neighbours together, so they are read by aligned extents; a colour
-//! tile is read by itself. Nothing goes to the disk cache before something in it has passed a checksum.
+//! Elevation tiles are small and their archive keeps neighbours together, so they are read by
+//! aligned extents; a colour tile is read by itself. Nothing goes to the disk cache before
+//! something in it has passed a checksum.
 
 mod archive;
 mod extents;
@@ -53,7 +55,8 @@ pub(crate) struct Remote {
     memory: Memory,
     reads: RequestCoalescer<Key, Arc<Piece>>,
     changed: OnceLock<Arc<Fault>>,
-    /// Held while it is found out whether the database has changed; when a failed read last was the reason.
+    /// Held while it is found out whether the database has changed; when a failed read last was the
+    /// reason.
     verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
     pending_bytes: Arc<AtomicUsize>,
@@ -123,7 +126,8 @@ impl Remote {
         futures_util::future::try_join(self.head(elevation), self.head(color)).await.map(drop)
     }
 
-    /// A tile as it is stored, its checksum verified. Without one that is vital there is no picture.
+    /// A tile as it is stored, its checksum verified. Without one that is vital there is no
+    /// picture.
     pub(crate) async fn payload(self: &Arc<Self>, tile: Tile, is_vital: bool) -> Result<Payload, FetchError> {
         let begun = Instant::now();
         let Tile { layer, node } = tile;
@@ -175,7 +179,8 @@ impl Remote {
             let gone = keys.to_vec();
             blocking(move || gone.iter().for_each(|key| cache.remove(key))).await;
             let is_repeated = match &self.network {
-                // Of a file of this machine they are the same again, but for one that is being written.
+                // Of a file of this machine they are the same again, but for one that is being
+                // written.
                 Some(network) => network.policy().again_after_damage(attempt, DAMAGED_RETRIES).await,
                 None => false,
             };
@@ -250,7 +255,8 @@ impl Remote {
         if !piece.begin_keeping() {
             return;
         }
-        // Acquire and release: SYNC store.pending, so that who sees none pending sees the cache as it was left.
+        // Acquire and release: SYNC store.pending, so that who sees none pending sees the cache as
+        // it was left.
         let bytes = piece.bytes.len();
         // Relaxed: a sum that orders nothing.
         let before = self.pending_bytes.fetch_add(bytes, Ordering::Relaxed);

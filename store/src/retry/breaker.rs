@@ -16,8 +16,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-/// Failures in a row, without one success, that open the breaker. (Of requests a third of which are lost one in 15 000 opens
-/// it, and it closes with the next answer.)
+/// Failures in a row, without one success, that open the breaker. (Of requests a third of which are
+/// lost one in 15 000 opens it, and it closes with the next answer.)
 const BREAKER_FAILURES: u32 = 8;
 /// While the breaker is open one request in this time goes through, at first in less.
 const PROBE_EVERY: Duration = Duration::from_secs(2);
@@ -76,7 +76,8 @@ impl Breaker {
         lock(&self.row).is_given_up(Instant::now(), patience)
     }
 
-    /// Waits until a request may be made; while the breaker is open, as the only one, for as long as what is returned is kept.
+    /// Waits until a request may be made; while the breaker is open, as the only one, for as long
+    /// as what is returned is kept.
     ///
     /// # Errors
     /// The last failure, when the time is over, or when there is no sense in asking.

@@ -1,4 +1,5 @@
-//! When something is asked for again: the one policy, for requests and for tiles. `docs/retries.md` draws it.
+//! When something is asked for again: the one policy, for requests and for tiles. `docs/retries.md`
+//! draws it.
 //!
 //! ```text
 //!  one read                       [`tries`]: attempts, deadline, budget, breaker, patience
@@ -9,16 +10,17 @@
 //!  between reads                  [`NegativeCache`]: a tile that could not be read rests, or is given up for the run
 //! ```
 //!
-//! * [`budget`] keeps requests that are made again in proportion to those that are made the first time. It is for failures
-//!   among successes.
-//! * [`breaker`]: when requests for a file fail in a row, all reads of the file wait, and one request at a time probes. So a
-//!   server that is away for a while costs a request now and then, nothing of the budget, and no read before its deadline.
-//! * [`backoff`]: how long a read waits before it asks again. [`mod@patience`]: how long it waits for an answer before it asks
-//!   anew although nothing has failed.
+//! * [`budget`] keeps requests that are made again in proportion to those that are made the first
+//!   time. It is for failures among successes.
+//! * [`breaker`]: when requests for a file fail in a row, all reads of the file wait, and one
+//!   request at a time probes. So a server that is away for a while costs a request now and then,
+//!   nothing of the budget, and no read before its deadline.
+//! * [`backoff`]: how long a read waits before it asks again. [`mod@patience`]: how long it waits
+//!   for an answer before it asks anew although nothing has failed.
 //! * [`negative_cache`]: which tiles are not asked for now, although a frame wants them.
 //!
-//! Nobody else decides this: readers of a store ask once, and whoever schedules tiles asks [`crate::Store::recent_failure`]
-//! before it does.
+//! Nobody else decides this: readers of a store ask once, and whoever schedules tiles asks
+//! [`crate::Store::recent_failure`] before it does.
 
 mod backoff;
 mod breaker;
@@ -51,7 +53,8 @@ pub struct RetryOptions {
     pub first_wait: Duration,
     /// The longest wait.
     pub longest_wait: Duration,
-    /// Requests that may be asked again for each that is asked the first time, on average over all reads...
+    /// Requests that may be asked again for each that is asked the first time, on average over all
+    /// reads...
     pub share: f64,
     /// ... and so many more at once, after a while without failures.
     pub burst: u32,
@@ -75,6 +78,7 @@ pub enum FailedTiles {
     /// It rests, and is asked for again afterwards: it may come while a flight goes on.
     #[default]
     Rest,
-    /// It is not asked for again as long as the store is open: what a frame shows must not depend on when it is drawn.
+    /// It is not asked for again as long as the store is open: what a frame shows must not depend
+    /// on when it is drawn.
     Final,
 }

@@ -46,7 +46,8 @@ impl Entry {
 pub struct NegativeCache {
     tiles: Mutex<HashMap<Tile, Entry>>,
     failed_tiles: FailedTiles,
-    /// The coarsest levels, which stand in for all that is missing: whatever the failure, they do not rest for long.
+    /// The coarsest levels, which stand in for all that is missing: whatever the failure, they do
+    /// not rest for long.
     vital: HashSet<Tile>,
     /// Without it there is no picture: it never rests for longer than the first time.
     root: NodeId,
@@ -76,8 +77,9 @@ impl NegativeCache {
         let mut tiles = lock(&self.tiles);
         let Some(error) = error else {
             tiles.remove(&tile);
-            // The server answers: what failed on the way there need not rest for as long as the silence has taught. What
-            // failed because this tile's file was silent as a whole need not rest at all.
+            // The server answers: what failed on the way there need not rest for as long as the
+            // silence has taught. What failed because this tile's file was silent as a whole need
+            // not rest at all.
             for (other, entry) in tiles.iter_mut() {
                 let most = match entry.is_of_silence && other.layer == tile.layer {
                     true => now,
@@ -104,7 +106,8 @@ impl NegativeCache {
         tiles.insert(tile, Entry { until, failures, error: error.clone(), is_of_silence: false });
     }
 
-    /// Notes a read that failed while its file failed in a row: the next tile of the same layer that comes ends its rest.
+    /// Notes a read that failed while its file failed in a row: the next tile of the same layer
+    /// that comes ends its rest.
     pub fn note_silence(&self, tile: Tile, error: &FetchError, now: Instant) {
         self.note(tile, Some(error), now);
         if let Some(entry) = lock(&self.tiles).get_mut(&tile) {

@@ -1,16 +1,19 @@
-//! How long a request for a tile waits for its answer before it is made anew, although nothing has failed: on a link that
-//! loses requests silently, waiting for the timeout of each would show the loss for as long.
+//! How long a request for a tile waits for its answer before it is made anew, although nothing has
+//! failed: on a link that loses requests silently, waiting for the timeout of each would show the
+//! loss for as long.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The first request waits for so long, and for four times as long as answers usually take if that is longer...
+/// The first request waits for so long, and for four times as long as answers usually take if that
+/// is longer...
 const FIRST_PATIENCE: Duration = Duration::from_millis(600);
-/// ... each one after it twice as long, and after so many requests the last one has the whole timeout.
+/// ... each one after it twice as long, and after so many requests the last one has the whole
+/// timeout.
 const HASTY_TRIES: u32 = 5;
 
-/// How long a request waits that is made after `tries` others without an answer, where answers usually take `usual`. `None`
-/// when it is to have its whole timeout.
+/// How long a request waits that is made after `tries` others without an answer, where answers
+/// usually take `usual`. `None` when it is to have its whole timeout.
 #[must_use]
 pub fn patience(usual: Duration, tries: u32) -> Option<Duration> {
     (tries < HASTY_TRIES).then(|| FIRST_PATIENCE.max(usual.saturating_mul(4)).saturating_mul(1 << tries))
@@ -25,7 +28,8 @@ pub(super) struct UsualTime {
 
 impl UsualTime {
     pub(super) fn get(&self) -> Duration {
-        // Relaxed, here and below: a figure that orders nothing, and one lost among many does no harm.
+        // Relaxed, here and below: a figure that orders nothing, and one lost among many does no
+        // harm.
         Duration::from_nanos(self.nanos.load(Ordering::Relaxed))
     }
 

@@ -1,4 +1,5 @@
-//! The policy for requests, and one read under it: from its first request to its answer or its last failure.
+//! The policy for requests, and one read under it: from its first request to its answer or its last
+//! failure.
 
 use super::backoff::{backoff, random};
 use super::breaker::{Breaker, Turn};
@@ -77,7 +78,8 @@ impl RetryPolicy {
         Tries { policy: self, breaker, allowance, end, failures: 0, hasty: 0 }
     }
 
-    /// Whether content that came damaged, for the time `attempt` (from 0), may be read anew; returns when it is time to.
+    /// Whether content that came damaged, for the time `attempt` (from 0), may be read anew;
+    /// returns when it is time to.
     pub(crate) async fn again_after_damage(&self, attempt: u32, most: u32) -> bool {
         if attempt >= self.at_most(most) || !lock(&self.budget).again() {
             return false;
@@ -117,7 +119,8 @@ impl Tries<'_> {
         self.end
     }
 
-    /// Waits until the next request may be made. What is returned is kept until that request has ended.
+    /// Waits until the next request may be made. What is returned is kept until that request has
+    /// ended.
     ///
     /// # Errors
     /// The last failure of the file, when the time is over, or when there is no sense in asking.
@@ -125,14 +128,15 @@ impl Tries<'_> {
         self.breaker.turn(self.end, self.policy.deadline).await
     }
 
-    /// How long the next request waits for its answer before [`Tries::hurry`]; `None` when it has its whole timeout. A probe
-    /// has: it asks for many.
+    /// How long the next request waits for its answer before [`Tries::hurry`]; `None` when it has
+    /// its whole timeout. A probe has: it asks for many.
     pub(crate) fn patience(&self, turn: &Turn<'_>) -> Option<Duration> {
         let is_hasty = self.policy.is_hasty && self.allowance.may_be_hasty && turn.is_none();
         is_hasty.then(|| patience(self.policy.usual.get(), self.hasty)).flatten()
     }
 
-    /// The request was given up for a new one, because its answer takes much longer than usual. That is no failure.
+    /// The request was given up for a new one, because its answer takes much longer than usual.
+    /// That is no failure.
     pub(crate) fn hurry(&mut self) {
         self.hasty += 1;
     }
@@ -163,7 +167,8 @@ impl Tries<'_> {
         if !error.is_passing() || Instant::now() >= self.end || self.breaker.is_given_up(policy.deadline) {
             return false;
         }
-        // While the breaker is open its probes keep the time, and cost nothing of attempts and budget.
+        // While the breaker is open its probes keep the time, and cost nothing of attempts and
+        // budget.
         if !self.breaker.is_open() {
             let wait = backoff(&policy.options, self.failures, random());
             self.failures += 1;
