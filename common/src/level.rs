@@ -13,7 +13,7 @@
 //! depth goes to zero, it follows the distance.
 //!
 //! Levels are in **tree levels**: a node of level `q` is fine enough at `p` for elevation when `q
-//! <= elevation level`, that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= color level`.
+//! <= elevation level`, that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= colour level`.
 //! In the design's words this is `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so the tree
 //! does not depend on it.
 

@@ -18,7 +18,7 @@
 //! `exact` ← `coherent` ← `caster`.
 //!
 //! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a
-//! frame's slots, or tiles of a database. Colors stay where they are. [`Caster::draw`] allocates
+//! frame's slots, or tiles of a database. Colours stay where they are. [`Caster::draw`] allocates
 //! nothing from the second frame of a size on.
 
 #![forbid(unsafe_code)]

@@ -11,7 +11,7 @@ pub(crate) struct Placed {
     pub(crate) corner: Vec3,
     /// Voxels per metre.
     pub(crate) per_m: f32,
-    /// North west corner of its colors, metres from the eye.
+    /// North west corner of its colours, metres from the eye.
     pub(crate) color_corner: Vec2,
     pub(crate) texels_per_m: f32,
 }

@@ -1,4 +1,4 @@
-//! Heights around a tile, which are those of its neighbors.
+//! Heights around a tile, which are those of its neighbours.
 
 use super::Ground;
 use super::tile::Tile;
@@ -6,8 +6,8 @@ use super::tree::Found;
 
 impl Ground {
     /// Heights of a tile's posts and of `radius` more on each side, metres above the datum: those
-    /// of its neighbors, so that two tiles of a level make the same of an edge that they share.
-    /// Where no neighbor is, the border goes on.
+    /// of its neighbours, so that two tiles of a level make the same of an edge that they share.
+    /// Where no neighbour is, the border goes on.
     pub(super) fn gather(&self, tile: &Tile, radius: usize, out: &mut Vec<f32>) {
         out.clear();
         let [columns, rows] = tile.posts();

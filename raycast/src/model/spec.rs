@@ -14,7 +14,7 @@ pub struct GroundShape {
     pub surface: Surface,
     /// Levels of the quad tree.
     pub levels: u8,
-    /// Layers of color.
+    /// Layers of colour.
     pub color: ColorLayout,
     /// How densities are made. `None`: the ground has heights alone, no voxels.
     pub filter: Option<Filter>,
@@ -41,7 +41,7 @@ pub struct TileSpec<'a> {
     /// What heights are above, metres in world coordinates (the eye's height for elevation arrays
     /// of the ring).
     pub datum_m: f64,
-    /// Its colors.
+    /// Its colours.
     pub color: ColorPlace,
     /// Whether it may get voxels of its own. Without, the boundary array and its heights alone say
     /// where ground is.

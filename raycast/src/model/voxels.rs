@@ -96,7 +96,7 @@ impl Ground {
     }
 
     /// Turns heights around a tile, metres above the datum, into layers above its lowest one; which
-    /// layer that is, and how many there are. In double precision: layers of neighboring tiles have
+    /// layer that is, and how many there are. In double precision: layers of neighbouring tiles have
     /// to lie at the same heights.
     fn to_layers(&self, tile: &Tile, heights: &mut [f32]) -> [i32; 2] {
         let scale = 1.0 / f64::from(tile.spacing_m);

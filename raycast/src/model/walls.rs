@@ -1,4 +1,4 @@
-//! Walls between tiles: where a tile's border does not lie on that of a neighbor with fewer posts.
+//! Walls between tiles: where a tile's border does not lie on that of a neighbour with fewer posts.
 
 use super::Ground;
 use super::steep::{CellSlopes, Steep};

@@ -11,7 +11,7 @@
 //! A field also has the highest elevation angle under which its steep ground is seen: rays above
 //! that pass over it.
 //!
-//! Two neighboring rays of a line lie, at the same parameter, in the same sector or in two beside
+//! Two neighbouring rays of a line lie, at the same parameter, in the same sector or in two beside
 //! each other, and so does the straight way between them. Where a field is steeper than the rays
 //! allow, and there alone, the way has to be looked at.
 

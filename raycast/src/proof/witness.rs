@@ -9,7 +9,7 @@ use glam::Vec3;
 /// Rings that are looked at at once: a vector of fields, without a branch for each.
 const GROUP: usize = 8;
 /// Two rays whose directions are more sectors apart say nothing of each other, unless all ground
-/// keeps below the slope bound. Neighboring pixels of a line are less than a sector apart, but
+/// keeps below the slope bound. Neighbouring pixels of a line are less than a sector apart, but
 /// where rays are nearly plumb.
 const MOST_APART: usize = 2;
 /// The way between two points in sectors that near is nowhere nearer to the eye than this share of

@@ -25,7 +25,7 @@ const MOST_MIPS: usize = 16;
 /// where they are seen edge on.
 const LEAST_FACING: f32 = 1e-6;
 
-/// The footprints of the runs of neighboring lines. Memory is used again.
+/// The footprints of the runs of neighbouring lines. Memory is used again.
 #[derive(Debug, Default)]
 pub(crate) struct Footprints {
     of_runs: Vec<Footprint>,

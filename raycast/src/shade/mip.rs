@@ -1,4 +1,4 @@
-//! Bilinear samples of a mip level of color, one texel at a time.
+//! Bilinear samples of a mip level of colour, one texel at a time.
 
 use crate::model::color::ColorLayout;
 use glam::Vec2;

@@ -13,15 +13,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// long for the last.
 const ROWS_AT_A_TIME: usize = 8;
 /// From a tile's edge inwards the line is covered for one pixel and fades over another: with that
-/// of the neighbor about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
+/// of the neighbour about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
 const WIDTH_PX: f32 = 2.0;
-/// How much of the ground's color a line hides: as the mesh's.
+/// How much of the ground's colour a line hides: as the mesh's.
 const OPACITY: f32 = 0.85;
 /// A facet that is seen more nearly edge on than this counts as seen at this angle: its pixels then
 /// span the whole tile.
 const LEAST_FACING: f32 = 1e-3;
 
-/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: color of
+/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: colour of
 /// each tile, RGBA8, red in the lowest byte; a tile without one has no outline.
 pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, workers: &Workers) {
     let outliner = Outliner { scene, outlines };
@@ -51,7 +51,7 @@ struct Outliner<'a> {
 }
 
 impl Outliner<'_> {
-    /// Color of the outline that a pixel sees at a depth, and how much of the pixel it covers.
+    /// Colour of the outline that a pixel sees at a depth, and how much of the pixel it covers.
     fn at(&self, pixel: [u32; 2], depth: f32) -> Option<(u32, f32)> {
         if depth.is_nan() {
             return None;
@@ -89,7 +89,7 @@ impl Outliner<'_> {
     }
 }
 
-/// A color under another one that covers so much of it.
+/// A colour under another one that covers so much of it.
 fn mix(under: u32, over: u32, cover: f32) -> u32 {
     let [under, over] = [under, over].map(|color| Vec4::from_array(color.to_le_bytes().map(f32::from)));
     let mixed = under + (over - under) * (OPACITY * cover);

@@ -1,7 +1,7 @@
-//! Colors of lines of pixels, averaged over what each covers on its facet ([`super::footprint`]).
+//! Colours of lines of pixels, averaged over what each covers on its facet ([`super::footprint`]).
 //!
 //! Depth and place are plain loops over arrays, which compilers turn into vector instructions.
-//! Neighboring lines are painted a few pixels of each at a time: they share cache lines of color
+//! Neighbouring lines are painted a few pixels of each at a time: they share cache lines of colour
 //! tiles, and of the picture.
 
 use super::canvas::{Canvas, OPAQUE_BLACK};
@@ -13,11 +13,11 @@ use crate::view::View;
 /// 8 KiB in all, which a core's first cache holds.
 const CHUNK: usize = 32;
 
-/// Colors and depths of so many pixels of neighboring lines.
+/// Colours and depths of so many pixels of neighbouring lines.
 type Rows = [[(u32, f32); Strips::MOST]; CHUNK];
 
 impl Canvas<'_> {
-    /// Colors the pixels of neighbouring lines and puts them into the picture.
+    /// Colours the pixels of neighbouring lines and puts them into the picture.
     #[inline(never)]
     pub(crate) fn paint(&self, lines: &[Line], footprints: &Footprints) {
         let mut rows: Rows = [[(0, 0.0); Strips::MOST]; CHUNK];
@@ -41,7 +41,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// Colors and depths of the pixels of a line from `first` on, into column `at`.
+    /// Colours and depths of the pixels of a line from `first` on, into column `at`.
     #[inline(always)]
     fn paint_chunk(&self, line: &Line, footprints: &Footprints, first: usize, at: usize, rows: &mut Rows) {
         let end = line.pixels.len().min(first + CHUNK);
