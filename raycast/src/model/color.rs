@@ -4,7 +4,7 @@ use glam::DVec2;
 use terravision_common::database::color_tile_bytes;
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World};
 
-/// What a layer looks like.
+/// The layout of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColorLayout {
     /// Texels along a side, borders included.
@@ -40,7 +40,7 @@ impl ColorLayout {
     }
 }
 
-/// Which layer a tile of ground has its colours from, and where that lies.
+/// The layer from which a tile of ground has its colours, and the position of that layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColorPlace {
     /// The layer.
