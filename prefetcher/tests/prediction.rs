@@ -1,4 +1,4 @@
-//! What prediction gains over a slow link: a fast straight flight, turns, and a stop, in simulated
+//! The gain of prediction over a slow link: a fast straight flight, turns, and a stop, in simulated
 //! time.
 #![allow(clippy::print_stdout, reason = "the figures are what one wants to see")]
 
@@ -83,11 +83,11 @@ fn prediction_pays_over_a_slow_link() {
     let [(_, off), (_, linear), (_, quadratic), (_, oracle)] = &flown;
     for predicted in [linear, quadratic] {
         assert!(predicted.mean() >= 0.9 * oracle.mean());
-        // Half of what is not drawn as wanted without prediction is with it.
+        // Prediction at least halves the share that is not drawn as wanted.
         assert!(1.0 - predicted.mean() < 0.5 * (1.0 - off.mean()));
         assert!(predicted.bytes as f64 <= 1.5 * oracle.bytes as f64);
     }
-    // After the stop all that the picture wants comes, whatever was foreseen.
+    // After the stop all wanted tiles arrive, whatever was predicted.
     assert!(flown.iter().all(|(_, flight)| flight.missing_at_end == 0 && flight.sharp.last() == Some(&1.0)));
 }
 

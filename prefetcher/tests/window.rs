@@ -1,4 +1,5 @@
-//! N: down while less comes than is asked for, up only when N were asked for and N came.
+//! N falls while fewer requests are answered than made, and grows only when N were in flight and N
+//! were answered.
 
 use std::collections::VecDeque;
 use terravision_prefetcher::window::{CycleNumber, Window};
