@@ -252,7 +252,7 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     server.set_etag("changed");
     let found = read(&store, rest);
     let error = found.iter().find_map(|read| read.as_ref().err()).unwrap();
-    assert!(error.cause() == Some(Cause::Changed) && error.to_string().contains("open it anew"), "{error}");
+    assert!(error.cause() == Some(Cause::Changed) && error.to_string().contains("open it again"), "{error}");
     assert!(found.iter().all(|read| matches!(read, Ok(None)) || read.is_err()), "nothing of the new one is taken");
     assert_eq!(store.errors().take_news().len(), 1);
     drop(server.take_asked());
@@ -283,7 +283,7 @@ fn a_database_that_is_replaced_by_a_smaller_one_is_told_as_changed_on_a_server_a
         let changed = found.iter().filter_map(|read| read.as_ref().err()).filter(|e| e.cause() == Some(Cause::Changed));
         assert!(changed.count() > 20, "{:?}", store.errors().folded());
         let news = store.errors().take_news();
-        assert!(news.iter().any(|line| line.contains("open it anew") && line.contains("another one")), "{news:?}");
+        assert!(news.iter().any(|line| line.contains("open it again") && line.contains("has changed")), "{news:?}");
     }
 }
 

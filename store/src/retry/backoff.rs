@@ -1,4 +1,4 @@
-//! How long a read waits before it asks again.
+//! How long a read waits before it repeats a request.
 
 use super::RetryOptions;
 use std::collections::hash_map::RandomState;
