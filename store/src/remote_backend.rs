@@ -73,7 +73,8 @@ impl RemoteBackend {
                 },
             };
             let note = |error: &std::io::Error| {
-                let why = format!("the disk cache cannot store the index ({error}); a temporary folder is used instead");
+                let why =
+                    format!("the disk cache cannot store the index ({error}); a temporary folder is used instead");
                 log.note(&Fault { cause: Cause::Cache, why, place: cache_dir.display().to_string() });
             };
             if let Some(error) = &unusable {
