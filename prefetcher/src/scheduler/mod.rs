@@ -31,7 +31,7 @@ mod event;
 mod request_table;
 
 use crate::executor::{Ended, Executor};
-use crate::window::Window;
+use crate::request_window::RequestWindow;
 pub use event::TileEvent;
 use request_table::RequestTable;
 use std::collections::HashSet;
@@ -73,7 +73,7 @@ pub struct Scheduler {
     head: WantHead,
     table: RequestTable,
     locked: HashSet<Tile>,
-    window: Window,
+    window: RequestWindow,
     /// Time from request to residency, smoothed.
     latency_nanos: Option<f64>,
     /// Tiles of a list were skipped because too many payloads of their layer wait.
@@ -104,7 +104,7 @@ impl Scheduler {
             head: WantHead::default(),
             table: RequestTable::default(),
             locked: top.iter().copied().collect(),
-            window: Window::new(CYCLE_NANOS),
+            window: RequestWindow::new(CYCLE_NANOS),
             latency_nanos: None,
             is_passed_over: false,
             room_ahead: [0; 2],
@@ -124,7 +124,7 @@ impl Scheduler {
 
     /// The window of requests.
     #[must_use]
-    pub fn window(&self) -> &Window {
+    pub fn window(&self) -> &RequestWindow {
         &self.window
     }
 

@@ -1,7 +1,8 @@
-//! Reports the use of the database to the launcher: statistics of reads, and failures.
+//! What the launcher is told of the use of the database: what reading it costs, and what goes
+//! wrong.
 //!
-//! Counts in the control block are increased by what was added since the last report, so that a
-//! restarted prefetcher continues the counts of the one before.
+//! Counts are added to the control block by what they have grown since they were told last, so that
+//! those of a prefetcher that was started again go on where the one before ended.
 
 use crate::source::PayloadSource;
 use std::collections::BTreeMap;
@@ -10,14 +11,14 @@ use terravision_common::shm::{Control, Counter};
 use terravision_common::stage::Events;
 use terravision_store::{Cause, StoreStats};
 
-/// What has been reported so far.
+/// What has been told so far.
 #[derive(Debug, Default)]
-pub struct Usage {
+pub struct StoreUsage {
     told: StoreStats,
     failures: BTreeMap<Cause, u64>,
 }
 
-impl Usage {
+impl StoreUsage {
     /// Reports what is new since the last call.
     pub fn publish(&mut self, source: &impl PayloadSource, control: &Control, events: &mut Events) {
         let (now, told) = (source.stats(), std::mem::take(&mut self.told));
@@ -31,7 +32,7 @@ impl Usage {
         ] {
             control.count(counter, now.saturating_sub(told));
         }
-        // A request was made, or a part of an answer came: a slow database is not a hang.
+        // A request was made, or a part of an answer came: what is slow does not hang.
         if (now.requests, now.bytes) != (told.requests, told.bytes) {
             control.progress();
         }

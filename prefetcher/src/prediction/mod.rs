@@ -1,9 +1,15 @@
-//! The predicted view, and the tiles that it wants.
+//! The predicted view, and the tiles that it wants. [`CameraTrack`] predicts it from recent
+//! cameras, or [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree.
 
-use crate::lookahead::{Lookahead, Resolution};
-use crate::oracle::Oracle;
+mod camera_track;
+mod oracle;
+mod wanted_tiles;
+
+pub use camera_track::{CameraTrack, widened_views};
+pub use oracle::Oracle;
+pub use wanted_tiles::{Resolution, WantedTiles};
+
 use crate::scheduler::{CYCLE_NANOS, Scheduler};
-use crate::track::{CameraTrack, widened_views};
 use std::collections::HashSet;
 use terravision_common::camera::Camera;
 use terravision_common::database::Tile;
@@ -13,32 +19,32 @@ use terravision_common::shm::{CameraRecord, Consumer, Control, Gauge, ShmError};
 use terravision_common::traversal::{HeightRanges, TreeLimits};
 use terravision_common::world::World;
 
-/// Limits for the trees of predicted views: those of the generator.
+/// Trees of predicted views: what the generator's may have.
 const LIMITS: TreeLimits = TreeLimits { nodes: 65536, elevation_leaves: 65536 };
-/// The shortest and the longest time by which the view is predicted ahead.
+/// The view is predicted this far ahead at least, and at most.
 const AHEAD_SECS: [f64; 2] = [0.4, 4.0];
 
-/// The predicted view, and the tiles that it wants.
+/// The view that is going to be, and what it wants.
 pub(crate) struct Ahead<R> {
     prediction: Prediction,
     config: RunConfig,
     track: CameraTrack,
     oracle: Option<Oracle>,
-    lookahead: Option<Lookahead<R>>,
+    wanted_tiles: Option<WantedTiles<R>>,
     tiles: Vec<Tile>,
 }
 
 impl<R: HeightRanges> Ahead<R> {
     pub(crate) fn new(world: &World, ranges: R, config: &RunConfig, path: Option<Consumer<CameraRecord>>) -> Self {
         let prediction = config.prefetch.prediction;
-        let lookahead = (prediction != Prediction::Off).then(|| Lookahead::new(world, ranges, LIMITS));
+        let wanted_tiles = (prediction != Prediction::Off).then(|| WantedTiles::new(world, ranges, LIMITS));
         let track = CameraTrack::default();
         let oracle = path.map(Oracle::new);
-        Self { prediction, config: config.clone(), track, oracle, lookahead, tiles: Vec::new() }
+        Self { prediction, config: config.clone(), track, oracle, wanted_tiles, tiles: Vec::new() }
     }
 
     pub(crate) fn see(&mut self, control: &Control, now: u64) {
-        if let (Some(_), Some(camera)) = (&self.lookahead, control.camera()) {
+        if let (Some(_), Some(camera)) = (&self.wanted_tiles, control.camera()) {
             self.track.see(&camera, now);
         }
     }
@@ -49,12 +55,12 @@ impl<R: HeightRanges> Ahead<R> {
         control: &Control,
         now: u64,
     ) -> Result<Option<&[Tile]>, ShmError> {
-        let Some(lookahead) = &mut self.lookahead else { return Ok(None) };
+        let Some(wanted_tiles) = &mut self.wanted_tiles else { return Ok(None) };
         let ahead_secs = ahead_secs(scheduler.latency_nanos());
         let ahead_nanos = (ahead_secs * 1e9) as u64;
         control.set_gauge(Gauge::PredictedAheadNanos, ahead_nanos);
         let cameras: Vec<Camera> = match &mut self.oracle {
-            // Before the clock starts, the camera waits for the first frame.
+            // Before the clock has started the camera waits for the first frame.
             Some(oracle) => oracle.cameras(now.saturating_sub(control.clock_start().unwrap_or(now)), ahead_nanos)?,
             None => self.track.predict(now, ahead_secs, self.prediction).into_iter().collect(),
         };
@@ -69,22 +75,22 @@ impl<R: HeightRanges> Ahead<R> {
         };
         self.tiles.clear();
         let mut seen = HashSet::new();
-        // The views of a known path are exact; a prediction may be wrong.
+        // A path is known, and so are its views; a prediction may be wrong.
         let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
         for camera in &cameras {
             let views = match &self.config.rig {
                 Some(rig) => widened_views(&rig.views(camera), unsure_secs),
                 None => Views::single(camera),
             };
-            let of_view = lookahead.tiles(camera, &views, &resolution).iter().copied();
+            let of_view = wanted_tiles.tiles(camera, &views, &resolution).iter().copied();
             self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
         }
         Ok(Some(&self.tiles))
     }
 }
 
-/// How far ahead the view is predicted when a tile takes this long: until the arrival of a tile
-/// that is requested at the end of the next cycle.
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
+/// the end of the next cycle is there.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;

@@ -1,4 +1,4 @@
-//! The tiles that a view wants: the same search as the generator's, then a breadth-first walk.
+//! The tiles that a view wants: the generator's own search, walked breadth first.
 
 use bytemuck::Zeroable;
 use std::collections::VecDeque;
@@ -10,7 +10,7 @@ use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 
-/// The resolution of a search.
+/// How finely a view is looked at.
 #[derive(Debug, Clone, Copy)]
 pub struct Resolution {
     /// Wanted screen resolution of facets, pixels.
@@ -25,7 +25,7 @@ pub struct Resolution {
 
 /// Searches views; keeps its buffers.
 #[derive(Debug)]
-pub struct Lookahead<R> {
+pub struct WantedTiles<R> {
     world: World,
     ranges: R,
     traversal: Traversal,
@@ -34,7 +34,7 @@ pub struct Lookahead<R> {
     tiles: Vec<Tile>,
 }
 
-impl<R: HeightRanges> Lookahead<R> {
+impl<R: HeightRanges> WantedTiles<R> {
     /// A search for views of a world whose nodes have these ranges of height.
     #[must_use]
     pub fn new(world: &World, ranges: R, limits: TreeLimits) -> Self {
@@ -48,8 +48,8 @@ impl<R: HeightRanges> Lookahead<R> {
         }
     }
 
-    /// Every tile that the views carried by `pose` want, coarse to fine, and within a level near to
-    /// far. Cameras must be valid.
+    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a
+    /// level, the near first.
     pub fn tiles(&mut self, pose: &Camera, views: &Views, resolution: &Resolution) -> &[Tile] {
         let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
         let level = LevelFunction::for_views(pose, views, &self.world, exaggeration, measure, r_z_px, r_c_px);
