@@ -64,16 +64,16 @@ impl DevicePicture {
     /// # Safety
     /// * `commands` is being recorded, outside of rendering.
     pub(super) unsafe fn begin(&self, commands: vk::CommandBuffer) {
+        let next = if self.layout.is_single() { Access::CopyTarget } else { Access::Cleared };
         // SAFETY: the caller's promise; the image waits for the submit before it goes (`Owned`).
-        unsafe { barrier::image(&self.device, commands, &self.image, Access::Discarded, Access::CopyTarget) };
-        if self.layout.is_single() {
+        unsafe { barrier::image(&self.device, commands, &self.image, Access::Discarded, next) };
+        if next == Access::CopyTarget {
             return;
         }
         let black = vk::ClearColorValue { float32: [0.0, 0.0, 0.0, 1.0] };
-        let layout = layout_of(Access::CopyTarget);
+        let (layout, ranges) = (layout_of(next), [whole(vk::ImageAspectFlags::COLOR)]);
         // SAFETY: as above; the image is in this layout.
         unsafe {
-            let ranges = [whole(vk::ImageAspectFlags::COLOR)];
             self.device.raw().cmd_clear_color_image(commands, self.image.raw(), layout, &black, &ranges);
             barrier::memory(&self.device, commands, Access::Cleared, Access::CopyTarget);
         }
