@@ -42,7 +42,7 @@ pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
 pub enum UsageError {
     /// Not `--run JSON`.
     #[error(
-        "expected --run and one JSON object, or - for one on standard input: the launcher (terravision fly) starts this program, nobody else"
+        "expected --run and one JSON object, or - for one on standard input: this program is started by the launcher (terravision fly)"
     )]
     Arguments,
     /// The JSON is not a valid run.

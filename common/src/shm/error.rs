@@ -119,7 +119,7 @@ pub enum ShmError {
     },
     /// The text is not a valid name for sharing.
     #[error(
-        "{text:?} is no name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
+        "{text:?} is not a name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
          letter or digit first and not -camera last"
     )]
     BadSharedName {

@@ -235,8 +235,8 @@ impl<T: Pod> Consumer<T> {
     }
 
     /// Takes the next item and holds it: it remains in the ring until [`Consumer::give_back`], for
-    /// the next consumer in case this one is killed. Waits while there is none. Must not be called
-    /// while the whole ring is held ([`Consumer::is_all_held`]): it would wait for ever.
+    /// the next consumer in case this one is killed. Waits while the ring is empty. Must not be
+    /// called while the whole ring is held ([`Consumer::is_all_held`]): it would wait for ever.
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.

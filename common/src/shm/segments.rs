@@ -129,7 +129,7 @@ pub(crate) fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
 /// Bytes that `/dev/shm` has free.
 ///
 /// # Errors
-/// [`ShmError::Os`] when there is none.
+/// [`ShmError::Os`] when it does not exist.
 pub fn free_bytes() -> Result<u64, ShmError> {
     let stat = rustix::fs::statvfs(SHM_FOLDER);
     let stat = stat.map_err(|source| ShmError::Os { action: "examine", name: SHM_FOLDER.to_owned(), source })?;

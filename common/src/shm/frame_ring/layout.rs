@@ -38,9 +38,9 @@ pub(super) struct RingLayout {
     pub(super) slots_offset: u64,
     pub(super) slot_bytes: u64,
     pub(super) color: u64,
-    /// 0 when there is none.
+    /// 0 without this plane.
     pub(super) depth: u64,
-    /// 0 when there is none.
+    /// 0 without this plane.
     pub(super) ground: u64,
     pub(super) total_bytes: u64,
 }
