@@ -10,11 +10,11 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Most pixels along one side that a picture may have; the device may allow fewer.
+/// Maximum number of pixels along one side of a picture; the device may allow fewer.
 pub const MAX_SIDE_PX: u32 = 65_536;
 
-/// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value;
-/// [`Camera::is_valid`] says whether it is a camera.
+/// A camera in the form that shared memory carries. 72 bytes, every bit pattern is a value;
+/// [`Camera::is_valid`] says whether it is a valid camera.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Camera {
@@ -33,14 +33,14 @@ pub struct Camera {
     pub width: u32,
     /// Height of the picture, pixels.
     pub height: u32,
-    /// When the pose was made, nanoseconds of the monotonic clock; 0 when time plays no part.
+    /// When the pose was made, nanoseconds of the monotonic clock; 0 in exact mode.
     pub timestamp_nanos: u64,
 }
 
 const _: () = assert!(size_of::<Camera>() == 72);
 
 impl Camera {
-    /// Whether every number is finite and in range; the reader of shared memory asks before use.
+    /// Whether every number is finite and in range. Readers of shared memory check this before use.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let finite = [self.heading_rad, self.pitch_rad, self.roll_rad, self.vfov_rad];
@@ -52,7 +52,7 @@ impl Camera {
             && (1..=MAX_SIDE_PX).contains(&self.height)
     }
 
-    /// Whether this is the same view as the other's, whenever each was made.
+    /// Whether both have the same view, regardless of their times.
     #[must_use]
     pub fn is_same_view(&self, other: &Self) -> bool {
         Self { timestamp_nanos: 0, ..*self } == Self { timestamp_nanos: 0, ..*other }

@@ -55,7 +55,7 @@ impl Workers {
 
     /// Processor time that work has taken since this was called last, of all threads together.
     pub fn take_busy(&self) -> Duration {
-        // Relaxed: whoever asks has waited for the work, and joins order what it did.
+        // Relaxed: the caller has waited for the work, and joins order what it did.
         Duration::from_nanos(self.busy_nanos.swap(0, Ordering::Relaxed))
     }
 

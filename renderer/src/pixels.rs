@@ -1,6 +1,6 @@
 //! Where a frame's pixels are until they have left the sink. A buffer is filled by one frame, then
-//! owned by whoever encodes it, then goes back to be filled again: pixels are never copied on their
-//! way to a sink. What no sink needs is not made ([`PixelPlaces`]).
+//! owned by the sink that encodes it, then goes back to be filled again: pixels are never copied on
+//! their way to a sink. What no sink needs is not made ([`PixelPlaces`]).
 
 use crate::gpu::{DevicePicture, Outputs, Readback};
 use terravision_common::rig::PictureLayout;

@@ -55,7 +55,8 @@ fn more_frames_take_no_more_allocations() {
         // The first run also pays for what the process needs once.
         allocations(10);
         let (short, long) = (allocations(20), allocations(220));
-        // A queue allocates the first time that somebody waits at it, which depends on timing: a few per run, none a frame.
+        // A queue allocates the first time that somebody waits at it, which depends on timing: a
+        // few per run, none a frame.
         assert!(long <= short + 4, "200 more frames allocated {} times", long as i64 - short as i64);
     }
 }

@@ -1,4 +1,5 @@
-//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never a panic.
+//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never
+//! a panic.
 
 mod support;
 
@@ -178,11 +179,12 @@ fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_gi
         let slots = with_view(&[slot]);
         slots.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
     };
-    // The end of a frame that did not fit into the ring, one that is done, and the first that is not.
+    // The end of a frame that did not fit into the ring, one that is done, and the first that is
+    // not.
     for slot in [tile(60), close(6, 61), marker(7, 1, 90), tile(90)] {
         assert_eq!(add(slot), Ok(false));
     }
-    assert_eq!(add(close(7, 91)), Ok(true), "read, for whoever reads to pass over");
+    assert_eq!(add(close(7, 91)), Ok(true), "read, for the reader to pass over");
     assert!(add(tile(100)).expect_err("within the ring").contains("found a tile"));
     assert_eq!(add(marker(8, 2, 104)), Ok(false));
     assert_eq!(add(tile(104)), Ok(false));

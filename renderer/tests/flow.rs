@@ -286,7 +286,8 @@ fn a_device_that_is_not_there_is_said() {
     assert!(error.to_string().starts_with("no Vulkan device matches \"abacus\"; there are: 0: "), "{error}");
 }
 
-/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or the run is stopped.
+/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or
+/// the run is stopped.
 fn feed(
     recording: &Arc<Recording>,
     stop_after: Option<usize>,
@@ -348,7 +349,8 @@ fn feed(
     }
 }
 
-/// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
+/// Plays a recording through shared memory of this process, as a preparer would, with small rings
+/// that fill up.
 fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<usize>) -> Lived {
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);

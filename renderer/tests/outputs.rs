@@ -1,4 +1,5 @@
-//! Pictures of several sizes from one engine, and pictures that are needed on the device, or nowhere.
+//! Pictures of several sizes from one engine, and pictures that are needed on the device, or
+//! nowhere.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 

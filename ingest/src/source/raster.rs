@@ -1,4 +1,4 @@
-//! One source file: everything about it that does not need an open handle.
+//! Description of a source file, without an open handle.
 
 use super::crs;
 use super::georef::{Affine, affine_of, bent};
@@ -10,7 +10,7 @@ use gdal::raster::{ColorInterpretation, GdalDataType};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use std::path::PathBuf;
 
-/// No raster is larger along a side; absurd sizes of damaged files end here.
+/// Upper bound of the side of a raster: rejects absurd sizes of damaged files.
 const MAX_SIDE: usize = 1 << 27;
 
 /// A source raster.
@@ -26,7 +26,7 @@ pub struct Raster {
     pub size: [usize; 2],
     /// First column and row of the part that is used.
     pub first: [usize; 2],
-    /// The part of the world that it may give data to, when the user gave bounds.
+    /// The part of the world for which it is used, when the user gave bounds.
     pub crop: Option<Crop>,
     /// From pixels to its CRS.
     pub affine: Affine,
@@ -38,13 +38,13 @@ pub struct Raster {
     pub epsg: Option<u32>,
     /// Whether the CRS is in degrees.
     pub is_geographic: bool,
-    /// What is known of its bands.
+    /// Descriptions of its bands.
     pub bands: Vec<BandInfo>,
     /// GDAL's name of the sample type.
     pub data_type: String,
 }
 
-/// What is known of a band.
+/// Description of a band.
 #[derive(Debug, Clone)]
 pub struct BandInfo {
     /// Sample type.
@@ -64,7 +64,7 @@ pub struct BandInfo {
 }
 
 impl Raster {
-    /// Looks at what was opened. `source_crs` is for files that lack a CRS.
+    /// Describes an opened dataset. `source_crs` is for files without a CRS.
     pub(super) fn of(found: &Found, source_crs: Option<&str>) -> Result<Self, IngestError> {
         let (dataset, path) = (&found.dataset, found.shown.as_path());
         let fail = |reason: String| IngestError::source(path, reason);
@@ -127,8 +127,8 @@ impl Raster {
         })
     }
 
-    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the
-    /// file. Without its full name, which may have a password in it.
+    /// An error with GDAL's message: `what` continues the sentence that begins with the file.
+    /// Without its full name, which may contain a password.
     pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
         let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
         IngestError::source(&self.path, format!("{what}: {reason}"))
@@ -162,7 +162,7 @@ impl Raster {
     }
 }
 
-/// What a band shows, as far as it matters here.
+/// The meaning of a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
     /// Red.
@@ -173,7 +173,7 @@ pub enum Shows {
     Blue,
     /// How opaque a pixel is.
     Alpha,
-    /// Anything else, or nobody knows.
+    /// Anything else, or unknown.
     Other,
 }
 

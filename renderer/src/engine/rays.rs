@@ -272,7 +272,7 @@ impl RaysEngine {
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
+            // A slot that was filled again meanwhile breaks the protocol: the picture is not shown.
             if pools.color(tile.color()).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }

@@ -1,8 +1,8 @@
 //! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used
 //! again.
 //!
-//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its
-//! numbers.
+//! Nothing that came through shared memory is trusted: code that gets a [`Frame`] may index with
+//! its numbers.
 
 mod check;
 mod error;

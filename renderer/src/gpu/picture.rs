@@ -125,7 +125,7 @@ impl DevicePicture {
     }
 
     /// Its pixels, `[height, width, 4]` bytes RGBA, row 0 at the top; waits for the device. For
-    /// tests and screenshots: whoever wants all frames reads them back.
+    /// tests and screenshots: a sink of all frames has them read back.
     ///
     /// # Errors
     /// Out of memory, or the device failed.

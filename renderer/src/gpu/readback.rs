@@ -1,6 +1,6 @@
 //! Buffers that finished pictures come back in, with all views of a frame. A read-back buffer is
-//! filled by one frame, then owned by whoever encodes it, then goes back to be filled again: pixels
-//! are never copied on their way to a sink.
+//! filled by one frame, then owned by the sink that encodes it, then goes back to be filled again:
+//! pixels are never copied on their way to a sink.
 
 use super::buffer::{Buffer, BufferUse};
 use super::device::Device;

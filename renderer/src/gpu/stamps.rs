@@ -59,7 +59,7 @@ impl Stamps {
     pub(super) unsafe fn begin(&mut self, commands: vk::CommandBuffer) {
         self.pieces.clear();
         let device = self.queries.device().raw();
-        // SAFETY: the caller's promise; the pool has so many queries.
+        // SAFETY: the caller's promise; the pool has this many queries.
         unsafe { device.cmd_reset_query_pool(commands, self.queries.get(), 0, MOST_STAMPS as u32) };
         // SAFETY: likewise.
         unsafe { self.write(commands, vk::PipelineStageFlags2::TOP_OF_PIPE, 0) };

@@ -9,7 +9,7 @@ use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 /// Most threads that write pictures into a folder.
 const MAX_WORKERS: usize = 4;
 
-/// The sinks of a run, one for each worker. So many frames were written by renderers before this
+/// The sinks of a run, one for each worker. This many frames were written by renderers before this
 /// one.
 ///
 /// # Errors
