@@ -72,8 +72,7 @@ struct ViewLevel {
 }
 
 impl LevelFunction {
-    /// The level functions for a frame of one view. `camera` is one that the caller has checked with [`Camera::is_valid`];
-    /// `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions for a frame of one view. `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -262,6 +261,7 @@ pub fn deepest_color_below(world: &World) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFields;
     use crate::world::WorldFields;
     use glam::DVec3;
     use proptest::prelude::*;
@@ -281,7 +281,7 @@ mod tests {
     }
 
     fn camera(eye: [f64; 3], angles: [f64; 3], vfov_rad: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: eye,
             heading_rad: angles[0],
             pitch_rad: angles[1],
@@ -290,7 +290,8 @@ mod tests {
             width: 1280,
             height: 720,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     fn measures() -> impl Strategy<Value = Measure> {

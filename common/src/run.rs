@@ -1,7 +1,7 @@
 //! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on the stage's
 //! command line.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraError};
 use crate::film::FrameEncoding;
 use crate::level::Measure;
 use crate::rate::RateSettings;
@@ -70,9 +70,11 @@ pub struct RealtimeConfig {
 
 impl RunConfig {
     /// The views of a frame whose pose is this camera's.
-    #[must_use]
-    pub fn views(&self, pose: &Camera) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(pose), |rig| rig.views(pose))
+    ///
+    /// # Errors
+    /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
+    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
     }
 
     /// Pixels of all views of a frame together.

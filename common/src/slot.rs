@@ -5,7 +5,7 @@
 //! bytes are. The reader ([`Slot::read`]) trusts none of them. A marker within a frame breaks that frame off, when it is of another preparer than
 //! the one that was killed in it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::ids::SlotKey;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
@@ -27,7 +27,7 @@ pub struct FrameMarker {
     pub frame: u64,
     /// The camera that the tree was made for: the pose that carries the frame's views. Heights of the frame's elevation arrays
     /// are metres above its eye; its own size and field of view are those of no picture.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
@@ -48,7 +48,7 @@ pub struct FrameMarker {
 #[repr(C)]
 pub struct ViewSlot {
     /// The camera that draws it, and the size of its picture.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Its upper left corner in the frame's picture, pixels.
     pub at: [u32; 2],
     /// Which of the frame's views it is, from 0.

@@ -5,7 +5,7 @@
 //! are present; a tree in which nothing is visible has no nodes at all. A reader checks every index
 //! ([`TreeNode::children`]) before it follows it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -61,7 +61,7 @@ pub struct TreeHeader {
     /// The frame that this tree is of.
     pub frame: u64,
     /// The camera that it was made for.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.

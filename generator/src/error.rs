@@ -1,5 +1,6 @@
 //! Why the generator gives up.
 
+use terravision_common::camera::CameraError;
 use terravision_common::database::DatabaseError;
 use terravision_common::rate::BadSettings;
 use terravision_common::shm::{ShmError, WaitError};
@@ -30,10 +31,12 @@ pub enum GeneratorError {
         expected: u64,
     },
     /// The launcher sent a camera that is not valid.
-    #[error("frame {frame} has no valid camera: a number in it is not finite or out of range")]
+    #[error("frame {frame} has no valid camera: {source}")]
     BadCamera {
         /// Its frame.
         frame: u64,
+        /// What is wrong with it, or with a view that it carries.
+        source: CameraError,
     },
 }
 

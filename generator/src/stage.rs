@@ -84,20 +84,17 @@ impl<R: HeightRanges> Generator<R> {
             if frame != self.next_frame {
                 return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
             }
-            (frame, camera)
+            (frame, Camera::new(camera).map_err(|source| GeneratorError::BadCamera { frame, source })?)
         };
-        if !camera.is_valid() || !self.config.views(&camera).cameras().all(Camera::is_valid) {
-            return Err(GeneratorError::BadCamera { frame });
-        }
+        let views = self.config.views(&camera).map_err(|source| GeneratorError::BadCamera { frame, source })?;
         self.next_frame = frame + 1;
         let mut half = trees.begin(control)?;
         let started_nanos = monotonic_nanos();
-        let views = self.config.views(&camera);
         let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let stats = self.traversal.build(&views, &level, &self.ranges, half.nodes_mut());
         let header = TreeHeader {
             frame,
-            camera,
+            camera: *camera.fields(),
             r_z_px,
             r_c_px,
             node_count: stats.node_count,

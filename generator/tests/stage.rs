@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use std::sync::Arc;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::Sequence;
 use terravision_common::level::Measure;
@@ -65,7 +65,7 @@ fn config(frames: [u64; 2]) -> RunConfig {
 }
 
 fn camera(k: u64) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [3000.0 + 20.0 * k as f64, 2000.0, 900.0],
         heading_rad: 0.02 * k as f64,
         pitch_rad: -0.4,
@@ -74,7 +74,8 @@ fn camera(k: u64) -> Camera {
         width: 640,
         height: 360,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 struct Sides {
@@ -107,6 +108,10 @@ fn generator(config: &RunConfig) -> Generator<SyntheticTerrain> {
 
 impl Sides {
     fn send(&mut self, frame: u64, camera: Camera) {
+        self.send_fields(frame, *camera.fields());
+    }
+
+    fn send_fields(&mut self, frame: u64, camera: CameraFields) {
         self.cameras.push(&CameraRecord { frame, camera }, &self.control).expect("room");
     }
 
@@ -123,7 +128,7 @@ fn cameras_become_trees_in_order() {
         let nodes = sides.frame().expect("a tree");
         let tree = sides.trees.next(&sides.control).expect("published");
         let header = *tree.header();
-        assert_eq!((header.frame, header.camera, header.node_count), (30 + k, camera(k), nodes));
+        assert_eq!((header.frame, header.camera, header.node_count), (30 + k, *camera(k).fields(), nodes));
         assert_eq!((header.r_z_px, header.r_c_px, header.is_cut_short), (10.0, 1.0, 0));
         assert!(nodes > 20 && tree.len() == nodes as usize && header.started_nanos <= header.finished_nanos);
         assert_eq!(tree[0].id(), Some(world().root()));
@@ -165,8 +170,8 @@ fn what_is_no_camera_or_not_the_next_is_refused() {
     wrong.send(31, camera(0));
     assert!(matches!(wrong.frame(), Err(GeneratorError::WrongFrame { found: 31, expected: 30 })));
     let mut bad = sides([30, 50]);
-    bad.send(30, Camera { pitch_rad: f64::NAN, ..camera(0) });
-    assert!(matches!(bad.frame(), Err(GeneratorError::BadCamera { frame: 30 })));
+    bad.send_fields(30, CameraFields { pitch_rad: f64::NAN, ..*camera(0).fields() });
+    assert!(matches!(bad.frame(), Err(GeneratorError::BadCamera { frame: 30, .. })));
 }
 
 #[test]
@@ -202,7 +207,7 @@ impl Sides {
     fn next(&mut self) -> (u64, Camera, f64) {
         self.frame().expect("a tree");
         let tree = self.trees.next(&self.control).expect("published");
-        (tree.header().frame, tree.header().camera, tree.header().r_z_px)
+        (tree.header().frame, Camera::new(tree.header().camera).expect("valid"), tree.header().r_z_px)
     }
 }
 

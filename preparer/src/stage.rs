@@ -16,6 +16,7 @@ use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
+use terravision_common::rig::Views;
 use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{Counter, ShmError, Stage, WaitError};
 use terravision_common::slot::{Slot, SlotContent};
@@ -176,7 +177,7 @@ impl<L: TileLoader> Preparer<L> {
         let half = trees.next(control)?;
         let header = *half.header();
         let frame = header.frame;
-        check_header(&header, expected, &self.config)?;
+        let (pose, views) = check_header(&header, expected, &self.config)?;
         let read = self.tree.read(half.nodes());
         read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
         self.next_frame = frame + 1;
@@ -191,10 +192,9 @@ impl<L: TileLoader> Preparer<L> {
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
-        let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
-        let views = self.config.views(&camera);
-        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
-        let request = FrameRequest { header: &header, views: &views, level: &level };
+        let TreeHeader { r_z_px, r_c_px, .. } = header;
+        let level = LevelFunction::for_views(&pose, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let request = FrameRequest { header: &header, pose: &pose, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
         // Of a frame that could not be made.
         self.slots.clear();
@@ -258,21 +258,20 @@ fn advice(config: &RunConfig) -> &'static str {
     }
 }
 
-/// In realtime mode frames may be left out.
-fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(), PreparerError> {
+/// The camera of a tree, and the views that it carries. In realtime mode frames may be left out.
+fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(Camera, Views), PreparerError> {
     let bad = |what| Err(PreparerError::BadHeader { frame, what });
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
     let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
     if header.frame != frame && !is_later {
         return bad("it belongs to another frame");
     }
-    if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
-        return bad("one of its cameras is not valid");
-    }
+    let cameras = Camera::new(header.camera).and_then(|pose| Ok((pose, config.views(&pose)?)));
+    let Ok(cameras) = cameras else { return bad("one of its cameras is not valid") };
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
         return bad("its screen resolutions are not positive numbers");
     }
-    Ok(())
+    Ok(cameras)
 }
 
 /// Prepares all frames of a run.

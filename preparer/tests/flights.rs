@@ -104,7 +104,7 @@ fn impossible_trees_and_headers_are_refused() {
         let write = parts.trees.write(&parts.control, |nodes| {
             let mut header = TreeHeader {
                 frame: 100,
-                camera: path(1)[0],
+                camera: *path(1)[0].fields(),
                 r_z_px: 1.0,
                 r_c_px: 1.0,
                 node_count: 1,

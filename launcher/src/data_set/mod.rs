@@ -100,7 +100,7 @@ impl DataSet {
         let fail = |source: io::Error| OutputError::Write { path: folder.join(FRAMES_FILE), source };
         // Another flight into this folder lists its frames before or after, not meanwhile.
         let lock = crate::output::FolderLock::wait(folder);
-        let flown: Vec<FlownFrame> = flown.iter().map(|flown| self.seen_by(flown)).collect();
+        let flown: Vec<FlownFrame> = flown.iter().filter_map(|flown| self.seen_by(flown)).collect();
         let head = self.head.clone().with_vfov(flown.first().map(|flown| &flown.camera));
         let (mut listing, dropped) = Listing::read(&folder.join(FRAMES_FILE), head, folder).map_err(fail)?;
         for flown in &flown {
@@ -117,10 +117,10 @@ impl DataSet {
         Ok(Listed { frames: listing.len(), dropped, has_transforms })
     }
 
-    /// The frame as the camera of these files has seen it.
-    fn seen_by(&self, flown: &FlownFrame) -> FlownFrame {
-        let camera = self.view.as_ref().map_or(flown.camera, |view| view.camera(&flown.camera));
-        FlownFrame { camera, ..*flown }
+    /// The frame as the camera of these files has seen it; `None` where the rig has no valid camera: then nothing was drawn.
+    fn seen_by(&self, flown: &FlownFrame) -> Option<FlownFrame> {
+        let camera = self.view.as_ref().map_or(Ok(flown.camera), |view| view.camera(&flown.camera)).ok()?;
+        Some(FlownFrame { camera, ..*flown })
     }
 
     /// The name of a frame's file, as seen from the folder of the listings.

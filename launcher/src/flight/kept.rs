@@ -116,9 +116,9 @@ fn flown<'a>(plan: &'a FlightPlan, stats: &'a RunStats) -> impl Iterator<Item = 
     let (first, fps) = (plan.config.frames[0], plan.config.fps);
     let planned = (first..).zip(&plan.cameras);
     let planned = planned.map(move |(frame, camera)| FlownFrame { frame, time_s: frame as f64 / fps, camera: *camera });
-    let since = stats.poses.first().map_or(0, |first| first.camera.timestamp_nanos);
+    let since = stats.poses.first().map_or(0, |first| first.camera.timestamp_nanos());
     // A sender without a clock is taken to have that of this machine, from its first pose.
-    let own = move |camera: &Camera| camera.timestamp_nanos.saturating_sub(since) as f64 / 1e9;
+    let own = move |camera: &Camera| camera.timestamp_nanos().saturating_sub(since) as f64 / 1e9;
     let timed = move |flown: &FlownFrame| {
         let time_s = if flown.time_s.is_finite() { flown.time_s } else { own(&flown.camera) };
         FlownFrame { time_s, ..*flown }

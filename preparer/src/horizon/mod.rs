@@ -104,9 +104,9 @@ impl Horizon {
     /// come near to far for this eye. Nothing is hidden then, nor from an eye beside the world, which may see under its edge,
     /// from one under the ground, nor in a steep view.
     pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
-        let (sin, cos) = camera.heading_rad.sin_cos();
+        let (sin, cos) = camera.heading_rad().sin_cos();
         let ahead = DVec2::new(sin, cos);
-        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
         let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
         let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
         let eye = camera.eye();

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, Sequence};
@@ -43,15 +43,18 @@ pub fn small_world() -> World {
 
 /// A path low over the terrain: the tree is another one in every frame.
 pub fn path(frames: u64) -> Vec<Camera> {
-    let at = |k: u64| Camera {
-        eye_in_world: [300.0 + 8.0 * k as f64, 200.0 + 5.0 * k as f64, 500.0],
-        heading_rad: 0.8 + 0.01 * k as f64,
-        pitch_rad: -0.5,
-        roll_rad: 0.0,
-        vfov_rad: 1.0,
-        width: 320,
-        height: 200,
-        timestamp_nanos: 0,
+    let at = |k: u64| {
+        Camera::new(CameraFields {
+            eye_in_world: [300.0 + 8.0 * k as f64, 200.0 + 5.0 * k as f64, 500.0],
+            heading_rad: 0.8 + 0.01 * k as f64,
+            pitch_rad: -0.5,
+            roll_rad: 0.0,
+            vfov_rad: 1.0,
+            width: 320,
+            height: 200,
+            timestamp_nanos: 0,
+        })
+        .expect("valid")
     };
     (0..frames).map(at).collect()
 }
@@ -286,7 +289,7 @@ impl Flight {
             let stats = traversal.build(&Views::single(camera), &level, &self.source.terrain, nodes);
             let [r_z_px, r_c_px] = R_PX;
             let node_count = stats.node_count;
-            TreeHeader { frame, camera: *camera, r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
+            TreeHeader { frame, camera: *camera.fields(), r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
         })
     }
 

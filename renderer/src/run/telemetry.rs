@@ -45,7 +45,7 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
         work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(last_finished)),
         interval_nanos: since_last,
         finished_nanos: finished.finished_nanos,
-        camera_nanos: finished.pose.timestamp_nanos,
+        camera_nanos: finished.pose.timestamp_nanos(),
     });
     let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
     let draw = draw.on_thread(1).of_frame(finished.frame);

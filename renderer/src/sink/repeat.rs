@@ -2,7 +2,6 @@
 //! picture is there once more, so that a film of them keeps the flight's time.
 
 use super::{FrameSink, Picture, Pixels, SinkError};
-use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
@@ -69,7 +68,7 @@ impl FrameSink for RepeatSink {
     fn finish(&mut self) -> Result<(), SinkError> {
         // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let (frame, rgba) = (self.next, &rgba);
             let last = Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: false };
             self.repeat(self.frames[1], &last)?;
@@ -117,7 +116,7 @@ mod tests {
     fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let picture =
                 Picture { frame, view: None, size: [1, 1], rgba: &rgba, reversed_depth: None, views, is_settled: true };
             sink.write(&picture).unwrap();

@@ -111,7 +111,7 @@ impl Collector {
         for pose in poses {
             let index = pose.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
             if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
-                frame.pose_nanos = pose.camera.timestamp_nanos;
+                frame.pose_nanos = pose.camera.timestamp_nanos();
             }
         }
     }

@@ -5,8 +5,7 @@ use crate::data_set::FlownFrame;
 use crate::measure::collector::Collector;
 use crate::measure::memory::MemoryPeaks;
 use crate::measure::stats::{PrefetchStats, TileStats};
-use bytemuck::Zeroable;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::level::Measure;
@@ -93,7 +92,8 @@ fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
     let mut stats = stats();
     const MS: u64 = 1_000_000;
     let pose = |frame, at: u64| {
-        let camera = Camera { timestamp_nanos: at * MS, ..Camera::zeroed() };
+        let camera =
+            Camera::new(CameraFields { timestamp_nanos: at * MS, ..*Camera::default().fields() }).expect("valid");
         FlownFrame { frame, time_s: 0.0, camera }
     };
     stats.collector.note_poses(&[pose(5, 101), pose(6, 117), pose(7, 118), pose(99, 1)]);
