@@ -59,7 +59,7 @@ fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Opt
 #[must_use]
 pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let srs = target.srs().ok()?;
-    let proj4 = target.crs.proj4.as_deref().unwrap_or_default();
+    let proj4 = target.crs().proj4.as_deref().unwrap_or_default();
     let lonlat = lonlat_of_body(proj4);
     let geographic = if lonlat == WGS84_LONLAT { SpatialRef::from_epsg(4326).ok()? } else { srs.geog_cs().ok()? };
     let geographic = traditional(geographic);
@@ -71,9 +71,9 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let places = truth.at(&checks);
     let from = Plane::parse(&lonlat).ok()?;
 
-    let plain = match target.crs.proj4.as_deref() {
+    let plain = match target.crs().proj4.as_deref() {
         Some(text) => Plane::parse(text).ok(),
-        None => target.crs.epsg.and_then(Plane::of_epsg),
+        None => target.crs().epsg.and_then(Plane::of_epsg),
     };
     let off = |plane: &Plane| largest_distance(checks.iter().map(|check| from.to(plane, *check).ok()), &places);
     let shift_m = plain.as_ref().and_then(off);
@@ -212,7 +212,7 @@ mod tests {
             origin: middle.map(|v| v - 50.0 * spacing_m),
             ..fields([100; 2], spacing_m, [16, 256])
         });
-        (TargetCrs::new(&parse("test", crs).unwrap()).unwrap(), world.unwrap())
+        (TargetCrs::new(&parse("test", crs).unwrap(), crs).unwrap(), world.unwrap())
     }
 
     #[test]

@@ -155,7 +155,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
         color_levels: Vec::new(),
         is_nested: false,
     };
-    let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
+    let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?, "EPSG:32632")?;
     let bulk = match options.is_bulk {
         true => Some(Bulk::new(world.color_stored(), QUALITY)),
         false => None,
@@ -343,7 +343,7 @@ mod tests {
         let mut heights = vec![0.0; (worlds[1].world().elevation_posts() as usize).pow(2)];
         worlds[1].read_elevation(far, &mut heights, &mut scratch).unwrap();
         assert!(heights.iter().all(|h| *h == PLAIN_M));
-        let sizes = worlds.each_ref().map(|db| db.manifest().elevation.archive.bytes);
+        let sizes = worlds.each_ref().map(|db| db.manifest().fields().elevation.archive.bytes);
         assert!(sizes[1] < 2 * sizes[0], "{sizes:?}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -380,7 +380,7 @@ mod tests {
         pictures.sort_unstable();
         pictures.dedup();
         assert_eq!([all.len(), pictures.len()], counts);
-        let bytes = database.manifest().color.archive.bytes / pictures.len() as u64;
+        let bytes = database.manifest().fields().color.archive.bytes / pictures.len() as u64;
         assert!((40_000..90_000).contains(&bytes), "{bytes} bytes a tile");
         std::fs::remove_dir_all(&folder).unwrap();
     }

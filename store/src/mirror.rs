@@ -28,7 +28,6 @@ pub type OnProgress<'a> = &'a mut dyn FnMut(u64, u64);
 pub(crate) struct OpenManifest {
     pub(crate) text: Bytes,
     pub(crate) manifest: Manifest,
-    pub(crate) world: World,
 }
 
 /// A folder that goes away with this value.
@@ -77,8 +76,7 @@ pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, St
     // What is no Unicode is no JSON either: the parser says so.
     let manifest = Manifest::parse(&String::from_utf8_lossy(&text))
         .map_err(|source| StoreError::Manifest { source, location: location.to_string() })?;
-    let world = manifest.geometry().map_err(|source| StoreError::World { source, location: location.to_string() })?;
-    Ok(OpenManifest { text, manifest, world })
+    Ok(OpenManifest { text, manifest })
 }
 
 /// The manifest on the server.
@@ -241,15 +239,17 @@ fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::
 /// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and no more than can be held. Nothing is read
 /// or allocated before.
 fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
-    NodeRanges::checked_bytes(&open.world, &open.manifest.nodes, open.manifest.is_sparse()).map_err(|error| {
-        let why = match error {
-            RangesError::Length { expected, found } => {
-                format!("the manifest says that it has {found} bytes, and its world needs {expected}")
-            }
-            error => error.to_string(),
-        };
-        FetchError::failed(Cause::Changed, why, network.transport().place(NODES_FILE))
-    })
+    NodeRanges::checked_bytes(open.manifest.world(), &open.manifest.fields().nodes, open.manifest.is_sparse()).map_err(
+        |error| {
+            let why = match error {
+                RangesError::Length { expected, found } => {
+                    format!("the manifest says that it has {found} bytes, and its world needs {expected}")
+                }
+                error => error.to_string(),
+            };
+            FetchError::failed(Cause::Changed, why, network.transport().place(NODES_FILE))
+        },
+    )
 }
 
 /// Reads the height ranges into a file, a few pieces at a time: what is in memory does not depend on how long they are.
@@ -262,7 +262,7 @@ async fn read_nodes(
 ) -> Result<(), Unfilled> {
     let failed =
         |cause, why: String| Unfilled::Network(FetchError::failed(cause, why, network.transport().place(NODES_FILE)));
-    let crc32 = open.manifest.nodes.crc32;
+    let crc32 = open.manifest.fields().nodes.crc32;
     let mut damages = 0;
     loop {
         file.restart()?;

@@ -236,8 +236,8 @@ impl Failed {
 /// Rasters of one folder or archive are tiles of one layer: one CRS, and no two at the same place (which would be a
 /// picture beside its elevation, or a mask).
 fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> {
-    let names = || list(&rasters.iter().map(|r| r.path.display().to_string()).collect::<Vec<_>>());
-    if rasters.iter().any(|r| r.wkt != rasters[0].wkt) {
+    let names = || list(&rasters.iter().map(|r| r.path().display().to_string()).collect::<Vec<_>>());
+    if rasters.iter().any(|r| r.wkt() != rasters[0].wkt()) {
         let reason =
             format!("has rasters of several coordinate reference systems in it: name those to use, {}", names());
         return Err(IngestError::source(whole, reason));
@@ -253,8 +253,8 @@ fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> 
 
 /// Two opposite corners, to about a thousandth of the raster's size.
 fn place(raster: &Raster) -> [i64; 4] {
-    let [w, h] = raster.size.map(|v| v as f64);
-    let (a, b) = (raster.affine.apply(0.0, 0.0), raster.affine.apply(w, h));
+    let [w, h] = raster.size().map(|v| v as f64);
+    let (a, b) = (raster.affine().apply(0.0, 0.0), raster.affine().apply(w, h));
     let unit = [(b[0] - a[0]).abs(), (b[1] - a[1]).abs()].map(|v| (v / 100.0).max(f64::MIN_POSITIVE));
     let low = [a[0].min(b[0]), a[1].min(b[1])];
     [low[0] / unit[0], low[1] / unit[1], unit[0].log2() * 20.0, unit[1].log2() * 20.0].map(|v| v.round() as i64)

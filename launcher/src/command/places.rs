@@ -41,7 +41,7 @@ impl Places {
     /// Works them out. Blocks on storage.
     #[must_use]
     pub fn of(database: &Store) -> Self {
-        let (manifest, world) = (database.manifest(), database.world());
+        let (manifest, world) = (database.manifest().fields(), database.world());
         let way = Way::of(manifest.crs.proj4.as_deref(), manifest.crs.epsg, manifest.lonlat.as_ref());
         let is_here = database.location().as_path().is_some();
         let [low, high] = manifest.elevation.range_m;

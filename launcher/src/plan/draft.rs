@@ -226,7 +226,7 @@ impl<'a> Draft<'a> {
         RenderConfig {
             technique: choice.technique,
             rays: choice.rays,
-            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().body.name),
+            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().fields().body.name),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
             samples: choice.samples,
             has_tree_overlay: picture.overlay == Some(Overlay::Tree),
