@@ -12,16 +12,32 @@ use terravision_common::stage::StageError;
 pub enum GeneratorError {
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// Why.
+        #[from]
+        source: DatabaseError,
+    },
     /// A segment cannot be opened.
     #[error(transparent)]
-    Shm(#[from] ShmError),
+    Shm {
+        /// Why.
+        #[from]
+        source: ShmError,
+    },
     /// The run ended.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
     /// The rate control cannot work with the run's settings.
     #[error(transparent)]
-    Rate(#[from] BadSettings),
+    Rate {
+        /// Which of them.
+        #[from]
+        source: BadSettings,
+    },
     /// The launcher sent another frame than the next.
     #[error("the launcher sent the camera of frame {found}, expected frame {expected}")]
     WrongFrame {
@@ -42,6 +58,6 @@ pub enum GeneratorError {
 
 impl StageError for GeneratorError {
     fn is_stopping(&self) -> bool {
-        matches!(self, Self::Wait(wait) if wait.is_stopping())
+        matches!(self, Self::Wait { source } if source.is_stopping())
     }
 }

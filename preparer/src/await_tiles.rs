@@ -1,7 +1,7 @@
 //! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be unavailable.
 
 use crate::frame_tree::Tile;
-use crate::loader::{LoadError, TileLoader, TileState};
+use crate::loader::{TileLoader, TileState};
 use std::time::{Duration, Instant};
 use terravision_common::database::Layer;
 use terravision_common::ids::{FrameNumber, Sequence};
@@ -43,15 +43,13 @@ pub enum AwaitError {
         /// What the pool holds.
         capacity: u64,
     },
-    /// The loader cannot go on.
+    /// The run ended.
     #[error(transparent)]
-    Load(#[from] LoadError),
-}
-
-impl From<WaitError> for AwaitError {
-    fn from(wait: WaitError) -> Self {
-        Self::Load(wait.into())
-    }
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
 }
 
 /// Waits for tiles; keeps its buffers.
@@ -265,12 +263,12 @@ mod tests {
 
         fn ask(&mut self, _frame: FrameNumber, _sequence: Sequence) {}
 
-        fn wait(&mut self, _control: &Control) -> Result<(), LoadError> {
+        fn wait(&mut self, _control: &Control) -> Result<(), WaitError> {
             self.round += 1;
             Ok(())
         }
 
-        fn drain(&mut self) -> Result<(), LoadError> {
+        fn drain(&mut self) -> Result<(), WaitError> {
             Ok(())
         }
 

@@ -4,8 +4,8 @@ use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
 use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameRequest};
 use crate::frame_tree::FrameTree;
+use crate::loader::TileLoader;
 use crate::loader::wanted::WantedTiles;
-use crate::loader::{LoadError, TileLoader};
 use crate::ports::Ports;
 use crate::resident_tiles::pin_resident;
 use crate::rings::{Rings, SLOTS_AT_ONCE};
@@ -33,16 +33,32 @@ const START_PATIENCE: Duration = Duration::from_secs(60);
 pub enum PreparerError {
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// Why.
+        #[from]
+        source: DatabaseError,
+    },
     /// A segment cannot be opened.
     #[error(transparent)]
-    Shm(#[from] ShmError),
+    Shm {
+        /// Why.
+        #[from]
+        source: ShmError,
+    },
     /// The run ended while a tree was waited for.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
     /// Tiles cannot be read.
     #[error(transparent)]
-    Await(#[from] AwaitError),
+    Await {
+        /// Why.
+        #[from]
+        source: AwaitError,
+    },
     /// A frame cannot be made.
     #[error("frame {frame} cannot be prepared: {source}")]
     Frame {
@@ -84,17 +100,17 @@ pub enum PreparerError {
 impl StageError for PreparerError {
     fn is_stopping(&self) -> bool {
         let wait = match self {
-            Self::Wait(wait)
-            | Self::Await(AwaitError::Load(LoadError::Wait(wait)))
-            | Self::Frame { source: FrameError::Wait(wait), .. } => wait,
+            Self::Wait { source }
+            | Self::Await { source: AwaitError::Wait { source } }
+            | Self::Frame { source: FrameError::Wait { source }, .. } => source,
             _ => return false,
         };
         wait.is_stopping()
     }
 
     fn is_bad_input(&self) -> bool {
-        let too_much = |error: &AwaitError| !matches!(error, AwaitError::Load(_));
-        matches!(self, Self::Await(error) if too_much(error))
+        let too_much = |error: &AwaitError| !matches!(error, AwaitError::Wait { .. });
+        matches!(self, Self::Await { source } if too_much(source))
     }
 }
 
@@ -186,7 +202,7 @@ impl<L: TileLoader> Preparer<L> {
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
             let missing = pin_resident(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control);
-            missing.map_err(AwaitError::from)?
+            missing?
         } else {
             self.wait.settle_frame(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control)?
         };
@@ -202,7 +218,7 @@ impl<L: TileLoader> Preparer<L> {
         let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
-            FrameError::RootMissing(source) => {
+            FrameError::RootMissing { source } => {
                 PreparerError::RootMissing { frame, source, advice: advice(&self.config) }
             }
             source => PreparerError::Frame { frame, source },

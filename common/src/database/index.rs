@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 pub struct Index {
     path: PathBuf,
     manifest: Manifest,
-    world: World,
     ranges: NodeRanges,
 }
 
@@ -27,9 +26,9 @@ impl Index {
     /// Reads what belongs to a manifest that has been read.
     pub(super) fn of_manifest(path: &Path, manifest: Manifest) -> Result<Self, DatabaseError> {
         let nodes_path = path.join(NODES_FILE);
-        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.fields().nodes, manifest.is_sparse())
+        let ranges = NodeRanges::read(&nodes_path, manifest.world(), &manifest.fields().nodes, manifest.is_sparse())
             .map_err(|source| DatabaseError::Ranges { source, path: nodes_path })?;
-        Ok(Self { path: path.to_owned(), manifest, world, ranges })
+        Ok(Self { path: path.to_owned(), manifest, ranges })
     }
 
     /// The folder that it is in.
@@ -47,7 +46,7 @@ impl Index {
     /// The database's geometry.
     #[must_use]
     pub fn world(&self) -> &World {
-        &self.world
+        self.manifest.world()
     }
 
     /// Lowest and highest ground under each node.

@@ -32,13 +32,25 @@ pub enum FrameError {
     },
     /// The root is not there.
     #[error(transparent)]
-    RootMissing(#[from] RootMissing),
+    RootMissing {
+        /// Which tile.
+        #[from]
+        source: RootMissing,
+    },
     /// A tile went away.
     #[error(transparent)]
-    TileVanished(#[from] TileVanished),
+    TileVanished {
+        /// Which.
+        #[from]
+        source: TileVanished,
+    },
     /// The run ended while a ring was full.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
 }
 
 /// Where a frame goes: the elevation ring and the ring of slots.

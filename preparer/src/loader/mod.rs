@@ -38,15 +38,6 @@ pub enum TileState {
     },
 }
 
-/// Why tiles cannot be waited for.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum LoadError {
-    /// The run ended.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
-}
-
 /// Has tiles brought into the pools. Used by the preparer's one thread.
 pub trait TileLoader: Tiles {
     /// Frame `frame`, at place `sequence` of the run, wants a tile: keeps it when it is there, and remembers to ask for it
@@ -59,14 +50,14 @@ pub trait TileLoader: Tiles {
     /// Waits until a tile that was asked for has come or failed, or a moment has passed.
     ///
     /// # Errors
-    /// [`LoadError`].
-    fn wait(&mut self, control: &Control) -> Result<(), LoadError>;
+    /// The run ended.
+    fn wait(&mut self, control: &Control) -> Result<(), WaitError>;
 
     /// Takes in what became of tiles that were asked for, before they are wanted again.
     ///
     /// # Errors
-    /// [`LoadError`].
-    fn drain(&mut self) -> Result<(), LoadError>;
+    /// The run ended.
+    fn drain(&mut self) -> Result<(), WaitError>;
 
     /// Number of tiles that the frame has found to be loading since the last [`TileLoader::drain`].
     fn in_flight(&self) -> usize;

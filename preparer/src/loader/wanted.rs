@@ -1,6 +1,6 @@
 //! The loader of a run: the pools as a reader sees them, the want list that the prefetcher reads, and what it answers.
 
-use super::{LoadError, TileLoader, TileState};
+use super::{TileLoader, TileState};
 use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
@@ -174,7 +174,7 @@ impl TileLoader for WantedTiles {
         }
     }
 
-    fn wait(&mut self, control: &Control) -> Result<(), LoadError> {
+    fn wait(&mut self, control: &Control) -> Result<(), WaitError> {
         control.awaits(Activity::Awaits(Stage::Prefetcher));
         if self.outcomes.wait(control)? {
             self.waits_with_dead_peer = 0;
@@ -188,17 +188,17 @@ impl TileLoader for WantedTiles {
             0
         };
         if self.waits_with_dead_peer >= PEER_GRACE {
-            return Err(WaitError::PeerGone { stage: Stage::Prefetcher }.into());
+            return Err(WaitError::PeerGone { stage: Stage::Prefetcher });
         }
         Ok(())
     }
 
-    fn drain(&mut self) -> Result<(), LoadError> {
+    fn drain(&mut self) -> Result<(), WaitError> {
         self.missing.clear();
         self.loading = 0;
         // At most a ring full at a time, so that a prefetcher that floods it cannot keep the frame from being made.
         for _ in 0..self.outcomes.capacity() {
-            match self.outcomes.try_pop().map_err(WaitError::from)? {
+            match self.outcomes.try_pop()? {
                 Some(outcome) => self.take(&outcome),
                 None => break,
             }
