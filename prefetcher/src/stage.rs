@@ -1,11 +1,11 @@
 //! The prefetcher as a stage of a run.
 
-use crate::ahead::Ahead;
 use crate::executor::{ExecutorError, Workers};
 use crate::ports::Ports;
+use crate::prediction::Ahead;
 use crate::scheduler::{CYCLE_NANOS, Scheduler};
 use crate::source::PayloadSource;
-use crate::usage::Usage;
+use crate::store_usage::StoreUsage;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::database::Layer;
@@ -87,7 +87,7 @@ pub fn serve<S: PayloadSource>(
     tracing::debug!(prediction = config.prefetch.prediction.name(), threads = config.decoder_threads, "serves tiles");
     let ahead = Ahead::new(world, ranges, config, path);
     let cycle_end = monotonic_nanos() + CYCLE_NANOS;
-    let usage = Usage::default();
+    let usage = StoreUsage::default();
     let mut service = Service { control, wants, outcomes, events, executor, scheduler, ahead, usage, cycle_end };
     let served = service.run();
     service.usage.publish(service.executor.source(), &service.control, &mut service.events);
@@ -103,7 +103,7 @@ struct Service<S, R> {
     executor: Workers<S>,
     scheduler: Scheduler,
     ahead: Ahead<R>,
-    usage: Usage,
+    usage: StoreUsage,
     /// Nanoseconds of the monotonic clock.
     cycle_end: u64,
 }

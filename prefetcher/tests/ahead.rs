@@ -12,8 +12,8 @@ use terravision_common::run::Prediction;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::TreeNode;
-use terravision_prefetcher::lookahead::{Lookahead, Resolution};
-use terravision_prefetcher::track::CameraTrack;
+use terravision_prefetcher::prediction::CameraTrack;
+use terravision_prefetcher::prediction::{Resolution, WantedTiles};
 
 const SEC: u64 = 1_000_000_000;
 
@@ -103,7 +103,7 @@ fn a_view_wants_what_its_tree_wants_coarse_to_fine() {
     let world = world();
     let terrain = SyntheticTerrain::new(&world, Relief::Mountains { height_m: 300.0 }, 3);
     let limits = TreeLimits { nodes: 20_000, elevation_leaves: 20_000 };
-    let mut lookahead = Lookahead::new(&world, terrain, limits);
+    let mut lookahead = WantedTiles::new(&world, terrain, limits);
     let resolution = Resolution { r_z_px: 10.0, r_c_px: 1.0, exaggeration: 1.0, measure: Measure::Area };
     for (north, heading) in [(1000.0, 0.0), (2500.0, 2.0), (4000.0, 4.0)] {
         let camera = camera(north, heading, 0.0);

@@ -15,7 +15,6 @@ use terravision_common::database::{
     Index, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, ManifestError, NODES_FILE, NodeRanges, RangesError,
 };
 use terravision_common::files::{private_folder, read_bounded, temporary_folder};
-use terravision_common::world::World;
 
 /// The file of height ranges is read in pieces of this size, a few at a time.
 const PART_BYTES: u64 = 1 << 20;

@@ -87,7 +87,7 @@ impl Elevation<'_> {
         let summary = Summary { voids, range, source_range };
         if range[0] > range[1] {
             let reason = "has no elevation data: every sample is \"no data\"";
-            return Err(IngestError::source(&self.sources[0].0.path, reason));
+            return Err(IngestError::source(self.sources[0].0.path(), reason));
         }
         let levels = if voids > 0 { self.fill(pyramid, range)? } else { pyramid.levels };
         Ok(ElevationLevels { levels, nodes, summary, void_area_m2 })

@@ -164,7 +164,7 @@ impl Raster {
     /// Whether a sample of a band is data, as far as its nodata value tells.
     #[must_use]
     pub fn is_data(&self, band: usize, sample: f32) -> bool {
-        sample.is_finite() && self.bands[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
+        sample.is_finite() && self.bands()[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
     }
 }
 

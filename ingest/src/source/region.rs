@@ -3,9 +3,9 @@
 //! First in longitude and latitude (or the CRS of the bounds), so that the world's plane is chosen for that part; then as
 //! a rectangle of the world's CRS, which is what the world covers and what sources are read for.
 
+use super::TargetCrs;
 use super::crs::{body_of, parse};
 use super::raster::{Raster, traditional};
-use super::{Affine, TargetCrs};
 use crate::error::{IngestError, gdal_message};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use std::sync::Arc;

@@ -93,7 +93,7 @@ impl ElevationValues {
         work: &Work,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let band = raster.bands()[0];
+        let band = &raster.bands()[0];
         if band.palette.is_some() {
             note(Note::Warning(format!("{} has a palette: its indices are taken as heights", raster.path().display())));
         }

@@ -3,7 +3,7 @@
 use super::request_table::State;
 use super::{Priority, Scheduler, TileEvent};
 use crate::executor::{DecodeJob, Ended, Executor};
-use crate::window::CycleNumber;
+use crate::request_window::CycleNumber;
 use bytes::Bytes;
 use terravision_common::database::Tile;
 use terravision_common::ids::{FrameNumber, Sequence, SlotKey};

@@ -27,7 +27,7 @@ mod event;
 mod request_table;
 
 use crate::executor::{Ended, Executor};
-use crate::window::Window;
+use crate::request_window::RequestWindow;
 pub use event::TileEvent;
 use request_table::RequestTable;
 use std::collections::HashSet;
@@ -69,7 +69,7 @@ pub struct Scheduler {
     head: WantHead,
     table: RequestTable,
     locked: HashSet<Tile>,
-    window: Window,
+    window: RequestWindow,
     /// Time from request to residency, smoothed.
     latency_nanos: Option<f64>,
     /// Tiles of a list were passed over because too many of their layer are held.
@@ -100,7 +100,7 @@ impl Scheduler {
             head: WantHead::default(),
             table: RequestTable::default(),
             locked: top.iter().copied().collect(),
-            window: Window::new(CYCLE_NANOS),
+            window: RequestWindow::new(CYCLE_NANOS),
             latency_nanos: None,
             is_passed_over: false,
             room_ahead: [0; 2],
@@ -120,7 +120,7 @@ impl Scheduler {
 
     /// The window of requests.
     #[must_use]
-    pub fn window(&self) -> &Window {
+    pub fn window(&self) -> &RequestWindow {
         &self.window
     }
 

@@ -1,7 +1,7 @@
 //! The request table: what is listed, what is on its way, and how far it has come.
 
 use super::Priority;
-use crate::window::CycleNumber;
+use crate::request_window::CycleNumber;
 use bytes::Bytes;
 use std::collections::{HashMap, HashSet};
 use terravision_common::database::Tile;

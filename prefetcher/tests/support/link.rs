@@ -16,11 +16,11 @@ use terravision_common::shm::{Control, Counter, PoolIndex, WantHead, memory};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::TreeLimits;
 use terravision_common::world::World;
-use terravision_prefetcher::ahead::ahead_secs;
 use terravision_prefetcher::executor::{DecodeJob, Ended, Executor};
-use terravision_prefetcher::lookahead::{Lookahead, Resolution};
+use terravision_prefetcher::prediction::CameraTrack;
+use terravision_prefetcher::prediction::ahead_secs;
+use terravision_prefetcher::prediction::{Resolution, WantedTiles};
 use terravision_prefetcher::scheduler::{CYCLE_NANOS, Scheduler};
-use terravision_prefetcher::track::CameraTrack;
 use terravision_store::patience;
 use terravision_testkit::worlds;
 
@@ -226,7 +226,7 @@ pub const RESOLUTION: Resolution = Resolution { r_z_px: 12.0, r_c_px: 1.5, exagg
 pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight: Foresight) -> Flown {
     let world = world();
     let terrain = SyntheticTerrain::new(&world, Relief::Mountains { height_m: 20.0 }, 1);
-    let (mut eye, mut ahead) = (Lookahead::new(&world, terrain, LIMITS), Lookahead::new(&world, terrain, LIMITS));
+    let (mut eye, mut ahead) = (WantedTiles::new(&world, terrain, LIMITS), WantedTiles::new(&world, terrain, LIMITS));
     let (elevation_writer, elevation) = memory::pool(8192, SLOT_BYTES).expect("valid");
     let (color_writer, colors) = memory::pool(1024, SLOT_BYTES).expect("valid");
     let mut pools = [PoolIndex::new(elevation), PoolIndex::new(colors)];

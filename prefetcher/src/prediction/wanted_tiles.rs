@@ -25,7 +25,7 @@ pub struct Resolution {
 
 /// Searches views; keeps its buffers.
 #[derive(Debug)]
-pub struct Lookahead<R> {
+pub struct WantedTiles<R> {
     world: World,
     ranges: R,
     traversal: Traversal,
@@ -34,7 +34,7 @@ pub struct Lookahead<R> {
     tiles: Vec<Tile>,
 }
 
-impl<R: HeightRanges> Lookahead<R> {
+impl<R: HeightRanges> WantedTiles<R> {
     /// For views of a world whose nodes have these ranges of height.
     #[must_use]
     pub fn new(world: &World, ranges: R, limits: TreeLimits) -> Self {

@@ -41,7 +41,7 @@ impl Cycle {
 
 /// The window of requests.
 #[derive(Debug)]
-pub struct Window {
+pub struct RequestWindow {
     n: f64,
     cycle_nanos: u64,
     /// Number of the first of `cycles`.
@@ -59,7 +59,7 @@ pub struct Window {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CycleNumber(u64);
 
-impl Window {
+impl RequestWindow {
     /// A window whose cycles are this long.
     #[must_use]
     pub fn new(cycle_nanos: u64) -> Self {

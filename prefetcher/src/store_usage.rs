@@ -12,12 +12,12 @@ use terravision_store::{Cause, StoreStats};
 
 /// What has been told so far.
 #[derive(Debug, Default)]
-pub struct Usage {
+pub struct StoreUsage {
     told: StoreStats,
     failures: BTreeMap<Cause, u64>,
 }
 
-impl Usage {
+impl StoreUsage {
     /// Tells what is new since the last call.
     pub fn publish(&mut self, source: &impl PayloadSource, control: &Control, events: &mut Events) {
         let (now, told) = (source.stats(), std::mem::take(&mut self.told));
