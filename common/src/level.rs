@@ -72,7 +72,8 @@ struct ViewLevel {
 }
 
 impl LevelFunction {
-    /// The level functions for a frame of one view. `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions for a frame of one view. `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are
+    /// positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,

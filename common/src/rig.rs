@@ -123,9 +123,13 @@ impl Rig {
     /// # Errors
     /// [`CameraError`] of the first view that is not a camera from there.
     pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
-        let views = self.views.iter().take(MAX_VIEWS);
-        let views = views.map(|view| Ok(View { camera: view.camera(pose)?, at: view.at }));
-        Ok(Views::new(views.collect::<Result<Vec<_>, _>>()?).unwrap_or(Views::single(pose)))
+        let mut is_lost = Ok(());
+        // Without a list on the way: a frame allocates nothing.
+        let views = Views::new(self.views.iter().take(MAX_VIEWS).map_while(|view| {
+            let camera = view.camera(pose).map_err(|error| is_lost = Err(error)).ok()?;
+            Some(View { camera, at: view.at })
+        }));
+        is_lost.map(|()| views.unwrap_or(Views::single(pose)))
     }
 
     /// Width and height of the picture that holds all views, pixels.
