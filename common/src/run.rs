@@ -3,11 +3,13 @@
 
 use crate::camera::{Camera, CameraError};
 use crate::film::FrameEncoding;
+use crate::ids::FrameNumber;
 use crate::level::Measure;
 use crate::rate::RateSettings;
 use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// End of the frames of a flight of which nobody knows the number beforehand: another program sends the poses.
@@ -75,6 +77,13 @@ impl RunConfig {
     /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
     pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
         self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
+    }
+
+    /// Numbers of the run's frames.
+    #[must_use]
+    pub fn frame_numbers(&self) -> Range<FrameNumber> {
+        let [first, end] = self.frames.map(FrameNumber::new);
+        first..end
     }
 
     /// Pixels of all views of a frame together.

@@ -2,6 +2,7 @@
 
 use terravision_common::camera::CameraError;
 use terravision_common::database::DatabaseError;
+use terravision_common::ids::FrameNumber;
 use terravision_common::rate::BadSettings;
 use terravision_common::shm::{ShmError, WaitError};
 use terravision_common::stage::StageError;
@@ -42,15 +43,15 @@ pub enum GeneratorError {
     #[error("the launcher sent the camera of frame {found}, expected frame {expected}")]
     WrongFrame {
         /// The frame that was sent.
-        found: u64,
+        found: FrameNumber,
         /// The next one.
-        expected: u64,
+        expected: FrameNumber,
     },
     /// The launcher sent a camera that is not valid.
     #[error("frame {frame} has no valid camera: {source}")]
     BadCamera {
         /// Its frame.
-        frame: u64,
+        frame: FrameNumber,
         /// What is wrong with it, or with a view that it carries.
         source: CameraError,
     },

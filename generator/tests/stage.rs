@@ -134,7 +134,7 @@ fn cameras_become_trees_in_order() {
         assert_eq!(tree[0].id(), Some(world().root()));
     }
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
-    assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
+    assert_eq!(told.iter().map(|e| e.frame().get()).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
     let span = EventContent::Span { name: SpanName::Generate, node: None };
     assert!(told.iter().all(|event| event.content() == Some(span)));
 }
@@ -168,10 +168,12 @@ fn a_generator_after_another_goes_on_behind_its_trees() {
 fn what_is_no_camera_or_not_the_next_is_refused() {
     let mut wrong = sides([30, 50]);
     wrong.send(31, camera(0));
-    assert!(matches!(wrong.frame(), Err(GeneratorError::WrongFrame { found: 31, expected: 30 })));
+    let refused = wrong.frame().expect_err("refused").to_string();
+    assert_eq!(refused, "the launcher sent the camera of frame 31, expected frame 30");
     let mut bad = sides([30, 50]);
     bad.send_fields(30, CameraFields { pitch_rad: f64::NAN, ..*camera(0).fields() });
-    assert!(matches!(bad.frame(), Err(GeneratorError::BadCamera { frame: 30, .. })));
+    let refused = bad.frame().expect_err("refused").to_string();
+    assert_eq!(refused, "frame 30 has no valid camera: its pitch is NaN, expected a finite angle");
 }
 
 #[test]
@@ -229,7 +231,7 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     assert!(!sides.generator.has_next());
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
     let is_camera = |event: &&Event| matches!(event.content(), Some(EventContent::FrameCamera { .. }));
-    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame).collect();
+    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame().get()).collect();
     assert_eq!(cameras, [30, 32, 34]);
 }
 

@@ -63,7 +63,7 @@ pub enum PreparerError {
     #[error("frame {frame} cannot be prepared: {source}")]
     Frame {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Why.
         #[source]
         source: FrameError,
@@ -72,7 +72,7 @@ pub enum PreparerError {
     #[error("frame {frame} cannot be prepared: {source}{advice}")]
     RootMissing {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// What is missing.
         #[source]
         source: RootMissing,
@@ -83,7 +83,7 @@ pub enum PreparerError {
     #[error("the header of the generator's tree for frame {frame} cannot be used: {what}")]
     BadHeader {
         /// The frame that was expected.
-        frame: u64,
+        frame: FrameNumber,
         /// What is wrong with it.
         what: &'static str,
     },
@@ -124,7 +124,7 @@ pub struct Preparer<L> {
     tree: FrameTree,
     maker: FrameMaker,
     slots: Vec<Slot>,
-    next_frame: u64,
+    next_frame: FrameNumber,
 }
 
 impl<L: TileLoader> Preparer<L> {
@@ -167,13 +167,15 @@ impl<L: TileLoader> Preparer<L> {
     /// Goes on behind the frames that preparers before this one have made whole. One that was begun is made again: its
     /// tree was not given back.
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
-        let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
             // What is not a frame of the run says nothing about where to go on.
-            Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
-                // Killed between the frame and giving back its tree?
-                ports.trees.return_tree_of(last.frame)?;
-                self.next_frame = self.next_frame.max(last.frame + 1);
+            Some(SlotContent::End(last)) => {
+                let last = FrameNumber::new(last.frame);
+                if self.config.frame_numbers().contains(&last) {
+                    // Killed between the frame and giving back its tree?
+                    ports.trees.return_tree_of(last)?;
+                    self.next_frame = self.next_frame.max(last.next());
+                }
                 Ok(())
             }
             _ => Ok(()),
@@ -192,19 +194,19 @@ impl<L: TileLoader> Preparer<L> {
         let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
-        let frame = header.frame;
+        let frame = FrameNumber::new(header.frame);
         let (pose, views) = check_header(&header, expected, &self.config)?;
         let read = self.tree.read(half.nodes());
         read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
-        self.next_frame = frame + 1;
+        self.next_frame = frame.next();
         let started = monotonic_nanos();
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let missing = pin_resident(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control);
+            let missing = pin_resident(wanted, &mut self.loader, frame, sequence, control);
             missing?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control)?
+            self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
@@ -239,14 +241,14 @@ impl<L: TileLoader> Preparer<L> {
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
-        tracing::trace!(frame, ?counts, "frame is in the ring");
+        tracing::trace!(frame = frame.get(), ?counts, "frame is in the ring");
         Ok(counts)
     }
 
     /// Whether frames of the run are still to come.
     #[must_use]
     pub fn has_next(&self) -> bool {
-        self.next_frame < self.config.frames[1]
+        self.next_frame < self.config.frame_numbers().end
     }
 
     /// The loader.
@@ -275,11 +277,12 @@ fn advice(config: &RunConfig) -> &'static str {
 }
 
 /// The camera of a tree, and the views that it carries. In realtime mode frames may be left out.
-fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(Camera, Views), PreparerError> {
+fn check_header(header: &TreeHeader, frame: FrameNumber, config: &RunConfig) -> Result<(Camera, Views), PreparerError> {
     let bad = |what| Err(PreparerError::BadHeader { frame, what });
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
-    let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
-    if header.frame != frame && !is_later {
+    let found = FrameNumber::new(header.frame);
+    let is_later = config.realtime.is_some() && (frame..config.frame_numbers().end).contains(&found);
+    if found != frame && !is_later {
         return bad("it belongs to another frame");
     }
     let cameras = Camera::new(header.camera).and_then(|pose| Ok((pose, config.views(&pose)?)));

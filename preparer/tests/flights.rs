@@ -5,7 +5,7 @@ mod support;
 
 use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
 use terravision_common::event::{Event, EventContent, SpanName};
-use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::shm::RunState;
 use terravision_common::stage::StageError;
@@ -74,7 +74,8 @@ fn a_frame_that_no_pool_can_hold_is_an_error_that_says_so() {
 fn without_the_tiles_of_the_root_there_is_no_picture() {
     let source = Source { is_root_missing: true, ..Source::new(0) };
     let error = Flight { source, ..Flight::new() }.fly().expect_err("no root");
-    let PreparerError::RootMissing { frame: 100, .. } = error else { panic!("{error}") };
+    let PreparerError::RootMissing { frame, .. } = error else { panic!("{error}") };
+    assert_eq!(frame, FrameNumber::new(100));
     let told = error.to_string();
     assert!(told.contains("colour tile of the root") && told.ends_with("; ingest the world again"), "{told}");
 }

@@ -100,7 +100,7 @@ impl Entry {
         let camera = &flown.camera;
         let eye = eye_in_crs(camera, origin);
         Self {
-            frame: flown.frame,
+            frame: flown.frame.get(),
             time_s: flown.time_s,
             x: eye.x,
             y: eye.y,

@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::run::Prediction;
 use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
 
@@ -197,7 +197,7 @@ impl Cockpit {
                     } else if !self.push(self.first + poses, camera) {
                         break;
                     } else if flown.len() < MAX_FRAMES as usize {
-                        flown.push(FlownFrame { frame: self.first + poses, time_s, camera });
+                        flown.push(FlownFrame { frame: FrameNumber::new(self.first + poses), time_s, camera });
                     }
                     poses += 1;
                     last_work = Instant::now();
