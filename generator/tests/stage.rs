@@ -5,63 +5,24 @@ use std::sync::Arc;
 use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::Sequence;
-use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{
-    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
-};
+use terravision_common::run::{RealtimeConfig, RunConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
-use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::TreeLimits;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
 use terravision_generator::GeneratorError;
 use terravision_generator::ports::Ports;
 use terravision_generator::stage::Generator;
+use terravision_testkit::runs::config;
 use terravision_testkit::worlds::fields;
 
 const NODES: u32 = 8192;
 
 fn world() -> World {
     World::new(WorldFields { finest_color_level: 1, ..fields([2000, 1500], 10.0, [16, 128]) }).expect("valid")
-}
-
-fn config(frames: [u64; 2]) -> RunConfig {
-    RunConfig {
-        run_id: "tv-1-1".to_owned(),
-        world: "/nowhere".into(),
-        database: DatabaseConfig::folder("/nowhere".as_ref()),
-        width: 640,
-        height: 360,
-        fps: 30.0,
-        frames,
-        r_z_px: 10.0,
-        r_c_px: 1.0,
-        measure: Measure::Area,
-        exaggeration: 1.0,
-        texels: TexelFormat::Rgba8,
-        decoder_threads: 1,
-        prefetch: PrefetchConfig::EXACT,
-        render: RenderConfig {
-            technique: TechniqueChoice::Mesh,
-            rays: RaysChoice::Mipmap,
-            sky_rgb: [0; 3],
-            samples: 1,
-            skirt_low_m: None,
-            has_tree_overlay: false,
-            has_validation: false,
-            frames_in_flight: 2,
-            sink: SinkConfig::Null,
-            depth: Vec::new(),
-            ground: Vec::new(),
-            share: None,
-            made_up: Default::default(),
-        },
-        realtime: None,
-        rig: None,
-    }
 }
 
 fn camera(k: u64) -> Camera {

@@ -90,7 +90,11 @@ impl Scratch {
     /// Lists frames whose files it makes.
     fn list(&self, set: &DataSet, frames: [u64; 2]) -> Listed {
         let flown: Vec<FlownFrame> = (frames[0]..frames[1])
-            .map(|frame| FlownFrame { frame: FrameNumber::new(frame), time_s: frame as f64 / 29.97, camera: camera(frame as f64) })
+            .map(|frame| FlownFrame {
+                frame: FrameNumber::new(frame),
+                time_s: frame as f64 / 29.97,
+                camera: camera(frame as f64),
+            })
             .collect();
         for frame in frames[0]..frames[1] {
             for name in [

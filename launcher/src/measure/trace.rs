@@ -199,9 +199,9 @@ impl<W: Write> List<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::ids::FrameNumber;
     use crate::measure::report::tests::stats;
     use terravision_common::event::SpanName;
+    use terravision_common::ids::FrameNumber;
     use terravision_common::node::NodeId;
 
     fn events(stats: &RunStats) -> Vec<Value> {
@@ -244,7 +244,8 @@ mod tests {
         for (start, duration) in [(500, 400), (600, 50), (600, 300), (650, 10), (900, 5), (700, 600), (500, 400)] {
             let span = EventContent::Span { name: SpanName::FetchTile, node: NodeId::new(0, 0, 0) };
             // Behind the start of the program.
-            let event = Event::new(span).on_thread(3).of_frame(FrameNumber::new(5)).at(20_000_000 + start).lasting(duration);
+            let event =
+                Event::new(span).on_thread(3).of_frame(FrameNumber::new(5)).at(20_000_000 + start).lasting(duration);
             stats.collector.take(Stage::Prefetcher, event);
         }
         let mut by_row: BTreeMap<(u64, u64), Vec<(f64, f64)>> = BTreeMap::new();

@@ -92,7 +92,10 @@ mod tests {
         let config = RunConfig { realtime: Some(realtime), fps: 100.0, ..config() };
         let mut tally = FrameTally::new(&config);
         let mut take = |content: EventContent, frame: u64, at: u64, took: u64| {
-            tally.take(&Event::new(content).of_frame(FrameNumber::new(frame)).at(at * MS).lasting(took * MS), Some(100 * MS));
+            tally.take(
+                &Event::new(content).of_frame(FrameNumber::new(frame)).at(at * MS).lasting(took * MS),
+                Some(100 * MS),
+            );
         };
         // Moments are 100, 110, 120...; a frame has 20 ms. The first frame is number 5.
         for (frame, at, took) in [(5, 100, 60), (6, 130, 30), (8, 151, 21), (9, 154, 3)] {

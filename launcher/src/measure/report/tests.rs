@@ -9,44 +9,22 @@ use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::ids::FrameNumber;
-use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::{DatabaseConfig, RenderConfig};
+use terravision_testkit::runs;
 
 pub(crate) fn config() -> RunConfig {
+    let run = runs::config([5, 8]);
     RunConfig {
         run_id: "tv-1-2".into(),
         world: "w.tv".into(),
         database: DatabaseConfig::folder("w.tv".as_ref()),
         width: 64,
         height: 36,
-        fps: 30.0,
-        frames: [5, 8],
-        r_z_px: 10.0,
-        r_c_px: 1.0,
-        measure: Measure::Area,
-        exaggeration: 1.0,
-        texels: terravision_common::texels::TexelFormat::Rgba8,
         decoder_threads: 2,
-        prefetch: PrefetchConfig::EXACT,
-        render: RenderConfig {
-            technique: TechniqueChoice::Mesh,
-            rays: RaysChoice::Mipmap,
-            sky_rgb: [1, 2, 3],
-            samples: 1,
-            skirt_low_m: None,
-            has_tree_overlay: false,
-            has_validation: false,
-            frames_in_flight: 2,
-            sink: SinkConfig::Null,
-            depth: Vec::new(),
-            ground: Vec::new(),
-            share: None,
-            made_up: Default::default(),
-        },
-        realtime: None,
-        rig: None,
+        render: RenderConfig { sky_rgb: [1, 2, 3], ..run.render.clone() },
+        ..run
     }
 }
 
@@ -56,7 +34,10 @@ pub(crate) fn stats() -> RunStats {
     const MS: u64 = 1_000_000;
     for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
         let mut event = |stage, content, start, duration| {
-            collector.take(stage, Event::new(content).of_frame(FrameNumber::new(frame)).at(start * MS).lasting(duration * MS));
+            collector.take(
+                stage,
+                Event::new(content).of_frame(FrameNumber::new(frame)).at(start * MS).lasting(duration * MS),
+            );
         };
         let span = |name| EventContent::Span { name, node: None };
         event(Stage::Generator, span(SpanName::Generate), started - 50, 1);
