@@ -1,7 +1,7 @@
 //! From longitude and latitude to a world's plane, as PROJ does it, without PROJ.
 //!
 //! `proj4rs` knows projections, but neither PROJ's database of datum shifts nor its grids. Where that matters, ingest,
-//! which has PROJ, tabulates what `proj4rs` misses ([`LonLatTable`]); the launcher adds it ([`Plane`] and the table).
+//! which has PROJ, tabulates what `proj4rs` misses ([`LonLatTable`]); the launcher adds it ([`Projection`] and the table).
 
 use proj4rs::Proj;
 use proj4rs::errors::Error;
@@ -14,15 +14,15 @@ pub const MAX_SIDE: usize = 33;
 
 /// A coordinate system that `proj4rs` computes with.
 #[derive(Clone)]
-pub struct Plane(Proj);
+pub struct Projection(Proj);
 
-impl std::fmt::Debug for Plane {
+impl std::fmt::Debug for Projection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Plane").field(&self.0.projname()).finish()
+        f.debug_tuple("Projection").field(&self.0.projname()).finish()
     }
 }
 
-impl Plane {
+impl Projection {
     /// Reads a PROJ string.
     ///
     /// # Errors
@@ -219,7 +219,7 @@ mod tests {
     fn a_datum_is_taken_out_of_a_proj_string() {
         let text = "+proj=utm +zone=17 +datum=NAD27 +units=m +no_defs";
         assert_eq!(without_datum(text), "+proj=utm +zone=17 +units=m +no_defs +ellps=clrk66");
-        assert!(Plane::parse(text).is_err() && Plane::parse(&without_datum(text)).is_ok());
+        assert!(Projection::parse(text).is_err() && Projection::parse(&without_datum(text)).is_ok());
         let text = "+proj=tmerc +ellps=bessel +towgs84=1,2,3 +nadgrids=x.gsb +units=m";
         assert_eq!(without_datum(text), "+proj=tmerc +ellps=bessel +units=m");
         let text = "+proj=tmerc +datum=moon2000";

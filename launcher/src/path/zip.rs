@@ -16,7 +16,7 @@ const BROKEN: &str = "the archive is damaged or cut short: load or save it again
 
 /// A file in the archive.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct ZipEntry {
     /// Its name, as far as it is text.
     pub(super) name: String,
     flags: u16,
@@ -73,7 +73,7 @@ pub(super) fn entries(
     file: &mut (impl Read + Seek),
     len: u64,
     wanted: impl Fn(&str) -> bool,
-) -> Result<Vec<Entry>, ZipError> {
+) -> Result<Vec<ZipEntry>, ZipError> {
     let tail_at = len.saturating_sub(TAIL_BYTES);
     let tail = read_at(file, tail_at, len - tail_at)?;
     let end = (0..tail.len().saturating_sub(END_BYTES as usize - 1)).rev().find(|&at| {
@@ -114,7 +114,7 @@ pub(super) fn entries(
 }
 
 /// The first entry of a directory, and its length there.
-fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
+fn entry(bytes: &[u8], shift: u64) -> Option<(ZipEntry, usize)> {
     let lengths = [u16_at(bytes, 28)?, u16_at(bytes, 30)?, u16_at(bytes, 32)?];
     let [name, extra, comment] = lengths.map(|length| length as usize);
     let (mut packed, mut size, mut header_at) = (u32_at(bytes, 20)?, u32_at(bytes, 24)?, u32_at(bytes, 42)?);
@@ -130,7 +130,7 @@ fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
         }
         fields = &fields[4 + length as usize..];
     }
-    let entry = Entry {
+    let entry = ZipEntry {
         name: String::from_utf8_lossy(bytes.get(46..46 + name)?).into_owned(),
         flags: u16_at(bytes, 8)? as u16,
         method: u16_at(bytes, 10)? as u16,
@@ -143,7 +143,7 @@ fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
 }
 
 /// Unpacks a file of an archive, `limit` bytes at most.
-pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &Entry, limit: u64) -> Result<Vec<u8>, ZipError> {
+pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &ZipEntry, limit: u64) -> Result<Vec<u8>, ZipError> {
     if entry.flags & 1 != 0 {
         return Err(ZipError::Reason("it is encrypted: save it without a password".into()));
     }

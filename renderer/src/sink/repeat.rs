@@ -1,7 +1,7 @@
 //! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
 //! picture is there once more, so that a film of them keeps the flight's time.
 
-use super::{FrameSink, Picture, Pixels, SinkError};
+use super::{FrameSink, Picture, SinkError, SizedRgba};
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
@@ -14,7 +14,7 @@ pub struct RepeatSink {
     /// The frame that has to be written next.
     next: u64,
     /// What was written last: size and pixels.
-    last: Option<Pixels>,
+    last: Option<SizedRgba>,
 }
 
 impl std::fmt::Debug for RepeatSink {
@@ -87,7 +87,7 @@ mod tests {
     /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
     struct Log {
         written: Written,
-        left: Option<Pixels>,
+        left: Option<SizedRgba>,
     }
 
     impl FrameSink for Log {
@@ -100,7 +100,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+        fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
             Ok(self.left.take())
         }
     }
