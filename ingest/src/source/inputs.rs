@@ -91,16 +91,16 @@ impl Inputs<'_> {
         let failed = failed.without(&name, &shown).without(&typed, &shown);
         let is_a_name = name.contains(':') || name.starts_with("/vsi") || name.trim_start().starts_with('<');
         match failed {
-            Failed::Refused(reason) => Err(IngestError::source(shown, reason)),
-            Failed::Unknown(_) if names_a_list(&name) => {
+            Failed::Refused { why } => Err(IngestError::source(shown, why)),
+            Failed::Unknown { .. } if names_a_list(&name) => {
                 Err(IngestError::source(shown, "is a list of other files; --trust-vrt opens it"))
             }
-            Failed::Unknown(_) if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
-            Failed::Unknown(reason) if name.starts_with("/vsicurl/") => Err(IngestError::source(
+            Failed::Unknown { .. } if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
+            Failed::Unknown { why: reason } if name.starts_with("/vsicurl/") => Err(IngestError::source(
                 shown,
                 format!("cannot be read from its server as a raster: {reason} (downloading it first may help)"),
             )),
-            Failed::Unknown(reason) => match leads_elsewhere(local).filter(|_| is_local) {
+            Failed::Unknown { why: reason } => match leads_elsewhere(local).filter(|_| is_local) {
                 Some(what) => Err(IngestError::source(
                     shown,
                     format!("is {what}, though its name does not say so; --trust-vrt opens it nevertheless"),
@@ -111,9 +111,9 @@ impl Inputs<'_> {
     }
 
     fn open(&self, name: &str, shown: &Path) -> Result<Found, Failed> {
-        self.access.check_before(name).map_err(Failed::Refused)?;
-        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown(gdal_message(&e)))?;
-        self.access.check_after(name, &dataset).map_err(Failed::Refused)?;
+        self.access.check_before(name).map_err(|why| Failed::Refused { why })?;
+        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown { why: gdal_message(&e) })?;
+        self.access.check_after(name, &dataset).map_err(|why| Failed::Refused { why })?;
         Ok(Found { shown: shown.to_owned(), name: name.to_owned(), dataset })
     }
 
@@ -210,9 +210,15 @@ impl Inputs<'_> {
 
 enum Failed {
     /// It was not even tried, or leads elsewhere.
-    Refused(String),
+    Refused {
+        /// What, in words.
+        why: String,
+    },
     /// GDAL says no.
-    Unknown(String),
+    Unknown {
+        /// What GDAL says.
+        why: String,
+    },
 }
 
 impl Failed {
@@ -220,15 +226,15 @@ impl Failed {
     fn without(self, name: &str, shown: &Path) -> Self {
         let cleaned = |reason: String| reason.replace(name, &shown.to_string_lossy());
         match self {
-            Self::Refused(reason) => Self::Refused(cleaned(reason)),
-            Self::Unknown(reason) => Self::Unknown(cleaned(reason)),
+            Self::Refused { why } => Self::Refused { why: cleaned(why) },
+            Self::Unknown { why } => Self::Unknown { why: cleaned(why) },
         }
     }
 
     fn reason(self) -> String {
         match self {
-            Self::Refused(reason) => reason,
-            Self::Unknown(reason) => format!("is not a raster that GDAL can read: {reason}"),
+            Self::Refused { why } => why,
+            Self::Unknown { why } => format!("is not a raster that GDAL can read: {why}"),
         }
     }
 }

@@ -30,8 +30,11 @@ pub(super) struct ZipEntry {
 /// Why an archive or a file in it cannot be read.
 #[derive(Debug)]
 pub(super) enum ZipError {
-    /// In words.
-    Reason(String),
+    /// It is broken, or packed in a way that is not read.
+    Unusable {
+        /// What is wrong with it, in words.
+        why: String,
+    },
     /// The file is larger than the limit when it is unpacked.
     TooLarge,
 }
@@ -40,13 +43,13 @@ impl From<io::Error> for ZipError {
     fn from(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => broken(),
-            _ => Self::Reason(error.to_string()),
+            _ => Self::Unusable { why: error.to_string() },
         }
     }
 }
 
 fn broken() -> ZipError {
-    ZipError::Reason(BROKEN.into())
+    ZipError::Unusable { why: BROKEN.into() }
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u64> {
@@ -98,7 +101,7 @@ pub(super) fn entries(
     // What stands before the archive (a program that unpacks itself) moves everything by its length.
     let shift = directory_end.checked_sub(size).and_then(|real| real.checked_sub(at)).ok_or_else(broken)?;
     if size > MAX_DIRECTORY_BYTES {
-        return Err(ZipError::Reason("its directory has more than 16 MiB".into()));
+        return Err(ZipError::Unusable { why: "its directory has more than 16 MiB".into() });
     }
     let directory = read_at(file, at + shift, size)?;
     let mut found = Vec::new();
@@ -145,7 +148,7 @@ fn entry(bytes: &[u8], shift: u64) -> Option<(ZipEntry, usize)> {
 /// Unpacks a file of an archive, `limit` bytes at most.
 pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &ZipEntry, limit: u64) -> Result<Vec<u8>, ZipError> {
     if entry.flags & 1 != 0 {
-        return Err(ZipError::Reason("it is encrypted: save it without a password".into()));
+        return Err(ZipError::Unusable { why: "it is encrypted: save it without a password".into() });
     }
     if entry.size > limit {
         return Err(ZipError::TooLarge);
@@ -163,9 +166,11 @@ pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &ZipEntry, limit:
         0 => packed.take(entry.size + 1).read_to_end(&mut bytes)?,
         8 => DeflateDecoder::new(packed).take(entry.size + 1).read_to_end(&mut bytes)?,
         other => {
-            return Err(ZipError::Reason(format!(
-                "it is packed by method {other}: expected deflate (8) or stored (0); unpack it and fly its .kml"
-            )));
+            return Err(ZipError::Unusable {
+                why: format!(
+                    "it is packed by method {other}: expected deflate (8) or stored (0); unpack it and fly its .kml"
+                ),
+            });
         }
     };
     let mut crc = Crc::new();
@@ -250,7 +255,7 @@ pub(super) mod tests {
         let mut liar = bytes.clone();
         let at = liar.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
         liar[at + 24..at + 28].copy_from_slice(&100u32.to_le_bytes());
-        assert!(matches!(read(&liar, "doc.kml", 1_000_000), Err(ZipError::Reason(_))));
+        assert!(matches!(read(&liar, "doc.kml", 1_000_000), Err(ZipError::Unusable { .. })));
         for cut in [0, 1, 21, bytes.len() / 2, bytes.len() - 1] {
             assert!(read(&bytes[..cut], "doc.kml", 1 << 30).is_err(), "{cut}");
         }

@@ -1,7 +1,7 @@
 //! The voxels of a tile: densities, the boundary array, and the blocks by which rays skip it.
 
 use super::Ground;
-use super::density::{HeightColumn, Filter, THRESHOLD};
+use super::density::{Filter, HeightColumn, THRESHOLD};
 use super::maxima::Scratch;
 use super::steep::{CellSlopes, SLOPE_BOUND, Steep};
 use super::tile::Tile;
