@@ -5,7 +5,7 @@
 //!
 //! Or, for load tests, worlds that have no plain and are full of bytes ([`SparseOptions::is_bulk`]).
 
-use crate::archive::{self, ArchiveInfo, Place, Tile};
+use crate::archive::{self, ArchiveInfo, Tile, TilePlace};
 use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
@@ -200,7 +200,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     })
 }
 
-fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> Vec<Tile> {
+fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[TilePlace]) -> Vec<Tile> {
     let (posts, spacing) = (world.elevation_posts(), f64::from(1u32 << q));
     let plain = encode_elevation_tile(&vec![PLAIN_M; (posts * posts) as usize], posts);
     let side = world.node_side(q) as f64;
@@ -221,7 +221,7 @@ fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> 
         .collect()
 }
 
-fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[TilePlace]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let texel = world.node_side(q) as f64 / f64::from(world.color_tile());
     let side = world.node_side(q) as f64;
@@ -249,7 +249,7 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
         .collect()
 }
 
-fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+fn named_tiles(world: &World, q: u8, tiles: &[TilePlace]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let named = tiles.iter().map(|(_, coord, [m, n])| {
         let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is not a node"))?;

@@ -148,10 +148,10 @@ impl<L: TileLoader> Preparer<L> {
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             // Frames may have been left out, but none has come twice.
-            next_frame: config.frames[0].saturating_add(ports.trees.returned()),
+            next_frame: FrameNumber::new(config.frames[0].saturating_add(ports.trees.returned())),
         };
         preparer.resume(ports)?;
-        tracing::debug!(next_frame = preparer.next_frame, "waits for the top levels");
+        tracing::debug!(next_frame = preparer.next_frame.get(), "waits for the top levels");
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;

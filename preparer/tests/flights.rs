@@ -54,7 +54,7 @@ fn missing_tiles_are_counted_in_each_frame_and_drawn_from_their_parents() {
 fn every_frame_is_told_with_its_spans_and_what_it_wanted() {
     let (frames, events) = Flight { frames: 6, ..Flight::new() }.fly().expect("a flight");
     for (k, frame) in (100u64..).zip(&frames) {
-        let said: Vec<EventContent> = events.iter().filter(|e| e.frame == k).filter_map(Event::content).collect();
+        let said: Vec<EventContent> = events.iter().filter(|e| e.frame().get() == k).filter_map(Event::content).collect();
         let spans = |name: SpanName| said.iter().filter(|c| **c == EventContent::Span { name, node: None }).count();
         assert_eq!((spans(SpanName::AwaitTiles), spans(SpanName::Prepare)), (1, 1));
         let wanted = EventContent::FrameWanted { tiles: frame.end.wanted_count, nodes: frame.end.node_count };

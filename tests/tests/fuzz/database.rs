@@ -9,7 +9,7 @@ use terravision_common::database::{
     NodeRanges, NodesRecord, Place, TileScratch, check_tile, color_tile_bytes, decode_color, decode_elevation,
     max_payload_bytes, seal_color_tile,
 };
-use terravision_common::lonlat::{Plane, lonlat_of_body};
+use terravision_common::lonlat::{Projection, lonlat_of_body};
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
 use terravision_tests::folder::TestFolder;
@@ -234,7 +234,7 @@ fn projections() {
         let text = String::from_utf8_lossy(bytes);
         within(MOST_BYTES, || {
             let lon_lat = lonlat_of_body(&text);
-            let (Ok(plane), Ok(lon_lat)) = (Plane::parse(&text), Plane::parse(&lon_lat)) else { return };
+            let (Ok(plane), Ok(lon_lat)) = (Projection::parse(&text), Projection::parse(&lon_lat)) else { return };
             for place in [[10.0, 45.0], [-180.0, 90.0], [0.0, 0.0], [1e6, f64::NAN]] {
                 drop(lon_lat.to(&plane, place));
                 drop(plane.to(&lon_lat, [place[0] * 1e5, place[1] * 1e5]));
