@@ -1,8 +1,9 @@
 //! The camera: pose, projection and view frustum.
 //!
-//! World space is x east, y north, z up, metres. Camera space is x right, y up, z *backwards* (the camera looks along
-//! -z), metres. Angles are radians: heading clockwise from grid north, pitch up from the horizontal, roll clockwise as
-//! the camera's operator sees it (the horizon turns the other way).
+//! World space is x east, y north, z up, metres. Camera space is x right, y up, z *backwards* (the
+//! camera looks along -z), metres. Angles are radians: heading clockwise from grid north, pitch up
+//! from the horizontal, roll clockwise as the camera's operator sees it (the horizon turns the
+//! other way).
 
 use crate::surface;
 use bytemuck::{Pod, Zeroable};
@@ -17,7 +18,8 @@ pub const MAX_SIDE_PX: u32 = 65_536;
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CameraFields {
-    /// Eye in world coordinates, metres (z is height, in the database's vertical datum, before exaggeration of terrain).
+    /// Eye in world coordinates, metres (z is height, in the database's vertical datum, before
+    /// exaggeration of terrain).
     pub eye_in_world: [f64; 3],
     /// Heading, radians clockwise from grid north.
     pub heading_rad: f64,
@@ -154,7 +156,8 @@ impl Camera {
         self.made_at(0) == other.made_at(0)
     }
 
-    /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and time are this one's.
+    /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and
+    /// time are this one's.
     #[must_use]
     pub fn toward(&self, other: &Self, share: f64) -> Self {
         let linear = |from: f64, to: f64| from + (to - from) * share;
@@ -213,8 +216,8 @@ impl Camera {
         [v * f64::from(self.fields.width) / f64::from(self.fields.height), v]
     }
 
-    /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of the picture:
-    /// pixels from its upper left corner (a pixel's centre is at + 0.5).
+    /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of
+    /// the picture: pixels from its upper left corner (a pixel's centre is at + 0.5).
     #[must_use]
     pub fn ray_in_world(&self, px: f64, py: f64) -> DVec3 {
         let [right, up, forward] = self.axes_in_world();
@@ -224,8 +227,8 @@ impl Camera {
         forward + right * x + up * y
     }
 
-    /// The four side planes of the view frustum as inward normals in world space; all pass through the eye. A point p
-    /// is outside when `normal · (p - eye) < 0` for any of them.
+    /// The four side planes of the view frustum as inward normals in world space; all pass through
+    /// the eye. A point p is outside when `normal · (p - eye) < 0` for any of them.
     #[must_use]
     pub fn frustum_normals_in_world(&self) -> [DVec3; 4] {
         let [right, up, forward] = self.axes_in_world();

@@ -6,8 +6,8 @@ use terravision_common::run::{
 };
 use terravision_common::texels::TexelFormat;
 
-/// An exact run of these frames, the first and one past the last, over a database that is not there: a mesh of 640 x 360 pixels
-/// with facets of 10 pixels and texels of 1, drawn for nobody.
+/// An exact run of these frames, the first and one past the last, over a database that is not
+/// there: a mesh of 640 x 360 pixels with facets of 10 pixels and texels of 1, drawn for nobody.
 ///
 /// ```
 /// use terravision_common::run::RunConfig;

@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 use terravision_common::database::{Manifest, ManifestFields, Source};
 
-/// One object: where the database is, what it covers, its layers with their sizes, and what was said on the way.
+/// One object: where the database is, what it covers, its layers with their sizes, and what was
+/// said on the way.
 #[must_use]
 pub fn summary(path: &Path, manifest: &Manifest, notes: &[Note]) -> Value {
     let world = manifest.world();

@@ -114,8 +114,8 @@ impl Raster {
         })
     }
 
-    /// The part of it whose first pixel is `first`, counted from its own, and that has `size` pixels, at least one a side; `None`
-    /// when it does not lie within.
+    /// The part of it whose first pixel is `first`, counted from its own, and that has `size`
+    /// pixels, at least one a side; `None` when it does not lie within.
     pub(super) fn part(&self, first: [usize; 2], size: [usize; 2]) -> Option<Self> {
         let is_within = |axis: usize| {
             size[axis] > 0 && first[axis].checked_add(size[axis]).is_some_and(|end| end <= self.size[axis])
@@ -213,8 +213,8 @@ impl Raster {
         &self.data_type
     }
 
-    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the file. Without its full name, which
-    /// may have a password in it.
+    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the
+    /// file. Without its full name, which may have a password in it.
     pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
         let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
         IngestError::source(&self.path, format!("{what}: {reason}"))
@@ -234,8 +234,8 @@ impl Raster {
         crs::parse("the CRS of a source", &self.wkt)
     }
 
-    /// Pixel positions (corner convention) on a grid over the raster, `side`² of them, along the outermost pixel
-    /// centres when `at_centers`, else along the edge.
+    /// Pixel positions (corner convention) on a grid over the raster, `side`² of them, along the
+    /// outermost pixel centres when `at_centers`, else along the edge.
     pub(crate) fn grid(&self, side: usize, at_centers: bool) -> (Vec<f64>, Vec<f64>) {
         let inset = if at_centers { 0.5 } else { 0.0 };
         let along = |k: usize, count: usize| {

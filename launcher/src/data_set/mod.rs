@@ -118,7 +118,8 @@ impl DataSet {
         Ok(Listed { frames: listing.len(), dropped, has_transforms })
     }
 
-    /// The frame as the camera of these files has seen it; `None` where the rig has no valid camera: then nothing was drawn.
+    /// The frame as the camera of these files has seen it; `None` where the rig has no valid
+    /// camera: then nothing was drawn.
     fn seen_by(&self, flown: &FlownFrame) -> Option<FlownFrame> {
         let camera = self.view.as_ref().map_or(Ok(flown.camera), |view| view.camera(&flown.camera)).ok()?;
         Some(FlownFrame { camera, ..*flown })

@@ -1,5 +1,5 @@
-//! The view that is going to be, and the tiles that it wants: [`CameraTrack`] predicts it from the cameras that were seen, or
-//! [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree for it.
+//! The predicted view, and the tiles that it wants. [`CameraTrack`] predicts it from recent
+//! cameras, or [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree.
 
 mod camera_track;
 mod oracle;
@@ -79,7 +79,7 @@ impl<R: HeightRanges> Ahead<R> {
         let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
         for camera in &cameras {
             let views = match &self.config.rig {
-                // From a predicted pose a view may lead out of what a camera can be: nothing is known of it then.
+                // From a predicted pose a rig may have no valid camera: it is passed over.
                 Some(rig) => rig.views(camera).map(|views| widened_views(&views, unsure_secs)),
                 None => Ok(Views::single(camera)),
             };
@@ -91,8 +91,8 @@ impl<R: HeightRanges> Ahead<R> {
     }
 }
 
-/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at the end of the next
-/// cycle is there.
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
+/// the end of the next cycle is there.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;
