@@ -10,7 +10,7 @@ use terravision_common::database::{Database, TileScratch, ground_height};
 use terravision_common::shm::CameraRecord;
 
 /// Height of the camera above the ground below it, as a share of the world's shorter side, and at
-/// least so many metres.
+/// least this many metres.
 const HEIGHT_SHARE: f64 = 0.025;
 const HEIGHT_M: f64 = 150.0;
 /// Vertical field of view.
@@ -78,7 +78,7 @@ impl Flight {
         Ok(Self { database, round })
     }
 
-    /// The records of so many rounds, frames counted from 0.
+    /// The records of this many rounds, frames counted from 0.
     #[must_use]
     pub fn records(&self, rounds: u64) -> Vec<CameraRecord> {
         let cameras = (0..rounds).flat_map(|_| self.round.iter().copied());

@@ -140,7 +140,8 @@ impl Session {
         let mut command = Command::new(&program);
         command
             .envs(STAGE_ENVIRONMENT)
-            // Nobody reads what a stage says before it has failed: its log would fill the pipe.
+            // Standard error of a stage is read only after it has failed: its log would fill the
+            // pipe.
             .env_remove(terravision_common::log::VARIABLE)
             .arg("--run")
             .arg(config)

@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Most pixels along one side that a picture may have; the device may allow fewer.
+/// Maximum number of pixels along one side of a picture; the device may allow fewer.
 pub const MAX_SIDE_PX: u32 = 65_536;
 
 /// The numbers that a [`Camera`] is made of, as they travel through shared memory: 72 bytes,
@@ -33,7 +33,7 @@ pub struct CameraFields {
     pub width: u32,
     /// Height of the picture, pixels.
     pub height: u32,
-    /// When the pose was made, nanoseconds of the monotonic clock; 0 when time plays no part.
+    /// When the pose was made, nanoseconds of the monotonic clock; 0 in exact mode.
     pub timestamp_nanos: u64,
 }
 
@@ -150,7 +150,7 @@ impl Camera {
         Self { fields: CameraFields { timestamp_nanos, ..self.fields } }
     }
 
-    /// Whether this is the same view as the other's, whenever each was made.
+    /// Whether both have the same view, regardless of their times.
     #[must_use]
     pub fn is_same_view(&self, other: &Self) -> bool {
         self.made_at(0) == other.made_at(0)

@@ -1,9 +1,9 @@
-//! Rigs: several cameras that are carried by one pose and draw one frame from one tree: a stereo
+//! Rigs: several cameras that one pose carries and that draw one frame from one tree: a stereo
 //! pair, the cameras of a drone, the six faces of a cube.
 //!
-//! A run has one rig ([`crate::run::RunConfig::rig`]); from a frame's pose every stage derives the
-//! same [`Views`], so that a pose is all that travels through the rings. Without a rig a frame has
-//! one view, the pose's own camera.
+//! A run has one rig ([`crate::run::RunConfig::rig`]). Every stage derives the same [`Views`] from
+//! a frame's pose, so that the rings carry only poses. Without a rig a frame has one view, the
+//! camera of the pose.
 
 use crate::camera::{Camera, CameraError, CameraFields};
 use glam::{DMat3, DVec3};
@@ -14,7 +14,7 @@ use std::ops::Deref;
 /// Most views of a frame: the faces of a cube.
 pub const MAX_VIEWS: usize = 6;
 
-/// A camera whose forward axis is this near to the vertical has no heading of its own (sine of the
+/// A camera whose forward axis is this close to the vertical has no defined heading (sine of the
 /// angle).
 const VERTICAL: f64 = 1e-9;
 
@@ -24,14 +24,13 @@ const VERTICAL: f64 = 1e-9;
 pub struct RigView {
     /// Its name, part of file names: unique in its rig.
     pub name: String,
-    /// Where its eye is, metres to the right, ahead and above as the pose's camera sees it.
+    /// Offset of its eye, metres to the right, ahead and above in the frame of the pose's camera.
     pub offset_m: [f64; 3],
-    /// How far it is turned to the right, radians, before it is pitched up and then rolled
-    /// clockwise.
+    /// Yaw to the right, radians; applied before pitch and roll.
     pub yaw_rad: f64,
-    /// Radians up.
+    /// Pitch, radians up.
     pub pitch_rad: f64,
-    /// Radians clockwise.
+    /// Roll, radians clockwise.
     pub roll_rad: f64,
     /// Vertical field of view, radians.
     pub vfov_rad: f64,
@@ -49,7 +48,7 @@ pub struct Rig {
     pub views: Vec<RigView>,
 }
 
-/// One view of a frame: a camera, which says how large its picture is, and where that lies in the
+/// One view of a frame: a camera, which has the size of its picture, and the place of that in the
 /// frame's picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
@@ -87,7 +86,7 @@ impl Views {
         Self { views: [View { camera: *camera, at: [0; 2] }; MAX_VIEWS], count: 1 }
     }
 
-    /// These views; `None` when there are none or too many.
+    /// These views; `None` for none or too many.
     #[must_use]
     pub fn new(views: impl IntoIterator<Item = View>) -> Option<Self> {
         let mut views = views.into_iter();
@@ -143,7 +142,7 @@ impl Rig {
         [end(0).unwrap_or(1), end(1).unwrap_or(1)]
     }
 
-    /// A size that no view exceeds, pixels.
+    /// The largest width and the largest height of all views, pixels.
     #[must_use]
     pub fn view_size(&self) -> [u32; 2] {
         [0, 1].map(|axis| self.views.iter().map(|view| view.size[axis]).max().unwrap_or(1))
@@ -182,8 +181,8 @@ impl RigView {
         })
     }
 
-    /// Heading, pitch and roll. Where angles can be added they are, so that a view that is not
-    /// turned has the pose's own bits.
+    /// Heading, pitch and roll. Angles are added where possible, so that a view that is not rotated
+    /// has exactly the angles of the pose.
     fn angles(&self, pose: &Camera) -> Result<[f64; 3], CameraError> {
         let Self { yaw_rad, pitch_rad, roll_rad, .. } = *self;
         if [yaw_rad, pitch_rad] == [0.0; 2] {
@@ -204,8 +203,7 @@ impl RigView {
 fn angles_of([right, up, forward]: [DVec3; 3]) -> [f64; 3] {
     let level = forward.truncate().length();
     if level < VERTICAL {
-        // Straight up or down: any heading will do, with the roll that belongs to it; none is taken
-        // for the roll.
+        // Straight up or down: heading and roll are not unique; roll 0 is chosen.
         return [(-right.y).atan2(right.x), FRAC_PI_2.copysign(forward.z), 0.0];
     }
     [forward.x.atan2(forward.y), forward.z.atan2(level), (-right.z).atan2(up.z)]

@@ -16,7 +16,7 @@ use terravision_common::database::{
 use terravision_common::node::NodeId;
 use terravision_common::world::{World, WorldFields};
 
-/// Bytes of a directory: so many tiles of one byte, one behind the other, from this tile on.
+/// Bytes of a directory: this many tiles of one byte, one behind the other, from this tile on.
 fn directory(first_id: u64, count: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut put = |mut value: u64| {

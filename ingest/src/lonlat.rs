@@ -1,8 +1,8 @@
-//! Where longitudes and latitudes lie in a database's CRS, for programs without PROJ.
+//! Conversion of longitudes and latitudes to a database's CRS, for programs without PROJ.
 //!
-//! PROJ decides here, as it does for sources: with its datum shifts, its grids, and its choice
-//! among operations. What `proj4rs` misses of that is tabulated over the world, if it misses
-//! anything ([`LonLatTable`]).
+//! PROJ is the reference, as for sources: with its datum shifts, its grids, and its choice of
+//! operations. The difference between PROJ and `proj4rs`, if there is any, is tabulated over the
+//! world ([`LonLatTable`]).
 
 use crate::source::TargetCrs;
 use crate::source::raster::traditional;
@@ -10,19 +10,19 @@ use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use terravision_common::lonlat::{LonLatTable, MAX_SIDE, Projection, WGS84_LONLAT, lonlat_of_body, without_datum};
 use terravision_common::world::World;
 
-/// Where `proj4rs` alone is nearer to PROJ than this, metres, no table is needed.
+/// If `proj4rs` alone is closer to PROJ than this, metres, no table is needed.
 const TOLERANCE_M: f64 = 0.1;
-/// A table is refined until its error is below this, metres, or it has as many nodes as a table may
-/// have.
+/// A table is refined until its error is below this, metres, or it has the maximum number of nodes.
 const WANTED_ERROR_M: f64 = 0.01;
 /// A table with a larger error, metres, is taken only if no other plane gives a better one.
 const FAIR_ERROR_M: f64 = 1.0;
-/// How far the table reaches beyond the world, in its longer sides: cameras fly outside too.
+/// Margin of the table around the world, as a share of its longer side, because cameras fly outside
+/// too.
 const MARGIN: f64 = 0.25;
 /// Points along each side of the world at which places are compared.
 const CHECKS: usize = 9;
 
-/// PROJ's way from longitude and latitude into the database's CRS.
+/// PROJ's transformation from longitude and latitude to the database's CRS.
 struct Truth(CoordTransform);
 
 impl Truth {
@@ -31,10 +31,10 @@ impl Truth {
     }
 }
 
-/// Places elsewhere; `None` for those that have no place there.
+/// Transformed places; `None` for those that cannot be transformed.
 fn transformed(transform: &CoordTransform, places: &[[f64; 2]]) -> Vec<Option<[f64; 2]>> {
     let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.iter().map(|[x, y]| (*x, *y)).unzip();
-    // What cannot be transformed comes back infinite.
+    // Points that cannot be transformed come back infinite.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
     x.into_iter().zip(y).map(|(x, y)| (x.is_finite() && y.is_finite()).then_some([x, y])).collect()
 }
@@ -45,8 +45,8 @@ fn grid(low: [f64; 2], high: [f64; 2], n: usize) -> Vec<[f64; 2]> {
     (0..n * n).map(|k| [at(0, k % n), at(1, k / n)]).collect()
 }
 
-/// The largest distance of places from where they should be; `None` when there are none to compare,
-/// or one has no place.
+/// The largest distance between places and the reference; `None` without places, or if one of them
+/// cannot be transformed.
 fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Option<[f64; 2]>]) -> Option<f64> {
     let mut largest: Option<f64> = None;
     for (place, truth) in places.zip(truth) {
@@ -58,8 +58,7 @@ fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Opt
     largest
 }
 
-/// The table that a world needs; `None` when `proj4rs` finds the same places as PROJ without one,
-/// or PROJ finds none.
+/// The table that a world needs; `None` when `proj4rs` agrees with PROJ, or PROJ cannot transform.
 #[must_use]
 pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let srs = target.srs().ok()?;
@@ -84,8 +83,8 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     if shift_m.is_some_and(|shift| shift <= TOLERANCE_M) {
         return None;
     }
-    // The world's own projection leaves only the datum's shift to the table. Where `proj4rs` does
-    // not know the projection, or takes it for another, a plane around the world's middle does.
+    // With the world's own projection the table has only the datum shift. If `proj4rs` does not
+    // know the projection, or mistakes it for another, a plane around the world's middle is used.
     let middle = checks.get(checks.len() / 2)?;
     let nearby = lonlat.replacen(
         "+proj=longlat",
@@ -181,7 +180,7 @@ fn table_error(
     Some(over_the_world.max(in_cells))
 }
 
-/// Gives nodes without an offset (outside of what a projection reaches) that of a neighbour; `None`
+/// Gives nodes without an offset (outside of the projection's domain) that of a neighbour; `None`
 /// when no node has one.
 fn fill(offsets: &mut [Option<[f64; 2]>], side: usize) -> Option<()> {
     while offsets.iter().any(Option::is_none) {

@@ -82,7 +82,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Makes a database; what is to be printed about it, fit for a terminal.
+/// Makes a database. Returns the text to be printed about it, safe for a terminal.
 fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
     tracing::info!(output = %job.output.display(), elevation = job.elevation.len(), color = job.color.len(), "ingest begins");
     job.access.restrict_process(job.elevation.iter().chain(&job.color));

@@ -1,11 +1,10 @@
-//! Sparse worlds for tests: a detailed square in the south west of a plain that can be made as
-//! large as one likes, at next to no cost on disk, since all tiles of the plain are one tile.
+//! Sparse worlds for tests: a detailed square in the south west of a plain of any size, at almost
+//! no cost on disk, because all tiles of the plain are identical.
 //!
-//! The detailed square is the same in worlds of every size, level by level: only what is around it
-//! grows.
+//! The detailed square is the same in worlds of every size, level by level: only its surroundings
+//! grow.
 //!
-//! Or, for load tests, worlds that have no plain and are full of bytes
-//! ([`SparseOptions::is_bulk`]).
+//! Or, for load tests, worlds without a plain and with many bytes ([`SparseOptions::is_bulk`]).
 
 use crate::archive::{self, ArchiveInfo, Tile, TilePlace};
 use crate::bulk::Bulk;
@@ -37,8 +36,8 @@ pub struct SparseOptions {
     /// Every colour tile, also of the plain, has the one colour that names its node
     /// ([`name_color`]).
     pub is_named: bool,
-    /// No square in a plain, but terrain and colours everywhere that take many bytes and little
-    /// time.
+    /// Instead of a square in a plain, terrain and colours everywhere that take many bytes and
+    /// little time.
     pub is_bulk: bool,
     /// Texels of the finest colours along the distance of two posts, a power of two.
     pub texels_per_post: u32,

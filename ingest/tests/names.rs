@@ -140,7 +140,7 @@ fn server(file: Vec<u8>) -> (u16, Arc<AtomicUsize>) {
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
             counter.fetch_add(1, Ordering::SeqCst);
-            // A client that has gone is no matter.
+            // A client that has disconnected does not matter.
             answer(stream, &file).ok();
         }
     });
@@ -265,7 +265,7 @@ fn a_file_that_is_a_list_of_others_is_opened_only_by_that_name() {
     write("deep.vrt", &simple_vrt("tiles/a.tif"));
     let (text, is_made) = ingest(&folder, &write("good.vrt", &simple_vrt("deep.vrt")), &[]);
     assert!(is_made, "{text}");
-    // In an archive nobody looks into it.
+    // In an archive it is not opened.
     let bytes = fs::read(inner.join("absolute.vrt")).unwrap();
     zip(&folder.path("vrt.zip"), &[("dem.tif", bytes.clone()), ("dem.vrt", bytes)]);
     for name in ["vrt.zip/dem.tif", "vrt.zip/dem.vrt"] {

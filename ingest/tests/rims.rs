@@ -1,4 +1,4 @@
-//! `--voids clip`: what lies beyond files and at their corners is no ground, a gap within one is
+//! `--voids clip`: areas beyond files and at their corners become holes, a gap within a file is
 //! filled wherever it lies.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]

@@ -1,5 +1,4 @@
-//! The part of a database that is small and that every process needs: what it is, and where its
-//! ground lies.
+//! The small part of a database that every process needs: manifest, geometry and height ranges.
 
 use super::manifest::{self, Manifest};
 use super::{DatabaseError, MANIFEST_FILE, NODES_FILE, NodeRanges};
@@ -7,7 +6,7 @@ use crate::world::World;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Manifest, geometry and height ranges of a database: of a folder that need not have the tiles.
+/// Manifest, geometry and height ranges of a database. Its folder need not contain the tiles.
 #[derive(Debug)]
 pub struct Index {
     path: PathBuf,
@@ -19,12 +18,12 @@ impl Index {
     /// Reads the index in a folder and checks it.
     ///
     /// # Errors
-    /// [`DatabaseError`]: not there, not finished, of another version, damaged.
+    /// [`DatabaseError`]: missing, unfinished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
         Self::of_manifest(path, open_manifest(path)?)
     }
 
-    /// Reads what belongs to a manifest that has been read.
+    /// Reads the rest of the index for a manifest.
     pub(super) fn of_manifest(path: &Path, manifest: Manifest) -> Result<Self, DatabaseError> {
         let nodes_path = path.join(NODES_FILE);
         let ranges = NodeRanges::read(&nodes_path, manifest.world(), &manifest.fields().nodes, manifest.is_sparse())
@@ -38,7 +37,7 @@ impl Index {
         &self.path
     }
 
-    /// What the manifest says.
+    /// The manifest.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
@@ -60,7 +59,7 @@ impl Index {
 /// The geometry of the database in a folder, for a process that reads no tiles.
 ///
 /// # Errors
-/// [`DatabaseError`]: not there, not finished, of another version, damaged.
+/// [`DatabaseError`]: missing, unfinished, of another version, damaged.
 pub fn read_world(path: &Path) -> Result<World, DatabaseError> {
     open_manifest(path).map(|manifest| *manifest.world())
 }

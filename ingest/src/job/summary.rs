@@ -1,4 +1,4 @@
-//! What was made, for programs: the result of `ingest --json`.
+//! The result of `ingest --json`.
 
 use super::record::bounds_deg;
 use crate::source::Note;
@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 use terravision_common::database::{Manifest, ManifestFields, Source};
 
-/// One object: where the database is, what it covers, its layers with their sizes, and what was
-/// said on the way.
+/// One object: the path of the database, its bounds, its layers with their sizes, and all notes and
+/// warnings.
 #[must_use]
 pub fn summary(path: &Path, manifest: &Manifest, notes: &[Note]) -> Value {
     let world = manifest.world();

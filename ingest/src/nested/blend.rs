@@ -1,11 +1,11 @@
-//! Finer heights passing over into coarser ones: no step where two sources meet.
+//! Blends finer heights into coarser ones, so that there is no step where two sources meet.
 
 use crate::store::Rect;
 
-/// Over how many posts finer heights pass over into coarser ones, inside of the finer.
+/// Width of the blend in posts, inside of the finer data.
 pub(super) const BLEND: usize = 16;
 
-/// A post of a block: its height, and whether that comes from a source as fine as the level.
+/// A post of a block: whether it comes from a source as fine as the level, and its height.
 pub(super) type SourcePost = Option<(bool, f32)>;
 
 /// The share of the finer height at each post of the middle of a block that is `BLEND` wider on

@@ -1,4 +1,4 @@
-//! What a source is in the database's CRS: where it lies, and how large its pixels are.
+//! The footprint of a source in the database's CRS, and the size of its pixels.
 
 use super::lattice::Bounds;
 use crate::IngestError;
@@ -6,7 +6,7 @@ use crate::source::raster::traditional;
 use crate::source::{Raster, TargetCrs};
 use gdal::spatial_ref::CoordTransform;
 
-/// What a source is in the database's CRS.
+/// The footprint of a source in the database's CRS.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint {
     /// Least easting and northing of its pixel centres.
@@ -63,7 +63,7 @@ pub(super) fn footprint(
             let reason = format!("cannot be brought to {}: {}", target.crs().name, crate::error::gdal_message(&e));
             IngestError::source(raster.path(), reason)
         })?;
-        // What cannot be transformed comes back infinite and is left out below.
+        // Points that cannot be transformed come back infinite and are left out below.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
         seam = at_seam(raster, &transform);
     }
@@ -110,7 +110,8 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
     let of = |columns: &mut dyn Iterator<Item = usize>| {
         let places = columns.map(|column| raster.affine().apply(column as f64 + 0.5, row));
         let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
-        // What has no place comes back infinite: it is not a jump, and the caller leaves it out.
+        // Points that cannot be transformed come back infinite: this is not a jump, and the caller
+        // leaves them out.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
         (x, y)
     };
@@ -122,17 +123,17 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
     jump.map_or(none, |at| of(&mut (at * step..=((at + 1) * step).min(width - 1))))
 }
 
-/// Where a source's pixels are measured: where it is asked for, else in its middle, and in case
-/// that this is where its plane is cut open (the far side of a globe from 0 to 360 degrees),
-/// elsewhere along its middle row.
+/// Where the pixels of a source are measured: at the requested place, otherwise in its middle; or,
+/// in case its plane is cut open there (the far side of a globe from 0 to 360 degrees), elsewhere
+/// along its middle row.
 fn measuring_places(raster: &Raster, asked: Option<[f64; 2]>) -> Vec<[f64; 2]> {
     let [width, height] = raster.size().map(|v| v as f64);
     let shares = if asked.is_some() { &[][..] } else { &[0.5, 0.25, 0.75, 0.375, 0.625][..] };
     asked.into_iter().chain(shares.iter().map(|share| [share * width, 0.5 * height])).collect()
 }
 
-/// The first place, unless its spacing is more than twice or less than half the usual one: then a
-/// place that has that.
+/// The first place, unless its spacing is more than twice or less than half the usual one; then a
+/// place with the usual one.
 fn typical(places: impl Iterator<Item = usize>, spacing_at: impl Fn(usize) -> f64) -> Option<usize> {
     let mut measured: Vec<(usize, f64)> = places.map(|place| (place, spacing_at(place))).collect();
     let first = *measured.first()?;

@@ -1,14 +1,14 @@
-//! Which files continue another one: sheets of one grid that lie side by side, or overlap.
+//! Files that continue another one: sheets on the same grid that are adjacent or overlap.
 //!
-//! A kernel that stands near the edge of a sheet needs samples beyond it. Where another file of the
-//! layer has them on the same grid (the same CRS, pixels of the same size, a whole number of pixels
-//! away), they are taken from there, as if the sheets were one raster. Else a terrace of the
-//! kernel's width would run along every sheet's border.
+//! Near the edge of a sheet, a kernel needs samples beyond it. If another file of the layer has
+//! them on the same grid (same CRS, same pixel size, offset by a whole number of pixels), they are
+//! taken from there, as if the sheets were one raster. Otherwise there would be a terrace of the
+//! kernel's width along every sheet's border.
 
 use crate::source::Raster;
 use crate::store::Rect;
 
-/// How far, in pixels, a file may be off the grid of another one: producers round the positions of
+/// Allowed offset from the grid of another file, pixels, because producers round the positions of
 /// corners.
 const TOLERANCE_PX: f64 = 0.1;
 
@@ -21,7 +21,7 @@ pub struct Neighbor {
     pub place: Rect,
 }
 
-/// The part of two rectangles that both have.
+/// The intersection of two rectangles.
 pub(super) fn common(a: Rect, b: Rect) -> Option<Rect> {
     let low = [0, 1].map(|k| a.origin[k].max(b.origin[k]));
     let high = [0, 1].map(|k| (a.origin[k] + a.size[k] as i64).min(b.origin[k] + b.size[k] as i64));
@@ -44,7 +44,7 @@ fn offset(raster: &Raster, other: &Raster) -> Option<[i64; 2]> {
         let found = place(x, y);
         (found[0] - first[0] - x).abs() < TOLERANCE_PX && (found[1] - first[1] - y).abs() < TOLERANCE_PX
     };
-    // Three corners: size, direction and place of its pixels are right.
+    // Three corners check size, direction and position of its pixels.
     let is_same = is_on(0.0, 0.0) && is_on(size[0], size[1]) && is_on(size[0], 0.0);
     (is_same && first.iter().all(|v| v.abs() < 1e12)).then(|| first.map(|v| v as i64))
 }

@@ -6,7 +6,7 @@ use crate::error::IngestError;
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use std::collections::BTreeMap;
 
-/// Data reach a little beyond areas of use without harm, degrees: neighbouring zones overlap.
+/// Data may extend this far beyond areas of use, degrees, because neighbouring zones overlap.
 const MARGIN_DEG: f64 = 1.0;
 /// Pixels smaller than this many metres at coordinates that could be degrees are degrees.
 const TINY_PIXEL: f64 = 0.02;
@@ -87,7 +87,7 @@ fn area_of(place: &Place, raster: &Raster) -> String {
     }
 }
 
-/// How positions of a CRS become longitudes and latitudes, and where it is of use.
+/// The transformation of a CRS to longitude and latitude, and its area of use.
 struct Place {
     to_degrees: Option<CoordTransform>,
     area: Option<Area>,
@@ -139,17 +139,17 @@ impl Place {
         (is_same || to_degrees.is_some()).then_some(Self { to_degrees, area })
     }
 
-    /// Longitudes and latitudes of positions; those that have none are left out.
+    /// Longitudes and latitudes of positions, without those that cannot be transformed.
     fn lon_lat(&self, mut xs: Vec<f64>, mut ys: Vec<f64>) -> Vec<[f64; 2]> {
         if let Some(transform) = &self.to_degrees {
-            // Positions without a place come back infinite.
+            // Positions that cannot be transformed come back infinite.
             transform.transform_coords(&mut xs, &mut ys, &mut []).ok();
         }
         let points = xs.into_iter().zip(ys).map(|(x, y)| [x, y]);
         points.filter(|[x, y]| x.is_finite() && y.is_finite() && y.abs() <= 90.5).collect()
     }
 
-    /// What is wrong with positions: all of them lie where the CRS is of no use.
+    /// A complaint if all positions lie outside of the area of use of the CRS.
     fn complaint(&self, xs: Vec<f64>, ys: Vec<f64>) -> Option<&'static str> {
         let points = self.lon_lat(xs, ys);
         match &self.area {

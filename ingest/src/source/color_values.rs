@@ -1,4 +1,4 @@
-//! What samples of pictures mean: bands, alpha, undeclared fill, the stretch of more than eight
+//! The meaning of samples of images: bands, alpha, undeclared fill, the stretch of more than eight
 //! bits.
 
 use super::Note;
@@ -8,12 +8,12 @@ use super::values::{NodataChoice, SENTINEL_GAP, SENTINELS, lone_sentinels};
 use crate::error::IngestError;
 use gdal::raster::GdalDataType;
 
-/// Which bands make the picture and how samples become eight bits.
+/// The bands of the image, and the conversion of samples to eight bits.
 #[derive(Debug, Clone)]
 pub struct ColorValues {
     /// Bands (from 1) of red, green, blue; the same band thrice for grey or a palette.
     pub bands: [usize; 3],
-    /// Band that says what is opaque, and the least sample that is.
+    /// The alpha band, and the smallest opaque sample.
     pub alpha: Option<(usize, f32)>,
     /// Samples become `(sample - black)·gain`.
     black: f32,
@@ -29,14 +29,14 @@ impl ColorValues {
         ((sample - self.black) * self.gain).clamp(0.0, 255.0)
     }
 
-    /// Whether a sample of a band is part of the picture, as far as values tell.
+    /// Whether a sample of a band is part of the image, judged by its value.
     #[must_use]
     pub fn is_data(&self, raster: &Raster, band: usize, sample: f32) -> bool {
         raster.is_data(band, sample) && !self.fill.contains(&sample)
     }
 
-    /// Works out what the samples of colour sources mean: one stretch for all that need one, so
-    /// that no edge shows between files.
+    /// Determines the meaning of samples of colour sources: one stretch for all that need one, so
+    /// that no edges are visible between files.
     ///
     /// # Errors
     /// [`IngestError`]: a band that does not exist, a file that cannot be read.
@@ -71,7 +71,7 @@ impl ColorValues {
         Ok(all)
     }
 
-    /// Finds out from what on alpha is opaque; samples of it.
+    /// Determines the smallest opaque alpha. Returns samples of alpha.
     fn find_least_alpha(&mut self, raster: &Raster) -> Result<Option<Vec<f32>>, IngestError> {
         let Some((band, least)) = &mut self.alpha else { return Ok(None) };
         let samples = thin_samples(raster, *band)?;
@@ -80,8 +80,7 @@ impl ColorValues {
         Ok(Some(samples))
     }
 
-    /// Samples of the picture, those left out that alpha, a mask, "no data" or undeclared fill
-    /// hide.
+    /// Samples of the image, without those hidden by alpha, a mask, "no data" or undeclared fill.
     fn shown_samples(
         &mut self,
         raster: &Raster,
@@ -185,7 +184,7 @@ fn thin(raster: &Raster) -> (usize, usize) {
     (raster.size()[0].min(1024), raster.size()[1].min(1024))
 }
 
-/// Which thin samples a mask band shows; `None` where there is none.
+/// Which of the thinned samples a mask band shows; `None` without a mask band.
 fn thin_mask(raster: &Raster) -> Result<Option<Vec<bool>>, IngestError> {
     if !raster.bands()[0].has_mask {
         return Ok(None);
@@ -225,8 +224,8 @@ struct Stretch {
     why: &'static str,
 }
 
-/// How samples of more than eight bits become eight. A glint or two decide nothing: almost all
-/// samples do.
+/// The stretch of samples with more than eight bits, by almost all samples, so that single glints
+/// do not matter.
 fn stretch(samples: &mut [f32], is_float: bool) -> Stretch {
     samples.sort_unstable_by(f32::total_cmp);
     let (Some(&least), Some(&most)) = (samples.first(), samples.last()) else {
@@ -237,7 +236,7 @@ fn stretch(samples: &mut [f32], is_float: bool) -> Stretch {
     if is_float && least >= -0.1 && share_of(1.0) >= 0.98 && share_of(-f32::MIN_POSITIVE) <= 0.02 && has_fractions() {
         return Stretch { black: 0.0, white: 1.0, why: "they are fractions" };
     }
-    // Floats that hardly exceed 1 are fractions of something, never eight bits.
+    // Floats that hardly exceed 1 are fractions, never eight bits.
     if least >= 0.0 && most <= 255.0 && !(is_float && share_of(2.0) >= 0.98) {
         return Stretch { black: 0.0, white: 255.0, why: "they fit already" };
     }

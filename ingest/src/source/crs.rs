@@ -1,4 +1,4 @@
-//! Coordinate reference systems: the one that a database gets, and the body that it is on.
+//! Coordinate reference systems: the choice of the database's CRS, and its body.
 
 use super::Note;
 use super::raster::{Raster, traditional};
@@ -15,7 +15,7 @@ pub fn parse(whose: &str, text: &str) -> Result<SpatialRef, IngestError> {
         IngestError::usage(format!(
             "{whose} {text} is not a coordinate reference system that PROJ knows{}",
             match e {
-                // The number of an error alone says nothing.
+                // The number of an error alone is meaningless.
                 gdal::errors::GdalError::OgrError { .. } => String::new(),
                 e => format!(": {}", gdal_message(&e)),
             }
@@ -44,8 +44,8 @@ fn is_metric_plane(srs: &SpatialRef) -> bool {
     srs.is_projected() && (srs.linear_units() - 1.0).abs() < 1e-9
 }
 
-/// Bodies that names and sizes of ellipsoids tell: name, words, equatorial radius (IAU WGCCRE
-/// 2015), metres.
+/// Bodies, recognized by names and sizes of ellipsoids: name, key words, equatorial radius (IAU
+/// WGCCRE 2015), metres.
 const BODIES: [(&str, &[&str], f64); 8] = [
     ("Earth", &["wgs", "nad83", "nad27", "etrs", "grs 1980", "grs80"], 6_378_137.0),
     ("Mars", &["mars"], 3_396_190.0),
@@ -120,8 +120,8 @@ impl TargetCrs {
         parse("the CRS of the database", &self.crs.wkt)
     }
 
-    /// Latitude of a point of the plane, degrees, on Earth; `None` elsewhere, and where PROJ knows
-    /// none.
+    /// Latitude of a point of the plane, degrees, on Earth; `None` on other bodies, and where it
+    /// cannot be transformed.
     #[must_use]
     pub fn latitude_deg(&self, [x, y]: [f64; 2]) -> Option<f64> {
         if self.body.name != "Earth" {
@@ -139,11 +139,11 @@ impl TargetCrs {
         raster.wkt() == self.crs.wkt || (raster.epsg().is_some() && raster.epsg() == self.crs.epsg)
     }
 
-    /// Chooses: what the user gave; else the first source's own plane if it is in metres; else a
-    /// plane for the data.
+    /// Chooses the CRS: the one given by the user; otherwise that of the first source if it is a
+    /// plane in metres; otherwise a plane for the data.
     ///
     /// # Errors
-    /// [`IngestError`] when what was given is not a plane in metres, or the data cannot be located.
+    /// [`IngestError`] when the given CRS is not a plane in metres, or the data cannot be located.
     pub fn choose(sources: &[Raster], given: Option<&str>, note: &mut dyn FnMut(Note)) -> Result<Self, IngestError> {
         if let Some(text) = given {
             return Self::new(&parse("--crs", text)?, &format!("--crs {text}"));
@@ -172,26 +172,26 @@ impl TargetCrs {
     }
 }
 
-/// How much longer distances are in a plane than on the ground.
+/// The ratio of distances in a plane to those on the ground.
 struct Stretch {
     factor: f64,
     lon_lat: [f64; 2],
 }
 
-/// A plane that stretches or shrinks distances by less everywhere is not told.
+/// A stretch is reported from this on.
 const TOLD_STRETCH: f64 = 0.05;
-/// Places along a side of the world where the stretch is judged: its corners, the middles of its
+/// Places along a side of the world where the stretch is computed: its corners, the middles of its
 /// sides, its middle.
 const JUDGED: usize = 3;
 
-/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing
-/// can be told.
+/// The worst stretch of a plane over the bounding rectangle of sources; `None` if it cannot be
+/// computed.
 fn worst_stretch(sources: &[Raster], plane: &SpatialRef) -> Option<Stretch> {
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for raster in sources {
         let (mut x, mut y) = raster.grid(JUDGED, true);
         let srs = raster.srs().ok()?;
-        // What has no place in the plane comes back infinite and is left out.
+        // Points that cannot be transformed come back infinite and are left out.
         CoordTransform::new(&srs, plane).ok()?.transform_coords(&mut x, &mut y, &mut []).ok();
         for place in x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(<[f64; 2]>::from) {
             (low, high) = ([0, 1].map(|k| low[k].min(place[k])), [0, 1].map(|k| high[k].max(place[k])));

@@ -1,5 +1,5 @@
-//! From what the user names to rasters: files, folders, archives, addresses, and whatever else GDAL
-//! has names for.
+//! Finds the rasters for the names on the command line: files, folders, archives, addresses, and
+//! all other names of GDAL.
 
 use super::access::{Access, leads_elsewhere, names_a_list};
 use super::{Note, Raster};
@@ -7,8 +7,8 @@ use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Files of archives and folders that are not rasters of the ground, though GDAL could open some of
-/// them.
+/// Endings of files in archives and folders that are not rasters of the ground, although GDAL could
+/// open some of them.
 const BESIDE: [&str; 22] = [
     "txt", "csv", "md", "htm", "html", "pdf", "xml", "json", "kml", "kmz", "prj", "tfw", "tfwx", "wld", "jgw", "pgw",
     "hdr", "ovr", "msk", "aux", "shp", "vrt",
@@ -33,7 +33,7 @@ const SCHEMES: [(&str, &str); 7] = [
     ("az://", "/vsiaz/"),
     ("file://", ""),
 ];
-/// Members of archives and folders that are looked at.
+/// Maximum number of members of archives and folders.
 const MAX_MEMBERS: usize = 20_000;
 /// Names that a message lists.
 const LISTED: usize = 12;
@@ -78,8 +78,7 @@ impl Inputs<'_> {
         if let Some(reason) = is_local.then(|| not_readable(local)).flatten() {
             return Err(IngestError::source(shown, reason));
         }
-        // GDAL knows best what is a name; whether there is such a file matters for the message
-        // alone.
+        // GDAL decides what is a valid name; whether the file exists only matters for the message.
         let failed = match self.open(&name, &shown) {
             Ok(found) => return self.single(found, note).map(|raster| vec![raster]),
             Err(error) => error,
@@ -168,7 +167,8 @@ impl Inputs<'_> {
         self.members(shown, &members, note)
     }
 
-    /// The rasters among the members of a folder or an archive: they have to be parts of one layer.
+    /// The rasters among the members of a folder or an archive, which have to be parts of one
+    /// layer.
     fn members(
         &self,
         whole: &Path,
@@ -211,12 +211,12 @@ impl Inputs<'_> {
 }
 
 enum Failed {
-    /// It was not even tried, or leads elsewhere.
+    /// It was refused before GDAL opened it, or for what it leads to.
     Refused {
         /// What, in words.
         why: String,
     },
-    /// GDAL says no.
+    /// GDAL cannot open it.
     Unknown {
         /// What GDAL says.
         why: String,
@@ -224,7 +224,7 @@ enum Failed {
 }
 
 impl Failed {
-    /// Without what a message may not show: the name as typed may have a password in it.
+    /// Removes what a message must not show: the name as typed may contain a password.
     fn without(self, name: &str, shown: &Path) -> Self {
         let cleaned = |reason: String| reason.replace(name, &shown.to_string_lossy());
         match self {
@@ -286,7 +286,7 @@ fn without_secrets(typed: &str) -> String {
     format!("{scheme}://{host}{}", path.map_or(String::new(), |path| format!("/{path}")))
 }
 
-/// Why a local file is not even given to GDAL.
+/// Why a local file is not passed to GDAL.
 fn not_readable(path: &Path) -> Option<String> {
     let metadata = match path.metadata() {
         Ok(metadata) => metadata,
@@ -321,7 +321,7 @@ fn in_archive(prefix: &str, shown: &Path, member: &Path) -> PathBuf {
     PathBuf::from(format!("{prefix}{inner}/{}", member.display()))
 }
 
-/// No hidden file, and no member that leaves its archive.
+/// Whether it is not hidden, and does not leave its archive.
 fn is_plain(member: &Path) -> bool {
     let text = member.to_string_lossy();
     !text.ends_with('/') && text.split('/').all(|part| !part.starts_with('.') && part != "__MACOSX")
@@ -342,7 +342,7 @@ fn subdatasets(dataset: &Dataset) -> Vec<String> {
     items.iter().filter_map(name).collect()
 }
 
-/// Names for a person, such that a shell takes them.
+/// Names for display, quoted for a shell.
 fn list(names: &[String]) -> String {
     let quoted = |name: &String| match name.contains(['"', ' ', '(', '&', ';', '$']) && !name.contains('\'') {
         true => format!("'{name}'"),

@@ -1,4 +1,4 @@
-//! Reading sources: each thread has its own handles, since GDAL's are not shared.
+//! Reads sources: each thread has its own handles, because those of GDAL cannot be shared.
 
 use super::access::Access;
 use super::raster::{Raster, Shows};
@@ -10,8 +10,7 @@ use gdal::raster::RasterBand;
 
 /// Opens a described source again.
 pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
-    // What may be opened was settled when it was described; other drivers have no business with it
-    // now.
+    // The driver was determined when it was described; no other driver may open it now.
     Access::default()
         .open(&raster.open_name(), Some(&raster.driver()))
         .or_else(|_| Access::default().open(&raster.open_name(), None))
@@ -145,8 +144,7 @@ impl Reader<3> for ColorReader<'_> {
         let mut window = Window::new(origin, size);
         let samples = |band: usize| read_band::<f32>(self.raster, &self.dataset.rasterband(band), origin, size);
         let bands = self.values.color_bands();
-        // A pixel is void when all its bands say so: pure white is not void where only 255 in all
-        // bands is.
+        // A pixel is void only when all its bands are.
         let mut voids = vec![0u8; window.pixels.len()];
         for band in &bands {
             let palette = self.raster.bands()[band - 1].palette.as_deref();

@@ -1,4 +1,4 @@
-//! One source file: everything about it that does not need an open handle.
+//! Description of a source file, without an open handle.
 
 use super::crs;
 use super::georef::{Affine, affine_of, bent};
@@ -10,7 +10,7 @@ use gdal::raster::{ColorInterpretation, GdalDataType};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use std::path::{Path, PathBuf};
 
-/// No raster is larger along a side; absurd sizes of damaged files end here.
+/// Upper bound of the side of a raster: rejects absurd sizes of damaged files.
 const MAX_SIDE: usize = 1 << 27;
 
 /// A source raster. Valid by construction: it has pixels, bands, and a place on the ground.
@@ -31,7 +31,7 @@ pub struct Raster {
     data_type: String,
 }
 
-/// What is known of a band. Plain data: any of it may be true of a file.
+/// Description of a band. Plain data: any of it may be true of a file.
 #[derive(Debug, Clone)]
 pub struct BandInfo {
     /// Sample type.
@@ -51,7 +51,7 @@ pub struct BandInfo {
 }
 
 impl Raster {
-    /// Looks at what was opened. `source_crs` is for files that lack a CRS.
+    /// Describes an opened dataset. `source_crs` is for files without a CRS.
     pub(super) fn of(found: &Found, source_crs: Option<&str>) -> Result<Self, IngestError> {
         let (dataset, path) = (&found.dataset, found.shown.as_path());
         let fail = |reason: String| IngestError::source(path, reason);
@@ -201,7 +201,7 @@ impl Raster {
         self.is_geographic
     }
 
-    /// What is known of its bands, of which it has one at least.
+    /// Descriptions of its bands, of which it has at least one.
     #[must_use]
     pub fn bands(&self) -> &[BandInfo] {
         &self.bands
@@ -213,8 +213,8 @@ impl Raster {
         &self.data_type
     }
 
-    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the
-    /// file. Without its full name, which may have a password in it.
+    /// An error with GDAL's message: `what` continues the sentence that begins with the file.
+    /// Without its full name, which may contain a password.
     pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
         let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
         IngestError::source(&self.path, format!("{what}: {reason}"))
@@ -270,7 +270,7 @@ impl Raster {
     }
 }
 
-/// What a band shows, as far as it matters here.
+/// The meaning of a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
     /// Red.
@@ -281,7 +281,7 @@ pub enum Shows {
     Blue,
     /// How opaque a pixel is.
     Alpha,
-    /// Anything else, or nobody knows.
+    /// Anything else, or unknown.
     Other,
 }
 

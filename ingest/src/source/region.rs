@@ -1,8 +1,8 @@
 //! `--bounds`: the part of the data that becomes a world.
 //!
 //! First in longitude and latitude (or the CRS of the bounds), so that the world's plane is chosen
-//! for that part; then as a rectangle of the world's CRS, which is what the world covers and what
-//! sources are read for.
+//! for that part; then as a rectangle of the world's CRS, which the world covers and for which
+//! sources are read.
 
 use super::TargetCrs;
 use super::crs::{body_of, parse};
@@ -13,15 +13,15 @@ use std::sync::Arc;
 
 /// Points along a side of a region that are transformed.
 const SIDE: usize = 33;
-/// Pixels around a part that are kept for kernels, and the share of its size.
+/// Margin around a part for kernels, in pixels, and as a share of its size.
 const MARGIN_PX: f64 = 16.0;
 const MARGIN_SHARE: f64 = 0.05;
 
-/// What is left of a source.
+/// The used part of a source.
 #[derive(Debug, Clone)]
 pub struct Crop {
     /// Longitudes and latitudes of the region, degrees, for a source around the whole body; empty
-    /// for others, whose part tells.
+    /// for others.
     pub lon_lat: Arc<Vec<[f64; 2]>>,
     /// Least and greatest easting and northing in the world's CRS, once it is chosen.
     pub rect: Option<[[f64; 2]; 2]>,
@@ -40,7 +40,7 @@ impl Crop {
                 (start, end) =
                     (first + (index(start) + 1e-3).floor() * spacing, first + (index(end) - 1e-3).ceil() * spacing);
             } else {
-                // Not a whole post: the lattice is inside of what this leaves.
+                // Less than a whole post: the lattice must be inside.
                 (start, end) = (start - 0.998 * spacing, end + 0.998 * spacing);
             }
             (low[axis], high[axis]) = (start.max(first), end.min(last));
@@ -123,7 +123,7 @@ impl Region {
         grid([west, south], [east, north])
     }
 
-    /// Points of the region in another CRS; what has no place there is left out.
+    /// Points of the region in another CRS, without those that cannot be transformed.
     fn points_in(&self, srs: &SpatialRef) -> Result<Vec<[f64; 2]>, IngestError> {
         transformed(self.grid(), &self.srs(srs)?, srs)
     }
@@ -170,10 +170,10 @@ impl Region {
         all
     }
 
-    /// The rectangle that the region is in the world's CRS.
+    /// The bounding rectangle of the region in the world's CRS.
     ///
     /// # Errors
-    /// [`IngestError::Usage`] when it has no place there.
+    /// [`IngestError::Usage`] when it cannot be transformed.
     pub(crate) fn rect_in(&self, target: &TargetCrs) -> Result<[[f64; 2]; 2], IngestError> {
         let points = self.points_in(&target.srs()?)?;
         let rect = points.iter().fold(None, |rect: Option<[[f64; 2]; 2]>, [x, y]| {
@@ -184,8 +184,7 @@ impl Region {
     }
 }
 
-/// The parts of sources that a rectangle of the world's CRS needs; those that have none in it are
-/// left out.
+/// The parts of sources that a rectangle of the world's CRS needs, without sources outside of it.
 pub(crate) fn parts_in(
     rasters: Vec<Raster>,
     rect: [[f64; 2]; 2],
@@ -217,7 +216,7 @@ fn transformed(points: Vec<[f64; 2]>, from: &SpatialRef, to: &SpatialRef) -> Res
     let transform = CoordTransform::new(from, to)
         .map_err(|e| IngestError::usage(format!("--bounds cannot be brought to the data: {}", gdal_message(&e))))?;
     let (mut x, mut y): (Vec<f64>, Vec<f64>) = points.into_iter().map(|[x, y]| (x, y)).unzip();
-    // What has no place comes back infinite and is left out.
+    // Points that cannot be transformed come back infinite and are left out.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
     Ok(x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(|(x, y)| [x, y]).collect())
 }

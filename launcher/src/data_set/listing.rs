@@ -194,7 +194,7 @@ pub struct Listing {
 impl Listing {
     /// The listing that is there, as far as its frames go with `head` and their files, named from
     /// `folder`, are still there; and how many frames did not go with it. An empty one where there
-    /// is no file, or it is not a listing.
+    /// is not a file, or not a listing.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -230,7 +230,7 @@ impl Listing {
         self.frames.len()
     }
 
-    /// Whether there are none.
+    /// Whether it is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()

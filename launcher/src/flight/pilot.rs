@@ -78,7 +78,7 @@ struct Cockpit {
     failure: Arc<OnceLock<ShmError>>,
 }
 
-/// Sentences that wait to be shown; what comes while so many do is not shown.
+/// Maximum number of queued messages; further ones are dropped.
 const MOST_MESSAGES: usize = 64;
 
 impl Pilot {
@@ -162,8 +162,8 @@ impl Cockpit {
     fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &SyncSender<String>) -> Flown {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
-        // Nobody listens any more when the run has ended.
-        // Whoever sends poses decides how much there is to say: it is never waited for.
+        // When the run has ended, the receiver is gone. The sender of poses determines the number
+        // of messages, so this never waits.
         let mut say = |sentence: String| drop(tell.try_send(sentence));
         let mut poses = 0;
         let mut flown = Vec::new();

@@ -14,8 +14,8 @@ use terravision_common::surface::CrsFrame;
 const LARGEST_ANGLE_DEG: f64 = 1e6;
 /// No clock shows more, not even one in nanoseconds that is given for seconds.
 const LARGEST_TIME: f64 = 1e20;
-/// So many poses from the past, each newer than the one before, are those of a sender that started
-/// again: its clock counts.
+/// This many poses from the past, each newer than the one before, are those of a sender that
+/// started again: its clock counts.
 const CLOCK_SET_BACK: u32 = 30;
 
 /// Causes for which a pose is refused.

@@ -307,8 +307,8 @@ fn counter(control: &Control, counter: Counter) -> u64 {
 fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]) -> f64 {
     let lacking: HashSet<NodeId> = missing.iter().map(|tile| tile.node).collect();
     let mut is_leaf_of: HashMap<NodeId, bool> = wanted.iter().map(|tile| (tile.node, true)).collect();
-    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a
-    // tile.
+    // A parent of a wanted node is not a leaf, and can be expanded when none of its children lacks
+    // a tile.
     let blocked: HashSet<NodeId> =
         lacking.iter().filter(|node| node.q() + 1 < world.levels()).map(|node| node.parent()).collect();
     let nodes: Vec<NodeId> = is_leaf_of.keys().copied().collect();

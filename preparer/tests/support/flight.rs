@@ -120,10 +120,10 @@ pub struct Flight {
     pub in_flight: usize,
     pub frames: u64,
     pub first_frame: u64,
-    /// Realtime mode; every so many frames one is made and the others are left out.
+    /// Realtime mode; one in this many frames is made and the others are skipped.
     pub realtime: Option<u64>,
-    /// So many frames have the top levels alone; each later one has all that the frames before it
-    /// lacked.
+    /// This many frames have only the top levels; each later frame has all tiles that earlier
+    /// frames lacked.
     pub held: Option<u64>,
 }
 

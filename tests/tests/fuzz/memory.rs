@@ -93,7 +93,7 @@ fn frames_of_another_program() {
             assert!(
                 (reader.newest(), reader.is_ended(), reader.launcher_pid()).2 < u32::MAX || reader.shape() == shape
             );
-            // Whoever comes now believes nothing either.
+            // A new reader does not trust the content either.
             drop(FrameRingReader::open(&name));
         });
         file.write_all_at(&whole, 0).unwrap();
