@@ -214,7 +214,7 @@ fn blocks_of_any_width_are_drawn() {
 /// height 0.
 fn flat_depth(camera: &Camera, x: f64, y: f64) -> f64 {
     let ray = camera.ray_in_world(x, y);
-    -camera.eye_in_world[2] / ray.z
+    -camera.fields().eye_in_world[2] / ray.z
 }
 
 /// Vertices lie on this grid.

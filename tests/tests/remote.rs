@@ -323,7 +323,7 @@ fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
     end(&poses);
     let finished = flight.wait();
     finished.assert_told(3);
-    let told = finished.stderr.matches("is not the one that was opened").count();
+    let told = finished.stderr.matches("was replaced while it was open").count();
     assert!((1..=2).contains(&told), "{}", finished.stderr);
 }
 

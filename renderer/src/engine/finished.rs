@@ -82,7 +82,7 @@ impl InFlight {
                 elevation_end: RingPosition::new(frame.end.elevation_end),
                 slots_end: frame.slots_end,
             },
-            pose: frame.marker.camera,
+            pose: frame.pose,
             size: frame.marker.picture,
             views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],

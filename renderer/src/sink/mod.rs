@@ -73,7 +73,7 @@ fn check_size(sink: &'static str, picture: &Picture<'_>, expected: [u32; 2]) -> 
 }
 
 /// Width and height of a picture, and its pixels, RGBA.
-pub type Pixels = ([u32; 2], Vec<u8>);
+pub type SizedRgba = ([u32; 2], Vec<u8>);
 
 /// A sink could not do its work.
 #[derive(Debug, thiserror::Error)]
@@ -183,7 +183,7 @@ pub trait FrameSink: Send {
     ///
     /// # Errors
     /// The file there is not a picture.
-    fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+    fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
         Ok(None)
     }
 }

@@ -2,9 +2,8 @@
 //! that was left out the last picture is there once more, so that a film of them keeps the flight's
 //! time.
 
-use super::{FrameSink, Picture, Pixels, SinkError};
+use super::{FrameSink, Picture, SinkError, SizedRgba};
 use crate::pixels::PixelPlaces;
-use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
@@ -17,7 +16,7 @@ pub struct RepeatSink {
     /// The frame that has to be written next.
     next: u64,
     /// What was written last: size and pixels.
-    last: Option<Pixels>,
+    last: Option<SizedRgba>,
 }
 
 impl std::fmt::Debug for RepeatSink {
@@ -76,7 +75,7 @@ impl FrameSink for RepeatSink {
         // Only what went with a renderer that was killed is missing here; a flight without a known
         // end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let (frame, rgba) = (self.next, &rgba);
             let on_device = None;
             let last =
@@ -97,7 +96,7 @@ mod tests {
     /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
     struct Log {
         written: Written,
-        left: Option<Pixels>,
+        left: Option<SizedRgba>,
     }
 
     impl FrameSink for Log {
@@ -110,7 +109,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+        fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
             Ok(self.left.take())
         }
     }
@@ -126,7 +125,7 @@ mod tests {
     fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let (size, rgba, reversed_depth, on_device) = ([1, 1], &rgba[..], None, None);
             let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();

@@ -102,7 +102,7 @@ impl Technique for MeshTechnique {
         self.tiles.clear();
         self.blocks.clear();
         self.draws.clear();
-        let datum_m = self.world.surface().height_m(frame.marker.camera.eye());
+        let datum_m = self.world.surface().height_m(frame.pose.eye());
         for view in frame.views.iter() {
             self.add_view(frame, &view.camera, datum_m, places)?;
         }
