@@ -11,6 +11,7 @@ use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::ids::FrameNumber;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
+use terravision_common::run::TechniqueChoice;
 use terravision_common::run::{DatabaseConfig, RenderConfig};
 use terravision_testkit::runs;
 
