@@ -21,7 +21,7 @@
 //! or tiles of a database. Colors stay where they are. [`Caster::draw`] allocates nothing from the second frame
 //! of a size on.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod caster;
 mod coherent;
@@ -33,6 +33,7 @@ mod picture;
 mod proof;
 mod scene;
 mod shade;
+mod sweep;
 pub mod view;
 pub mod workers;
 
@@ -41,3 +42,4 @@ pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;
 pub use proof::{StartRule, Steepness, Unproven};
+pub use sweep::{Instructions, SweepDetail};
