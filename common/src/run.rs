@@ -279,6 +279,8 @@ pub enum RaysChoice {
     Mipmap,
     /// Samples of voxels along lines of pixels.
     Coherent,
+    /// Vertical planes through the eye, swept outwards once.
+    Sweep,
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
     /// By a GPU, if there is one; else whichever of the first two is faster on one of the first frames.

@@ -1,15 +1,15 @@
 //! The planes of a sector, sixteen at a time, and how far apart they are sampled outwards.
 
+use super::SweepDetail;
 use super::lanes::{Floats, LANES};
 use super::sector::{Row, Sector};
-use super::SweepDetail;
 use crate::scene::Scene;
 use glam::Vec2;
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.
 const OF_SPACING: f32 = 0.5;
 /// The first step is this share of the finest spacing away from the eye's foot, if ground may be seen there.
-const NEAREST: f32 = 0.25;
+const NEAREST: f32 = 1.0 / 64.0;
 
 /// Sixteen neighboring planes.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +49,25 @@ pub(super) struct Fan {
 }
 
 impl Fan {
+    /// Takes memory for pictures of this size in any attitude, if it is not there.
+    pub(super) fn reserve(&mut self, scene: &Scene<'_>, size: [u32; 2], detail: &SweepDetail) {
+        let longest = size[0].max(size[1]);
+        reserve(&mut self.rows, longest as usize);
+        // A sector whose rows differ by less than the factor of two is as wide as the picture, and leans by at most its
+        // height; in others the furthest row is no further from where lines meet than twice the picture's height, and as
+        // wide to both sides.
+        let lines = 4.0 * longest as f32 * detail.lines_per_px;
+        reserve(&mut self.blocks, lines as usize / LANES + 2);
+        // Equal steps near the eye, growing ones beyond.
+        let per_e = scene.view.focal_px() / detail.step_px;
+        let equal = OF_SPACING * finest_spacing(scene);
+        let octaves = (scene.far / (equal * per_e)).max(1.0).ln();
+        let steps = per_e * (2.0 + octaves);
+        if steps.is_finite() {
+            reserve(&mut self.steps, steps as usize + 3);
+        }
+    }
+
     /// Makes the planes and steps of a sector.
     pub(super) fn set(&mut self, sector: Sector, rows: &[Row], scene: &Scene<'_>, detail: &SweepDetail) {
         self.sector = Some(sector);
@@ -71,7 +90,7 @@ impl Fan {
                 near = near.min(block.begin[k]);
             }
         }
-        let spacing = scene.ground.tiles().iter().fold(f32::INFINITY, |finest, tile| finest.min(tile.spacing_m));
+        let spacing = finest_spacing(scene);
         if near >= far || !spacing.is_finite() {
             return;
         }
@@ -87,6 +106,16 @@ impl Fan {
         // Of the furthest plane the last step lies on the border.
         self.steps.push(Step { distance: far, nearness: 1.0 / far });
     }
+}
+
+/// Room for so many.
+fn reserve<T>(list: &mut Vec<T>, count: usize) {
+    list.reserve(count.saturating_sub(list.len()));
+}
+
+/// Metres from post to post where they are densest; infinite without ground.
+fn finest_spacing(scene: &Scene<'_>) -> f32 {
+    scene.ground.tiles().iter().fold(f32::INFINITY, |finest, tile| finest.min(tile.spacing_m))
 }
 
 /// Ground nearer than this is below all lines of sight, of which none is lower than this slope.

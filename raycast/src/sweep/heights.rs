@@ -65,7 +65,8 @@ impl<'a> Heights<'a> {
         }
         for k in 0..LANES {
             let (south, north) = (at[k] as usize, (at[k] + self.stride[k]) as usize);
-            if let (Some(&[sw, se]), Some(&[nw, ne])) = (self.all.get(south..south + 2), self.all.get(north..north + 2)) {
+            if let (Some(&[sw, se]), Some(&[nw, ne])) = (self.all.get(south..south + 2), self.all.get(north..north + 2))
+            {
                 [corners[0][k], corners[1][k], corners[2][k], corners[3][k]] = [sw, se, nw, ne];
             }
         }

@@ -43,6 +43,11 @@ use strip::{LINES, Strip};
 use terravision_common::camera::Camera;
 use trace::Tracer;
 
+/// Blocks of a strip.
+const BLOCKS: usize = LINES / lanes::LANES;
+/// A picture has no more sectors.
+const MOST_SECTORS: usize = 4;
+
 /// How densely the ground is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweepDetail {
@@ -65,6 +70,13 @@ impl SweepDetail {
         Self { step_px: 3.0, lines_per_px: 0.5, footprint_along: 0.5, footprint_across: 0.7, has_two_taps: false };
     /// As near to the truth as it gets.
     pub const BEST: Self = Self { step_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
+
+    /// As densely as facets of so many pixels are worth: two samples to a facet.
+    #[must_use]
+    pub fn for_facets(facet_px: f32) -> Self {
+        let step_px = (0.5 * facet_px).clamp(Self::BEST.step_px, 8.0);
+        if step_px <= 2.0 { Self { step_px, ..Self::BEST } } else { Self { step_px, ..Self::DEFAULT } }
+    }
 }
 
 /// What sweeps keep from frame to frame.
@@ -83,7 +95,7 @@ impl Sweep {
     pub(crate) fn new(workers: usize) -> Self {
         Self {
             instructions: Instructions::widest(),
-            fans: Vec::new(),
+            fans: (0..MOST_SECTORS).map(|_| Fan::default()).collect(),
             rows: Vec::new(),
             strips: Vec::new(),
             memory: (0..workers).map(|_| Mutex::default()).collect(),
@@ -101,16 +113,20 @@ impl Sweep {
     }
 
     /// Draws a scene into its picture.
-    pub(crate) fn draw(&mut self, canvas: &Canvas<'_>, camera: &Camera, detail: &SweepDetail, workers: &Workers) -> Counts {
+    pub(crate) fn draw(
+        &mut self,
+        canvas: &Canvas<'_>,
+        camera: &Camera,
+        detail: &SweepDetail,
+        workers: &Workers,
+    ) -> Counts {
         let count = self.set(canvas.scene, camera, detail);
         let Self { instructions, fans, strips, memory, .. } = &*self;
         let fans = &fans[..count];
-        let rows = camera.width.max(camera.height) as usize;
         let next = AtomicUsize::new(0);
         workers.run(|worker| {
             // A worker's own. What a panic has left in it is not looked at.
             let mut strip = memory[worker].lock().unwrap_or_else(PoisonError::into_inner);
-            strip.reserve(rows);
             let mut counts = Counts::default();
             // Relaxed: which worker takes a strip shows nowhere.
             while let Some([fan, first]) = strips.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
@@ -123,15 +139,20 @@ impl Sweep {
 
     /// Makes the sectors, planes and strips of a frame; how many sectors there are.
     fn set(&mut self, scene: &Scene<'_>, camera: &Camera, detail: &SweepDetail) -> usize {
-        let Self { fans, rows, strips, .. } = self;
-        let mut count = 0;
+        let Self { fans, rows, strips, memory, .. } = self;
+        let size = [camera.width, camera.height];
+        let longest = size[0].max(size[1]) as usize;
+        for strip in memory {
+            strip.get_mut().unwrap_or_else(PoisonError::into_inner).reserve(longest);
+        }
+        fans.iter_mut().for_each(|fan| fan.reserve(scene, size, detail));
+        rows.reserve(longest.saturating_sub(rows.len()));
         strips.clear();
+        strips.reserve(fans.iter().map(|fan| fan.blocks.capacity() / BLOCKS + 1).sum());
+        let mut count = 0;
         let mut put = |sector: Sector, rows: &[Row]| {
-            if fans.len() == count {
-                fans.push(Fan::default());
-            }
             fans[count].set(sector, rows, scene, detail);
-            strips.extend((0..fans[count].blocks.len()).step_by(LINES / lanes::LANES).map(|first| [count, first]));
+            strips.extend((0..fans[count].blocks.len()).step_by(BLOCKS).map(|first| [count, first]));
             count += 1;
         };
         Sector::all(camera, f64::from(detail.lines_per_px), &mut put, rows);
@@ -156,7 +177,7 @@ impl Work for StripWork<'_> {
     fn run(self) -> Counts {
         let Self { canvas, fan, first, detail, strip } = self;
         let mut counts = Counts::default();
-        let blocks = &fan.blocks[first..fan.blocks.len().min(first + LINES / lanes::LANES)];
+        let blocks = &fan.blocks[first..fan.blocks.len().min(first + BLOCKS)];
         for (number, block) in blocks.iter().enumerate() {
             let Some(mut tracer) = Tracer::new(canvas.scene, fan, block) else { continue };
             tracer.trace(strip, number * lanes::LANES);

@@ -80,7 +80,7 @@ pub(super) struct Row {
     /// Pixels of it that belong to the sector.
     pub(super) first: u32,
     pub(super) end: u32,
-    /// Line that passes the middle of pixel 0, and from pixel to pixel.
+    /// Line that passes the middle of its first pixel, and from pixel to pixel.
     line: f64,
     per_pixel: f64,
 }
@@ -168,8 +168,7 @@ impl Sector {
         let x = row.first.min(self.size[0] - 1);
         let up = self.upness(self.place_y(number));
         row.per_pixel = if up > 0.0 { self.reference[1] / up * self.lines_per_px } else { 0.0 };
-        let line = (self.reference_px(x, number) - self.first_px) * self.lines_per_px;
-        row.line = line - row.per_pixel * f64::from(x);
+        row.line = (self.reference_px(x, number) - self.first_px) * self.lines_per_px;
     }
 
     /// Place of a pixel's middle on the plane of depth 1.
@@ -265,7 +264,7 @@ impl Sector {
 impl Row {
     /// The line at the middle of pixel `x`.
     pub(super) fn line_at(&self, x: u32) -> f64 {
-        self.line + self.per_pixel * f64::from(x)
+        self.line + self.per_pixel * (f64::from(x) - f64::from(self.first))
     }
 
     /// From pixel to pixel.
@@ -286,7 +285,7 @@ impl Row {
         if self.per_pixel == 0.0 {
             return if by <= 0.0 { self.first } else { self.end };
         }
-        let x = (by / self.per_pixel).ceil();
+        let x = f64::from(self.first) + (by / self.per_pixel).ceil();
         x.clamp(f64::from(self.first), f64::from(self.end)) as u32
     }
 }

@@ -1,10 +1,10 @@
 //! Rows of a strip become pixels: place on the ground, footprint, color, sixteen pixels at a time.
 
+use super::SweepDetail;
 use super::fan::Fan;
 use super::lanes::{Floats, LANES, floor, index, larger, smaller};
 use super::strip::{LINES, Strip, StripRow};
 use super::texels::{TilePaint, Wanted};
-use super::SweepDetail;
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
 use crate::shade::{Canvas, OPAQUE_BLACK};
@@ -71,7 +71,8 @@ impl<'a> Shader<'a> {
             for x in (from..to).step_by(LANES) {
                 let count = (to - x).min(LANES as u32) as usize;
                 let line = (row.line_at(x) - lines.start as f64) as f32;
-                ground += self.shade_pixels(strip.row(number as usize), [x, number], count, [line, per_pixel], lines.len());
+                ground +=
+                    self.shade_pixels(strip.row(number as usize), [x, number], count, [line, per_pixel], lines.len());
             }
         }
         ground
@@ -167,9 +168,8 @@ impl<'a> Shader<'a> {
     #[inline(always)]
     fn put(&self, [x, number]: [u32; 2], colors: &[u32], depths: &[f32]) {
         let [corner, along, up] = self.pixel_steps;
-        let place = |x: u32| {
-            [0, 1].map(|axis| (corner[axis] + along[axis] * x as i32 + up[axis] * number as i32) as u32)
-        };
+        let place =
+            |x: u32| [0, 1].map(|axis| (corner[axis] + along[axis] * x as i32 + up[axis] * number as i32) as u32);
         if along == [1, 0] {
             self.canvas.picture.put_pairs(place(x), colors, depths);
             return;
