@@ -9,13 +9,14 @@
 //!                ▼  neighboring lines, to whichever worker is free           (caster, workers)
 //!          coherent: from the bottom up, each ray from where the last one hit
 //!          exact: one exact ray per pixel                      } by what is proven of a ray's way (proof/)
+//!          sweep: vertical planes, all rays of each at once    (sweep/)
 //!                ▼
 //!          Canvas: picture of color and depth ─▶ outlines of tiles, if wanted (shade/)
 //! ```
 //!
 //! A technique fills lines of pixels; it gets a `Scene` and puts what pixels see onto a `Canvas`, and knows
-//! nothing of the other one. What imports what: `model` ← `scene` ← `proof`, `shade` ← `exact` ← `coherent` ←
-//! `caster`.
+//! nothing of the other ones. What imports what: `model` ← `scene` ← `proof`, `shade` ← `exact` ← `coherent` ←
+//! `caster`, and `shade` ← `sweep` ← `caster`.
 //!
 //! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots,
 //! or tiles of a database. Colors stay where they are. [`Caster::draw`] allocates nothing from the second frame

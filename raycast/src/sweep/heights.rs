@@ -61,11 +61,12 @@ impl<'a> Heights<'a> {
             let j = smaller(floor(row), self.rows[k] - 1.0);
             u[k] = column - i;
             v[k] = row - j;
-            at[k] = self.first[k] + index(j) * self.stride[k] + index(i);
+            at[k] = self.first[k].wrapping_add(index(j).wrapping_mul(self.stride[k])).wrapping_add(index(i));
         }
         for k in 0..LANES {
-            let (south, north) = (at[k] as usize, (at[k] + self.stride[k]) as usize);
-            if let (Some(&[sw, se]), Some(&[nw, ne])) = (self.all.get(south..south + 2), self.all.get(north..north + 2))
+            let (south, north) = (at[k] as usize, at[k].wrapping_add(self.stride[k]) as usize);
+            if let (Some(&[sw, se]), Some(&[nw, ne])) =
+                (self.all.get(south..south.wrapping_add(2)), self.all.get(north..north.wrapping_add(2)))
             {
                 [corners[0][k], corners[1][k], corners[2][k], corners[3][k]] = [sw, se, nw, ne];
             }

@@ -22,6 +22,7 @@ use super::strip::Strip;
 use crate::scene::{Bounds, Scene};
 use glam::Vec2;
 
+const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.
 const GROUPS: [usize; 2] = [64, 8];
 /// The slope of a point where no ground is.
@@ -132,7 +133,6 @@ impl<'a> Tracer<'a> {
         for k in 0..LANES {
             slope[k] = (heights[k] - eye) * nearness[k];
         }
-        debug_assert!(NOTHING == NO_SLOPE, "no height has no slope");
         Points { slope, nearness }
     }
 
@@ -140,7 +140,7 @@ impl<'a> Tracer<'a> {
     #[inline(never)]
     fn begin(&mut self, state: &mut State, strip: &mut Strip, first: usize) {
         let mut under = [false; LANES];
-        for k in 0..LANES {
+        for (k, is_under) in under.iter_mut().enumerate() {
             let slope = state.last.slope[k];
             if !self.block.has_ground[k] || slope <= state.horizon[k] {
                 continue;
@@ -148,7 +148,7 @@ impl<'a> Tracer<'a> {
             let nearness = state.last.nearness[k];
             let end = self.end_row(k, slope);
             if self.block.begin[k] > 0.0 && self.scene.has_undersides {
-                under[k] = true;
+                *is_under = true;
             } else if end > self.rows[0] {
                 // The ground goes on towards the eye as high as it is here; from where it begins down, it is a wall.
                 let is_wall = self.block.begin[k] > 0.0;
@@ -364,11 +364,9 @@ impl<'a> Tracer<'a> {
     #[inline(never)]
     fn look_under(&mut self, under: &[bool; LANES], above: &State, strip: &mut Strip, first: usize) {
         let mut state = State { horizon: above.horizon, next: above.next, last: above.last };
-        for k in 0..LANES {
-            if !under[k] {
-                state.horizon[k] = NO_SLOPE;
-                state.next[k] = self.rows[0];
-            }
+        for (k, _) in under.iter().enumerate().filter(|(_, is_under)| !**is_under) {
+            state.horizon[k] = NO_SLOPE;
+            state.next[k] = self.rows[0];
         }
         for at in 1..self.fan.steps.len() {
             let is_done = (0..LANES).all(|k| state.next[k] <= self.rows[0] || state.horizon[k] <= self.block.lowest[k]);
