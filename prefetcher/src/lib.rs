@@ -1,24 +1,24 @@
-//! The prefetcher: brings tiles into the pools, those that frames want and those that they are going to want.
+//! The prefetcher: brings tiles into the pools, both those that frames want and those that
+//! predicted views will want.
 //!
-//! * [`stage`] serves a run through its [`ports`]: it reads want lists, answers with outcomes, and sleeps in between.
-//! * [`scheduler`] decides: what is asked for, in which order, what is given up, where tiles go and what they replace. It
-//!   knows no clock, no thread and no network, so that tests drive it step by step. [`window`] is how much it may ask for
-//!   at a time (N of design §9).
-//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`] is where payloads come from,
-//!   and what decides when a tile is asked for again.
-//! * [`track`] predicts the camera, or [`oracle`] knows it; [`lookahead`] finds the tiles that it will want, [`ahead`] says when.
-//! * [`usage`]: what the launcher is told of the database.
+//! * [`stage`] serves a run through its [`ports`]: it reads want lists, writes outcomes, and sleeps
+//!   in between.
+//! * [`scheduler`] decides which tiles are requested, in which order, which requests are cancelled,
+//!   and which slots are reused. It uses no clock, no thread and no network, so that tests drive it
+//!   step by step. [`request_window`] limits the number of requests in flight (N in
+//!   docs/prefetch.md).
+//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`]
+//!   provides payloads, and decides when a tile may be requested again.
+//! * [`prediction`] predicts the view, and finds the tiles that it will want.
+//! * [`store_usage`] reports the use of the database to the launcher.
 
-pub mod ahead;
 pub mod executor;
-pub mod lookahead;
-pub mod oracle;
 pub mod ports;
+pub mod prediction;
+pub mod request_window;
 pub mod scheduler;
 pub mod source;
 pub mod stage;
-pub mod track;
-pub mod usage;
-pub mod window;
+pub mod store_usage;
 
 pub use stage::{PrefetcherError, run};

@@ -12,8 +12,8 @@ use terravision_common::run::Prediction;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::TreeNode;
-use terravision_prefetcher::lookahead::{Lookahead, Resolution};
-use terravision_prefetcher::track::CameraTrack;
+use terravision_prefetcher::prediction::CameraTrack;
+use terravision_prefetcher::prediction::{Resolution, WantedTiles};
 
 const SEC: u64 = 1_000_000_000;
 
@@ -31,7 +31,8 @@ fn camera(north: f64, heading_rad: f64, time_secs: f64) -> Camera {
     }
 }
 
-/// A track that has seen two seconds of a flight at 30 frames a second, and the time of the last frame.
+/// A track that has seen two seconds of a flight at 30 frames a second, and the time of the last
+/// frame.
 fn track(north: impl Fn(f64) -> f64, heading: impl Fn(f64) -> f64) -> (CameraTrack, u64) {
     let mut track = CameraTrack::default();
     let mut last = 0;
@@ -101,7 +102,7 @@ fn a_view_wants_what_its_tree_wants_coarse_to_fine() {
     let world = world();
     let terrain = SyntheticTerrain::new(&world, Relief::Mountains { height_m: 300.0 }, 3);
     let limits = TreeLimits { nodes: 20_000, elevation_leaves: 20_000 };
-    let mut lookahead = Lookahead::new(&world, terrain, limits);
+    let mut lookahead = WantedTiles::new(&world, terrain, limits);
     let resolution = Resolution { r_z_px: 10.0, r_c_px: 1.0, exaggeration: 1.0, measure: Measure::Area };
     for (north, heading) in [(1000.0, 0.0), (2500.0, 2.0), (4000.0, 4.0)] {
         let camera = camera(north, heading, 0.0);
@@ -116,7 +117,8 @@ fn a_view_wants_what_its_tree_wants_coarse_to_fine() {
         let distinct: HashSet<Tile> = tiles.iter().copied().collect();
         assert_eq!(distinct.len(), tiles.len(), "each once");
         assert!(tiles.iter().all(|tile| in_tree.contains(&tile.node)));
-        // Every leaf has a wanted colour tile at or above it, every elevation leaf its own elevation.
+        // Every leaf has a wanted colour tile at or above it, every elevation leaf its own
+        // elevation.
         for node in &nodes[..stats.node_count as usize] {
             let id = node.id().expect("an id");
             if node.flags & terravision_common::tree::ELEVATION_LEAF != 0 {

@@ -1,9 +1,10 @@
-//! What tests and benches of several crates share. No program depends on it, but in its tests; it depends on
-//! libraries alone.
+//! What tests and benches of several crates share. No program depends on it, but in its tests; it
+//! depends on libraries alone.
 //!
 //! * [`fault_server`]: a static web server on loopback that misbehaves on demand;
 //! * [`worlds`]: worlds without a database;
-//! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds for them.
+//! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds
+//!   for them.
 
 #![forbid(unsafe_code)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]

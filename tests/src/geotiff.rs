@@ -1,5 +1,5 @@
-//! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds for tests: uncommon
-//! encodings are not needed, independence of the code under test is.
+//! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds
+//! for tests: uncommon encodings are not needed, independence of the code under test is.
 
 use crate::reference::{Colors, Heights};
 use std::fs::File;
@@ -94,8 +94,8 @@ pub fn read_colors(path: &Path) -> Result<Colors, GeoTiffError> {
     Ok(Colors::new(raster.width, raster.height, origin, raster.cell_m, rgb))
 }
 
-/// A single- or three-band float TIFF without georeference, as `still --depth` and `--ground` write them: width,
-/// height, values as f64, rows from the top, bands interleaved.
+/// A single- or three-band float TIFF without georeference, as `still --depth` and `--ground` write
+/// them: width, height, values as f64, rows from the top, bands interleaved.
 ///
 /// # Errors
 /// [`GeoTiffError`] when it cannot be read or is not of floats.

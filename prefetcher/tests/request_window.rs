@@ -1,15 +1,16 @@
-//! N: down while less comes than is asked for, up only when N were asked for and N came.
+//! N falls while fewer requests are answered than made, and grows only when N were in flight and N
+//! were answered.
 
 use std::collections::VecDeque;
-use terravision_prefetcher::window::{CycleNumber, Window};
+use terravision_prefetcher::request_window::{CycleNumber, RequestWindow};
 
 const MS: u64 = 1_000_000;
 const CYCLE: u64 = 200 * MS;
 
-/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms` after it was made;
-/// and loses one in `loses_one_in` (0: none).
+/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms`
+/// after it was made; and loses one in `loses_one_in` (0: none).
 struct Link {
-    window: Window,
+    window: RequestWindow,
     open: VecDeque<(u64, CycleNumber)>,
     now: u64,
     free_at: u64,
@@ -22,7 +23,7 @@ struct Link {
 
 impl Link {
     fn new(delay_ms: u64, gap_ms: u64) -> Self {
-        let (window, open) = (Window::new(CYCLE), VecDeque::new());
+        let (window, open) = (RequestWindow::new(CYCLE), VecDeque::new());
         Self { window, open, now: 0, free_at: 0, delay_ms, gap_ms, loses_one_in: 0, count: 0, came: 0 }
     }
 
@@ -96,7 +97,7 @@ fn n_settles_near_what_a_slow_link_carries_in_a_cycle_or_two_and_keeps_it_busy()
 
 #[test]
 fn what_is_given_up_says_nothing_about_the_link() {
-    let mut window = Window::new(CYCLE);
+    let mut window = RequestWindow::new(CYCLE);
     let before = window.n();
     for _ in 0..20 {
         let cycles: Vec<CycleNumber> = std::iter::from_fn(|| window.ask()).collect();

@@ -1,4 +1,7 @@
-//! The pool as its only writer sees it: who is in it, and which slot is filled next.
+//! The pool as its only writer sees it: who is in it. Which tile goes when room is needed is
+//! decided in [`eviction`].
+
+mod eviction;
 
 use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader, bytes, numbered, slots};
@@ -15,14 +18,12 @@ use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 use std::sync::Arc;
 
-/// Eviction candidates taken from one look through the table.
-const CANDIDATES: usize = 256;
-
 /// Fills a tile pool, evicts from it, and knows where each node's tile is. One per pool.
 #[derive(Debug)]
 pub struct PoolWriter {
     place: Arc<WriterPlace>,
-    /// Slot of each node that is in the pool or was put into a slot that has not been claimed again.
+    /// Slot of each node that is in the pool or was put into a slot that has not been claimed
+    /// again.
     slot_of: HashMap<u64, SlotIndex, BuildHasherDefault<NodeHasher>>,
     /// The node that [`PoolWriter::slot_of`] has for each slot.
     node_of: Vec<Option<NodeId>>,
@@ -34,7 +35,8 @@ pub struct PoolWriter {
     looked_at: Sequence,
 }
 
-/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other threads.
+/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other
+/// threads.
 #[derive(Debug)]
 struct WriterPlace {
     segment: Arc<Segment>,
@@ -62,9 +64,9 @@ pub enum Residency {
 }
 
 impl PoolWriter {
-    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write; waits a moment for the
-    /// segment to become ready. After a writer that was killed, the tiles that it published stay, and slots that it was
-    /// filling are free.
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write;
+    /// waits a moment for the segment to become ready. After a writer that was killed, the tiles
+    /// that it published stay, and slots that it was filling are free.
     ///
     /// # Errors
     /// See [`ShmError`]; [`ShmError::RoleTaken`] while another writer lives.
@@ -140,9 +142,10 @@ impl PoolWriter {
         }
     }
 
-    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one wanted least recently
-    /// whose last frame is at most `completed_sequence` ([`crate::shm::Control::completed_sequence`]) and that is not
-    /// locked. `None` when there is none (wait for a frame to complete), or when the tile is in the pool or being loaded
+    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one
+    /// wanted least recently whose last frame is at most `completed_sequence`
+    /// ([`crate::shm::Control::completed_sequence`]) and that is not locked. `None` when there is
+    /// none (wait for a frame to complete), or when the tile is in the pool or being loaded
     /// ([`PoolWriter::residency`] tells which).
     ///
     /// Allocates no memory. The guard may be filled and published on any thread.
@@ -150,8 +153,9 @@ impl PoolWriter {
         self.fill(node, sequence, completed_sequence, None)
     }
 
-    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`. Takes a free slot,
-    /// else one that was neither wanted nor expected since before `sequence`. Nothing but that order protects the tile.
+    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`.
+    /// Takes a free slot, else one that was neither wanted nor expected since before `sequence`.
+    /// Nothing but that order protects the tile.
     pub fn allocate_expected(
         &mut self,
         node: NodeId,
@@ -186,8 +190,9 @@ impl PoolWriter {
         Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true })
     }
 
-    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that frame had wanted it.
-    /// Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing. Returns what it found.
+    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that
+    /// frame had wanted it. Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing.
+    /// Returns what it found.
     pub fn expect(&mut self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
@@ -211,86 +216,14 @@ impl PoolWriter {
         table(&self.place.segment).iter().filter(|words| words.usage().state.is_readable()).count() as u32
     }
 
-    /// The frame as of which a reusable slot's tile was last wanted or expected; none for a free slot.
-    fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: Sequence) -> Option<Sequence> {
-        let usage = words.usage();
-        match usage.state {
-            super::SlotState::Free => Some(Sequence::NONE),
-            // Never none: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
-            // room only when no slot is free.
-            _ if usage.is_reusable(completed) => {
-                Some(usage.sequence.max(self.expected_at[slot.index()]).max(Sequence::FIRST))
-            }
-            _ => None,
-        }
-    }
-
-    fn claim(
-        &mut self,
-        node: NodeId,
-        sequence: Sequence,
-        completed: Sequence,
-        limit: Option<Sequence>,
-    ) -> Option<SlotKey> {
-        let mut looks = 0;
-        loop {
-            if self.candidates.is_empty() {
-                // Candidates of a fresh look fail only when readers want them at this very moment.
-                if looks == 2 {
-                    return None;
-                }
-                looks += 1;
-                self.find_candidates(completed);
-            }
-            let (seen, slot) = self.candidates.pop()?;
-            let words = self.place.words(slot)?;
-            // A candidate that was wanted since is no longer one.
-            if self.rank(slot, words, completed) != Some(seen) {
-                continue;
-            }
-            if looks == 0 && seen > self.looked_at && completed > self.looked_at {
-                // It is only expected, and frames that were completed since may have left slots that are not.
-                self.candidates.clear();
-                continue;
-            }
-            if limit.is_some_and(|limit| seen >= limit) {
-                // So are all others; but this one may be taken for a tile that is wanted.
-                self.candidates.push((seen, slot));
-                return None;
-            }
-            if let Some(generation) = words.claim(node, sequence, completed) {
-                return Some(SlotKey { slot, generation });
-            }
-        }
-    }
-
-    /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these
-    /// (but for the expected, of which `claim` takes care), so the order over several looks is the order of one.
-    fn find_candidates(&mut self, completed: Sequence) {
-        self.looked_at = completed;
-        let mut candidates = std::mem::take(&mut self.candidates);
-        for (slot, words) in numbered(&self.place.segment) {
-            if let Some(rank) = self.rank(slot, words, completed) {
-                candidates.push((rank, slot));
-            }
-        }
-        self.candidates = candidates;
-        let newest_first = |a: &(Sequence, SlotIndex), b: &(Sequence, SlotIndex)| b.cmp(a);
-        let surplus = self.candidates.len().saturating_sub(CANDIDATES);
-        if surplus > 0 {
-            self.candidates.select_nth_unstable_by(surplus, newest_first);
-            self.candidates.drain(..surplus);
-        }
-        self.candidates.sort_unstable_by(newest_first);
-    }
-
-    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it stays until that frame
-    /// is completed. `false` when the slot holds nothing or does not exist.
+    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it
+    /// stays until that frame is completed. `false` when the slot holds nothing or does not exist.
     pub fn touch(&self, slot: SlotIndex, sequence: Sequence) -> bool {
         self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
     }
 
-    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what it found.
+    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what
+    /// it found.
     pub fn touch_node(&self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if residency != Residency::Absent
@@ -318,7 +251,8 @@ impl PoolWriter {
     }
 }
 
-/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the slot is free again.
+/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the
+/// slot is free again.
 #[derive(Debug)]
 #[must_use]
 pub struct FillGuard {
@@ -338,8 +272,8 @@ impl FillGuard {
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         let segment = &self.place.segment;
         let offset = segment.item_offset(self.key.slot.get().into());
-        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader takes a slot that is
-        // being filled); the slice borrows `self`, the one guard of the slot.
+        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader
+        // takes a slot that is being filled); the slice borrows `self`, the one guard of the slot.
         unsafe { segment.region().slice_mut(offset, segment.geometry().item_bytes) }
     }
 

@@ -1,9 +1,15 @@
-//! The view that is going to be, and the tiles that it wants.
+//! The predicted view, and the tiles that it wants. [`CameraTrack`] predicts it from recent
+//! cameras, or [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree.
 
-use crate::lookahead::{Lookahead, Resolution};
-use crate::oracle::Oracle;
+mod camera_track;
+mod oracle;
+mod wanted_tiles;
+
+pub use camera_track::{CameraTrack, widened_views};
+pub use oracle::Oracle;
+pub use wanted_tiles::{Resolution, WantedTiles};
+
 use crate::scheduler::{CYCLE_NANOS, Scheduler};
-use crate::track::{CameraTrack, widened_views};
 use std::collections::HashSet;
 use terravision_common::camera::Camera;
 use terravision_common::database::Tile;
@@ -24,21 +30,21 @@ pub(crate) struct Ahead<R> {
     config: RunConfig,
     track: CameraTrack,
     oracle: Option<Oracle>,
-    lookahead: Option<Lookahead<R>>,
+    wanted_tiles: Option<WantedTiles<R>>,
     tiles: Vec<Tile>,
 }
 
 impl<R: HeightRanges> Ahead<R> {
     pub(crate) fn new(world: &World, ranges: R, config: &RunConfig, path: Option<Consumer<CameraRecord>>) -> Self {
         let prediction = config.prefetch.prediction;
-        let lookahead = (prediction != Prediction::Off).then(|| Lookahead::new(world, ranges, LIMITS));
+        let wanted_tiles = (prediction != Prediction::Off).then(|| WantedTiles::new(world, ranges, LIMITS));
         let track = CameraTrack::default();
         let oracle = path.map(Oracle::new);
-        Self { prediction, config: config.clone(), track, oracle, lookahead, tiles: Vec::new() }
+        Self { prediction, config: config.clone(), track, oracle, wanted_tiles, tiles: Vec::new() }
     }
 
     pub(crate) fn see(&mut self, control: &Control, now: u64) {
-        if let (Some(_), Some(camera)) = (&self.lookahead, control.camera()) {
+        if let (Some(_), Some(camera)) = (&self.wanted_tiles, control.camera()) {
             self.track.see(&camera, now);
         }
     }
@@ -49,7 +55,7 @@ impl<R: HeightRanges> Ahead<R> {
         control: &Control,
         now: u64,
     ) -> Result<Option<&[Tile]>, ShmError> {
-        let Some(lookahead) = &mut self.lookahead else { return Ok(None) };
+        let Some(wanted_tiles) = &mut self.wanted_tiles else { return Ok(None) };
         let ahead_secs = ahead_secs(scheduler.latency_nanos());
         let ahead_nanos = (ahead_secs * 1e9) as u64;
         control.set_gauge(Gauge::PredictedAheadNanos, ahead_nanos);
@@ -76,15 +82,15 @@ impl<R: HeightRanges> Ahead<R> {
                 Some(rig) => widened_views(&rig.views(camera), unsure_secs),
                 None => Views::single(camera),
             };
-            let of_view = lookahead.tiles(camera, &views, &resolution).iter().copied();
+            let of_view = wanted_tiles.tiles(camera, &views, &resolution).iter().copied();
             self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
         }
         Ok(Some(&self.tiles))
     }
 }
 
-/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at the end of the next
-/// cycle is there.
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
+/// the end of the next cycle is there.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;
