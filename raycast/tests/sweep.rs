@@ -1,5 +1,5 @@
-//! The sweep against the surface that it samples: on hills, cliffs and beyond the world's edge, in any attitude. Ten thousand poses with
-//! `TERRAVISION_SWEEP_POSES=10000`.
+//! The sweep against the surface that it samples: on hills, cliffs and beyond the world's edge, in
+//! any attitude. Ten thousand poses with `TERRAVISION_SWEEP_POSES=10000`.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -16,7 +16,8 @@ fn options() -> CastOptions {
     CastOptions { method: Method::Sweep, sweep: DETAIL, ..CastOptions::default() }
 }
 
-/// The lowest and the highest ground around a place, no further away than `radius_m`, and whether the world ends there.
+/// The lowest and the highest ground around a place, no further away than `radius_m`, and whether
+/// the world ends there.
 fn around(field: &Field, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
     let (mut low, mut high, mut is_border) = (f64::INFINITY, f64::NEG_INFINITY, false);
     let mut look = |at: DVec2| match field.at(at.x, at.y) {
@@ -60,8 +61,8 @@ fn is_under_edge(field: &Field, eye: DVec3, direction: DVec3, focal: f64) -> boo
     point.z < edge + pixel * (1.0 + direction.z.abs() / direction.truncate().length().max(1e-9))
 }
 
-/// Pixels that show what is further than a step from what plain rays could meet: ground that is not there, or ground behind
-/// ground.
+/// Pixels that show what is further than a step from what plain rays could meet: ground that is not
+/// there, or ground behind ground.
 fn strays(field: &Field, camera: &Camera, depths: &[f32]) -> Vec<String> {
     let eye = DVec3::from_array(camera.eye_in_world);
     let focal = camera.focal_px();
@@ -80,7 +81,8 @@ fn strays(field: &Field, camera: &Camera, depths: &[f32]) -> Vec<String> {
             let point = eye + direction * hit;
             // Between lines nearness is interpolated, up to a fiftieth of it.
             let ([low, high], is_border) = around(field, point.truncate(), radius(hit) + 0.02 * hit * across);
-            // Half a pixel beside the middle, on the next line, the line of sight is higher or lower.
+            // Half a pixel beside the middle, on the next line, the line of sight is higher or
+            // lower.
             let margin = 0.02 * hit * direction.z.abs() + 0.6 * hit / focal + 0.1;
             if !is_border && !(low - margin..=high + margin).contains(&point.z) {
                 strays.push(format!("pixel {x}, {y} at {hit}: height {} is not from {low} to {high}", point.z));
@@ -197,7 +199,8 @@ fn depth_is_that_of_exact_rays() {
 fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
     let field = Field::hills(60, 250.0, 4);
     let ground = field.ground(16, None);
-    // Ground ends where its tiles do: the eye counts as beside the world when it is beside them west or south.
+    // Ground ends where its tiles do: the eye counts as beside the world when it is beside them
+    // west or south.
     for (eye, angles) in [([-200.0, 300.0, 20.0], [80.0, 5.0, 0.0]), ([300.0, -150.0, 60.0], [10.0, -10.0, 30.0])] {
         let camera = camera(eye, angles, 60.0, SIZE);
         let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {

@@ -8,7 +8,8 @@ use glam::Vec2;
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.
 const OF_SPACING: f32 = 0.5;
-/// The first step is this share of the finest spacing away from the eye's foot, if ground may be seen there.
+/// The first step is this share of the finest spacing away from the eye's foot, if ground may be
+/// seen there.
 const NEAREST: f32 = 1.0 / 64.0;
 
 /// Sixteen neighboring planes.
@@ -17,7 +18,8 @@ pub(super) struct Block {
     /// Directions on the ground, of length 1.
     pub(super) east: Floats,
     pub(super) north: Floats,
-    /// Of a point a metre away at the eye's height: height above the middle of the picture, and depth, on the plane of depth 1.
+    /// Of a point a metre away at the eye's height: height above the middle of the picture, and
+    /// depth, on the plane of depth 1.
     pub(super) rise: Floats,
     pub(super) depth: Floats,
     /// Slopes along the picture's lower and upper edge.
@@ -53,9 +55,9 @@ impl Fan {
     pub(super) fn reserve(&mut self, scene: &Scene<'_>, size: [u32; 2], detail: &SweepDetail) {
         let longest = size[0].max(size[1]);
         reserve(&mut self.rows, longest as usize);
-        // A sector whose rows differ by less than the factor of two is as wide as the picture, and leans by at most its
-        // height; in others the furthest row is no further from where lines meet than twice the picture's height, and as
-        // wide to both sides.
+        // A sector whose rows differ by less than the factor of two is as wide as the picture, and
+        // leans by at most its height; in others the furthest row is no further from where lines
+        // meet than twice the picture's height, and as wide to both sides.
         let lines = 4.0 * longest as f32 * detail.lines_per_px;
         reserve(&mut self.blocks, lines as usize / LANES + 2);
         // Equal steps near the eye, growing ones beyond.

@@ -6,7 +6,8 @@ use crate::scene::{Bounds, Scene};
 use glam::Vec2;
 use terravision_common::surface::facet::facet_linear;
 
-/// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of metres from the eye.
+/// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of
+/// metres from the eye.
 const NEAR_TILE: f32 = 0.01;
 /// The height where there is no tile.
 pub(super) const NOTHING: f32 = f32::NEG_INFINITY;

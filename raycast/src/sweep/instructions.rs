@@ -1,16 +1,17 @@
-//! Which vector instructions work is done with. The same bits by all of them: kernels add, subtract, multiply,
-//! divide and compare, which are exact to the bit everywhere, and nothing is contracted to a fused
-//! multiply-add, which Rust never does by itself.
+//! Which vector instructions work is done with. The same bits by all of them: kernels add,
+//! subtract, multiply, divide and compare, which are exact to the bit everywhere, and nothing is
+//! contracted to a fused multiply-add, which Rust never does by itself.
 //!
-//! Kernels are plain loops over arrays. What differs is which instructions the compiler may make of them,
-//! and that a processor has them is found out when the program runs.
+//! Kernels are plain loops over arrays. What differs is which instructions the compiler may make of
+//! them, and that a processor has them is found out when the program runs.
 
 #![cfg_attr(
     target_arch = "x86_64",
     expect(unsafe_code, reason = "a function for processors with certain instructions is called where they are")
 )]
 
-/// What is done by whichever instructions there are. Implementations are inlined as a whole, or they gain nothing.
+/// What is done by whichever instructions there are. Implementations are inlined as a whole, or
+/// they gain nothing.
 pub(crate) trait Work {
     /// What comes of it.
     type Output;

@@ -9,8 +9,8 @@ pub(super) type Floats = [f32; LANES];
 /// 2^23: floats from here to its double are whole, and their lower bits are that number.
 const WHOLE: f32 = 8_388_608.0;
 
-/// The whole part of a number from 0 to 2^22, as a float. Conversions that also take care of numbers out of
-/// range are several instructions.
+/// The whole part of a number from 0 to 2^22, as a float. Conversions that also take care of
+/// numbers out of range are several instructions.
 #[inline(always)]
 pub(super) fn floor(x: f32) -> f32 {
     let nearest = (x + WHOLE) - WHOLE;

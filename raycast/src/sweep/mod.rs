@@ -1,8 +1,10 @@
-//! The sweep: what ray coherence (voxel-flythrough-1999 §4 to §6) becomes on processors with wide registers.
+//! The sweep: what ray coherence (voxel-flythrough-1999 §4 to §6) becomes on processors with wide
+//! registers.
 //!
-//! All rays of a vertical plane through the eye lie over one line on the ground. A plane is swept outwards once, front to
-//! back, and sixteen neighboring planes are the lanes of a vector. Nothing is assumed of the ground, no ray steps back: for
-//! the surface that is sampled the picture is that of plain ray casting.
+//! All rays of a vertical plane through the eye lie over one line on the ground. A plane is swept
+//! outwards once, front to back, and sixteen neighboring planes are the lanes of a vector. Nothing
+//! is assumed of the ground, no ray steps back: for the surface that is sampled the picture is that
+//! of plain ray casting.
 //!
 //! ```text
 //! camera ─▶ sector: up to four parts around the vertical's vanishing point ─▶ fan: planes, steps outwards
@@ -11,9 +13,10 @@
 //!    shade: rows of pixels ─▶ place, footprint ─▶ texels, out of the tiles' layers in place ─▶ picture
 //! ```
 //!
-//! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so many pixels, as if it faced the
-//! eye, and drawn straight between them. Kernels are loops over arrays ([`lanes`]), done by the widest instructions that the
-//! processor has ([`instructions`]), with the same bits by all of them.
+//! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
+//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are loops over
+//! arrays ([`lanes`]), done by the widest instructions that the processor has ([`instructions`]),
+//! with the same bits by all of them.
 
 mod fan;
 mod heights;
@@ -51,8 +54,8 @@ const MOST_SECTORS: usize = 4;
 /// How densely the ground is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweepDetail {
-    /// From step to step outwards, pixels of the picture at that distance: smaller steps follow crests more closely and cost
-    /// more.
+    /// From step to step outwards, pixels of the picture at that distance: smaller steps follow
+    /// crests more closely and cost more.
     pub step_px: f32,
     /// Planes to a pixel where they are widest apart; between two is interpolated.
     pub lines_per_px: f32,

@@ -1,5 +1,5 @@
-//! Sectors: a picture cut into up to four parts around the point where vertical lines meet in it, so that one code
-//! serves any attitude.
+//! Sectors: a picture cut into up to four parts around the point where vertical lines meet in it,
+//! so that one code serves any attitude.
 //!
 //! ```text
 //!   level: one sector     looking down: four, around the foot   rolled: the camera is turned by quarters,
@@ -9,15 +9,17 @@
 //!   | | | | | |             /  2  \
 //! ```
 //!
-//! At a pixel the image of a vertical line has the direction `up = (v.x − X·v.z, v.y − Y·v.z)`, where `v` is the
-//! world's vertical in the camera's axes and `X`, `Y` the pixel's place on the plane of depth 1: no division, and nothing
-//! becomes infinite when the camera is level. A pixel is in the sector in whose direction `up` points.
+//! At a pixel the image of a vertical line has the direction `up = (v.x − X·v.z, v.y − Y·v.z)`,
+//! where `v` is the world's vertical in the camera's axes and `X`, `Y` the pixel's place on the
+//! plane of depth 1: no division, and nothing becomes infinite when the camera is level. A pixel is
+//! in the sector in whose direction `up` points.
 
 use glam::{DVec2, DVec3};
 use std::ops::Range;
 use terravision_common::camera::Camera;
 
-/// Slopes of a plane's lines of sight beyond this are taken for this: straight down, and straight up.
+/// Slopes of a plane's lines of sight beyond this are taken for this: straight down, and straight
+/// up.
 const STEEPEST: f64 = 1e6;
 
 /// A part of a picture whose vertical lines go up, at 45 degrees at most.
@@ -33,7 +35,8 @@ pub(super) struct Sector {
     forward: DVec3,
     /// Rows that have pixels of this sector, counted from the bottom.
     pub(super) rows: [u32; 2],
-    /// Where the row lies in which lines are counted, on the plane of depth 1, and how fast vertical lines go up there.
+    /// Where the row lies in which lines are counted, on the plane of depth 1, and how fast
+    /// vertical lines go up there.
     reference: [f64; 2],
     /// Place of line 0 in the reference row, pixels from the middle, and lines to a pixel.
     first_px: f64,
@@ -47,7 +50,8 @@ pub(super) struct Sector {
 struct Turn(u8);
 
 impl Turn {
-    /// From pixel to pixel in the picture, columns to the right and rows down: along a row of the sector, and up.
+    /// From pixel to pixel in the picture, columns to the right and rows down: along a row of the
+    /// sector, and up.
     fn steps(self) -> [[i32; 2]; 2] {
         match self.0 {
             0 => [[1, 0], [0, -1]],
@@ -90,17 +94,19 @@ pub(super) struct Row {
 pub(super) struct Plane {
     /// Its direction on the ground, of length 1.
     pub(super) direction: DVec2,
-    /// Of a point a metre away, `slope` metres above the eye: `rise + slope·v.y` pixels of height and `depth + slope·v.z`
-    /// metres of depth, both on the plane of depth 1.
+    /// Of a point a metre away, `slope` metres above the eye: `rise + slope·v.y` pixels of height
+    /// and `depth + slope·v.z` metres of depth, both on the plane of depth 1.
     pub(super) rise: f64,
     pub(super) depth: f64,
-    /// Slopes of the lines of sight along the lower edge of its lowest row, and along the upper edge of the highest.
+    /// Slopes of the lines of sight along the lower edge of its lowest row, and along the upper
+    /// edge of the highest.
     pub(super) slopes: [f64; 2],
 }
 
 impl Sector {
-    /// The sectors of a camera's picture, those without a pixel left out, and the rows of each, from the bottom of its turned
-    /// picture. `lines_per_px`: lines to a pixel where they are widest apart.
+    /// The sectors of a camera's picture, those without a pixel left out, and the rows of each,
+    /// from the bottom of its turned picture. `lines_per_px`: lines to a pixel where they are
+    /// widest apart.
     pub(super) fn all(camera: &Camera, lines_per_px: f64, put: &mut impl FnMut(Self, &[Row]), rows: &mut Vec<Row>) {
         for quarters in 0..4 {
             let mut sector = Self::turned(camera, Turn(quarters), lines_per_px);
@@ -141,8 +147,9 @@ impl Sector {
             return false;
         };
         self.rows = [first as u32, last as u32 + 1];
-        // Lines part, or meet, from row to row. Where the rows differ by less than the factor of two, no pixel is to be
-        // between two lines that are further apart than asked; else the widest row decides.
+        // Lines part, or meet, from row to row. Where the rows differ by less than the factor of
+        // two, no pixel is to be between two lines that are further apart than asked; else the
+        // widest row decides.
         let upness = |row: usize| self.upness(self.place_y(row as u32));
         let [least, most] = if upness(first) < upness(last) { [first, last] } else { [last, first] };
         let row = if upness(least) > 0.5 * upness(most) { least } else { most };
@@ -189,14 +196,15 @@ impl Sector {
         self.right.z - x * self.forward.z
     }
 
-    /// Pixels of a row that belong to this sector. By exactly the same numbers, but for their signs, in all sectors: each pixel
-    /// belongs to one.
+    /// Pixels of a row that belong to this sector. By exactly the same numbers, but for their
+    /// signs, in all sectors: each pixel belongs to one.
     fn pixels(&self, row: u32) -> Range<u32> {
         let up = self.upness(self.place_y(row));
         let width = self.size[0];
         let is_foot = |x: u32| self.turn.0 == 0 && up == 0.0 && self.sideness(self.place_x(x)) == 0.0;
-        // Whether a pixel's line leans to this side by more than half a right angle. To one side before the place where
-        // vertical lines are upright, to the other one behind it: rounded numbers keep that order, too.
+        // Whether a pixel's line leans to this side by more than half a right angle. To one side
+        // before the place where vertical lines are upright, to the other one behind it: rounded
+        // numbers keep that order, too.
         let is_past = |x: u32, side: f64| {
             let side = self.sideness(self.place_x(x)) * side;
             if self.turn.0.is_multiple_of(2) { side > up } else { side >= up }
@@ -249,7 +257,8 @@ impl Sector {
         self.size[1]
     }
 
-    /// Column and row in the picture of the turned picture's lower left pixel, and from pixel to pixel along a row and up.
+    /// Column and row in the picture of the turned picture's lower left pixel, and from pixel to
+    /// pixel along a row and up.
     pub(super) fn pixel_steps(&self) -> [[i32; 2]; 3] {
         let [along, up] = self.turn.steps();
         let corner = [0, 1].map(|axis| {
@@ -272,8 +281,8 @@ impl Row {
         self.per_pixel
     }
 
-    /// The first pixel of those that lines from this one on belong to: they are nearer to it, or to one behind it, than to
-    /// the one before. `count`: lines of the sector.
+    /// The first pixel of those that lines from this one on belong to: they are nearer to it, or to
+    /// one behind it, than to the one before. `count`: lines of the sector.
     pub(super) fn start(&self, line: usize, count: usize) -> u32 {
         if line == 0 {
             return self.first;

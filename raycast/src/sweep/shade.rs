@@ -1,4 +1,5 @@
-//! Rows of a strip become pixels: place on the ground, footprint, color, some dozens of pixels at a time.
+//! Rows of a strip become pixels: place on the ground, footprint, color, some dozens of pixels at a
+//! time.
 
 use super::SweepDetail;
 use super::fan::Fan;
@@ -11,7 +12,8 @@ use crate::shade::{Canvas, OPAQUE_BLACK};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// Two lines are interpolated between, unless their nearness differs by more than this share: then one lies behind a crest.
+/// Two lines are interpolated between, unless their nearness differs by more than this share: then
+/// one lies behind a crest.
 const ONE_SURFACE: f32 = 0.02;
 /// Nearness of the furthest that is drawn, which keeps numbers finite.
 const LEAST_NEARNESS: f32 = 1e-9;
@@ -23,7 +25,8 @@ pub(super) struct Shader<'a> {
     fan: &'a Fan,
     detail: &'a SweepDetail,
     layout: ColorLayout,
-    /// Column and row of the turned picture's lower left pixel, and from pixel to pixel along a row and up.
+    /// Column and row of the turned picture's lower left pixel, and from pixel to pixel along a row
+    /// and up.
     pixel_steps: [[i32; 2]; 3],
     /// Direction through the lower left pixel, and from pixel to pixel along a row and up.
     directions: [Vec3; 3],
@@ -127,7 +130,8 @@ impl<'a> Shader<'a> {
             pixels.color[k] = self.canvas.sky;
             pixels.east[k] = dx * depth;
             pixels.north[k] = dy * depth;
-            // From row to row depth changes by so much, and the ground's place along the line of sight with it.
+            // From row to row depth changes by so much, and the ground's place along the line of
+            // sight with it.
             let by = pixels.per_row[k] * depth * depth * share_along;
             let length = (by * by * (dx * dx + dy * dy)).sqrt();
             pixels.size[k] = larger(length, share_across * per_focal * depth);
@@ -194,7 +198,8 @@ impl<'a> Shader<'a> {
 }
 
 impl Pixels {
-    /// Takes nearness and its change from row to row from the lines of a strip: `line` passes the middle of the first pixel.
+    /// Takes nearness and its change from row to row from the lines of a strip: `line` passes the
+    /// middle of the first pixel.
     #[inline(always)]
     fn gather(&mut self, row: &StripRow, [line, per_pixel]: [f32; 2], lines: usize) {
         let (mut share, mut at) = ([0.0; WIDE], [0; WIDE]);

@@ -2,7 +2,8 @@
 
 use super::lanes::{Floats, LANES};
 
-/// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second cache.
+/// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second
+/// cache.
 pub(super) const LINES: usize = 8 * LANES;
 
 /// One over depth at the middle of a row, 0 for sky, and its change from row to row, of each line.
@@ -38,7 +39,8 @@ impl Strip {
         }
     }
 
-    /// Fills rows of sixteen lines: of each from its `low` row up to before its `high` one, `base + row·per_row`.
+    /// Fills rows of sixteen lines: of each from its `low` row up to before its `high` one, `base +
+    /// row·per_row`.
     #[inline(always)]
     pub(super) fn fill(
         &mut self,

@@ -1,6 +1,7 @@
 //! Colors of pixels that lie over one tile, out of its layer of the pool, in place.
 //!
-//! Whole numbers wrap around in kernels: a check for each would keep compilers from making vectors of them.
+//! Whole numbers wrap around in kernels: a check for each would keep compilers from making vectors
+//! of them.
 
 use super::lanes::{index, larger, smaller};
 use crate::model::color::ColorLayout;
@@ -17,8 +18,9 @@ pub(super) const WIDE: usize = 64;
 /// What a number that three divides is multiplied with to divide it by three, of 32 bits.
 const THIRD: u32 = 0xaaaa_aaab;
 
-/// Pixels beside each other: of each its place, metres from the eye, how wide its texels may be, metres, and from its middle
-/// to its second tap, metres east and north; the first one is on the other side.
+/// Pixels beside each other: of each its place, metres from the eye, how wide its texels may be,
+/// metres, and from its middle to its second tap, metres east and north; the first one is on the
+/// other side.
 pub(super) struct Slices<'a> {
     pub(super) east: &'a [f32],
     pub(super) north: &'a [f32],
@@ -49,7 +51,8 @@ impl<'a> TilePaint<'a> {
     pub(super) fn new(canvas: &Canvas<'a>, index: u32, layout: ColorLayout) -> Self {
         let scene = canvas.scene;
         let (placed, tile) = (&scene.placed[index as usize], &scene.ground.tiles()[index as usize]);
-        // A mip of one texel has no four to be between, and sides that are odd are not halved exactly.
+        // A mip of one texel has no four to be between, and sides that are odd are not halved
+        // exactly.
         let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(layout.side.trailing_zeros());
         let min = placed.corner.truncate();
         Self {

@@ -1,9 +1,10 @@
 //! Sixteen planes, swept outwards once: which nearness each pixel of their lines sees.
 //!
-//! A plane cuts the ground in a polyline over its line on the map. Seen from the eye, a point of it has the slope
-//! `s = (height − eye) / distance`, and shows where `s` is above every slope before it: then the rows between the highest
-//! slope so far and this one see the stretch from the last point to this one. In a picture one over depth is linear along
-//! a straight stretch, so that two numbers of a row and of a stretch are all that is needed.
+//! A plane cuts the ground in a polyline over its line on the map. Seen from the eye, a point of it
+//! has the slope `s = (height − eye) / distance`, and shows where `s` is above every slope before
+//! it: then the rows between the highest slope so far and this one see the stretch from the last
+//! point to this one. In a picture one over depth is linear along a straight stretch, so that two
+//! numbers of a row and of a stretch are all that is needed.
 //!
 //! ```text
 //!  row      ...........*  s of this step        what is above the highest slope so far is seen,
@@ -12,8 +13,8 @@
 //!   |  highest so far
 //! ```
 //!
-//! For an eye beside the world, rows that pass under its edge see the ground from below: where `s` is below every slope before
-//! it. The same, upside down.
+//! For an eye beside the world, rows that pass under its edge see the ground from below: where `s`
+//! is below every slope before it. The same, upside down.
 
 use super::fan::{Block, Fan, Step};
 use super::heights::{Heights, NOTHING};
@@ -29,7 +30,8 @@ const GROUPS: [usize; 2] = [64, 8];
 const NO_SLOPE: f32 = f32::NEG_INFINITY;
 /// Rows between two points are at least this, when one is divided by them.
 const LEAST_ROWS: f32 = 1e-6;
-/// A point that is so many pixels above or below the picture's middle is beside the camera, or behind it.
+/// A point that is so many pixels above or below the picture's middle is beside the camera, or
+/// behind it.
 const FURTHEST_PX: f32 = 1e5;
 /// Stretches are cut off at this share of the depth of the end that is before the camera.
 const LEAST_DEPTH: f32 = 1e-3;
@@ -114,7 +116,8 @@ impl<'a> Tracer<'a> {
         strip.put_sky(first, &state.next, self.rows);
     }
 
-    /// Points of the planes at a step: no nearer than where the ground begins, no further than its border.
+    /// Points of the planes at a step: no nearer than where the ground begins, no further than its
+    /// border.
     #[inline(always)]
     fn points(&mut self, step: &Step) -> Points {
         let block = self.block;
@@ -150,7 +153,8 @@ impl<'a> Tracer<'a> {
             if self.block.begin[k] > 0.0 && self.scene.has_undersides {
                 *is_under = true;
             } else if end > self.rows[0] {
-                // The ground goes on towards the eye as high as it is here; from where it begins down, it is a wall.
+                // The ground goes on towards the eye as high as it is here; from where it begins
+                // down, it is a wall.
                 let is_wall = self.block.begin[k] > 0.0;
                 let before = if is_wall { [state.horizon[k], nearness] } else { [2.0 * slope, 2.0 * nearness] };
                 let [row, seen] = self.seen(k, slope, nearness);
@@ -171,8 +175,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The row of a point in plane `k`, and one over its depth. Slopes beyond the picture's edges are taken to them: what lies
-    /// there may be behind the camera.
+    /// The row of a point in plane `k`, and one over its depth. Slopes beyond the picture's edges
+    /// are taken to them: what lies there may be behind the camera.
     #[inline(always)]
     fn seen(&self, k: usize, slope: f32, nearness: f32) -> [f32; 2] {
         let block = self.block;
@@ -303,7 +307,8 @@ impl<'a> Tracer<'a> {
                 (height * distance, depth * distance, depth * FURTHEST_PX < height.abs())
             });
             let [(height_before, depth_before, is_far_before), (height, depth, is_far)] = ends;
-            // Where the stretch is a small share of the nearer end's depth away from the camera's plane.
+            // Where the stretch is a small share of the nearer end's depth away from the camera's
+            // plane.
             let cut = |height: f32, depth: f32, other: f32, other_depth: f32| {
                 let least = depth * LEAST_DEPTH;
                 let share = (depth - least) / (depth - other_depth);
