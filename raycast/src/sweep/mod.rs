@@ -24,6 +24,7 @@ mod instructions;
 mod lanes;
 mod sector;
 mod shade;
+mod stretch;
 mod strip;
 #[cfg(test)]
 mod tests;
