@@ -75,7 +75,7 @@ impl SweepDetail {
     /// As near to the truth as it gets.
     pub const BEST: Self = Self { step_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
 
-    /// As densely as facets of so many pixels are worth: two samples to a facet.
+    /// As densely as facets of this size are worth: two samples to a facet.
     #[must_use]
     pub fn for_facets(facet_px: f32) -> Self {
         let step_px = (0.5 * facet_px).clamp(Self::BEST.step_px, 8.0);

@@ -62,7 +62,7 @@ impl Turn {
     }
 }
 
-/// The first of so many numbers of which something is true, which then is true of all that follow.
+/// The first of `count` numbers for which a condition holds, which then holds for all that follow.
 fn first_of(count: u32, is_true: impl Fn(u32) -> bool) -> u32 {
     if count == 0 || is_true(0) {
         return 0;

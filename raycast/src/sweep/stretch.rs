@@ -6,7 +6,7 @@ use super::trace::{NO_SLOPE, Points, State, Tracer};
 
 /// Rows between two points are at least this, when one is divided by them.
 pub(super) const LEAST_ROWS: f32 = 1e-6;
-/// A point that is so many pixels above or below the picture's middle is beside the camera, or
+/// A point that is this many pixels above or below the picture's middle is beside the camera, or
 /// behind it.
 const FURTHEST_PX: f32 = 1e5;
 /// Stretches are cut off at this share of the depth of the end that is before the camera.

@@ -20,7 +20,7 @@ pub(super) struct Strip {
 }
 
 impl Strip {
-    /// Takes memory for so many rows, if it is not there.
+    /// Takes memory for this many rows, if it is not there.
     pub(super) fn reserve(&mut self, rows: usize) {
         if self.rows.len() < rows {
             self.rows.resize(rows, StripRow { nearness: [0.0; LINES], per_row: [0.0; LINES] });

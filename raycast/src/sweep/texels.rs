@@ -10,7 +10,7 @@ use glam::Vec2;
 
 /// Two channels of a texel.
 const TWO: u32 = 0x00ff_00ff;
-/// Taps are at most so many texels from the middle.
+/// Taps are at most this many texels from the middle.
 const FURTHEST_TAP: f32 = 4.0;
 
 /// Pixels that are shaded together.
