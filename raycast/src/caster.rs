@@ -150,7 +150,7 @@ impl Caster {
         options: &CastOptions,
         picture: &Picture,
     ) -> Counts {
-        assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
+        assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };

@@ -64,7 +64,7 @@ fn is_under_edge(field: &Field, eye: DVec3, direction: DVec3, focal: f64) -> boo
 /// Pixels that show what is further than a step from what plain rays could meet: ground that is not
 /// there, or ground behind ground.
 fn strays(field: &Field, camera: &Camera, depths: &[f32]) -> Vec<String> {
-    let eye = DVec3::from_array(camera.eye_in_world);
+    let eye = camera.eye();
     let focal = camera.focal_px();
     let mut strays = Vec::new();
     for (k, depth) in depths.iter().enumerate().step_by(5) {

@@ -144,7 +144,7 @@ impl Sweep {
     /// Makes the sectors, planes and strips of a frame; how many sectors there are.
     fn set(&mut self, scene: &Scene<'_>, camera: &Camera, detail: &SweepDetail) -> usize {
         let Self { fans, rows, strips, memory, .. } = self;
-        let size = [camera.width, camera.height];
+        let size = [camera.width(), camera.height()];
         let longest = size[0].max(size[1]) as usize;
         for strip in memory {
             strip.get_mut().unwrap_or_else(PoisonError::into_inner).reserve(longest);

@@ -119,7 +119,7 @@ impl Sector {
     fn turned(camera: &Camera, turn: Turn, lines_per_px: f64) -> Self {
         let [right, up, forward] = camera.axes_in_world();
         let [along, upward] = turn.steps().map(|[x, y]| right * f64::from(x) - up * f64::from(y));
-        let [width, height] = [camera.width, camera.height];
+        let [width, height] = [camera.width(), camera.height()];
         Self {
             turn,
             size: if turn.0.is_multiple_of(2) { [width, height] } else { [height, width] },

@@ -2,10 +2,10 @@ use super::lanes::{floor, index};
 use super::sector::{Row, Sector};
 use super::strip::LINES;
 use proptest::prelude::*;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 
 fn camera([heading, pitch, roll]: [f64; 3], vfov_deg: f64, [width, height]: [u32; 2]) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [0.0; 3],
         heading_rad: heading.to_radians(),
         pitch_rad: pitch.to_radians(),
@@ -14,12 +14,13 @@ fn camera([heading, pitch, roll]: [f64; 3], vfov_deg: f64, [width, height]: [u32
         width,
         height,
         timestamp_nanos: 0,
-    }
+    })
+    .unwrap()
 }
 
 /// How often the strips of all sectors put each pixel.
 fn times(camera: &Camera, lines_per_px: f64) -> Vec<u32> {
-    let [width, height] = [camera.width as i32, camera.height as i32];
+    let [width, height] = [camera.width() as i32, camera.height() as i32];
     let mut times = vec![0; (width * height) as usize];
     let mut put = |sector: Sector, rows: &[Row]| {
         let [corner, along, up] = sector.pixel_steps();
