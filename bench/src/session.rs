@@ -268,7 +268,7 @@ impl EventLog {
                     self.triangles.push(triangles);
                 }
                 Some(EventContent::Span { name, .. }) => {
-                    self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
+                    self.spans.push((name, event.frame().get(), event.duration_nanos as f64 / 1e6));
                 }
                 Some(EventContent::FrameUploaded { tiles }) => self.uploaded += tiles,
                 Some(EventContent::Text { kind: TextKind::Device }) => {

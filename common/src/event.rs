@@ -3,6 +3,7 @@
 //! them.
 
 use crate::database::{Layer, Tile};
+use crate::ids::FrameNumber;
 use crate::node::NodeId;
 use crate::outcome::TileFailure;
 use bytemuck::{Pod, Zeroable};
@@ -192,8 +193,8 @@ pub struct Event {
     kind: u32,
     /// Thread within the process, 0 for its main thread.
     pub thread: u32,
-    /// The frame.
-    pub frame: u64,
+    /// The frame; of a piece of a text, the length of the whole.
+    frame: u64,
     /// Nanoseconds of the monotonic clock, which all processes of a machine share.
     pub start_nanos: u64,
     /// Duration in nanoseconds.
@@ -271,8 +272,14 @@ impl Event {
 
     /// Sets the frame.
     #[must_use]
-    pub fn of_frame(self, frame: u64) -> Self {
-        Self { frame, ..self }
+    pub fn of_frame(self, frame: FrameNumber) -> Self {
+        Self { frame: frame.get(), ..self }
+    }
+
+    /// The frame that it is of.
+    #[must_use]
+    pub fn frame(&self) -> FrameNumber {
+        FrameNumber::new(self.frame)
     }
 
     /// Sets the thread of the process, 0 for its main thread.

@@ -46,6 +46,20 @@ number! {
     FrameNumber(u64)
 }
 
+impl FrameNumber {
+    /// The one after it.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.saturating_add(1))
+    }
+
+    /// How many frames it is after another one; `None` when it is before it.
+    #[must_use]
+    pub const fn since(self, first: Self) -> Option<u64> {
+        self.0.checked_sub(first.0)
+    }
+}
+
 number! {
     /// A frame's place among those of the run that are drawn, from 1, without gaps; 0 is before the
     /// first. Pools go by it: what frame `s` names stays until `s` is completed.

@@ -78,9 +78,8 @@ struct ViewLevel {
 }
 
 impl LevelFunction {
-    /// The level functions of a frame with one view. `camera` must be valid ([`Camera::is_valid`]);
-    /// `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, must be positive. Heights
-    /// are multiplied by `exaggeration`.
+    /// The level functions of a frame with one view. `r_z_px` and `r_c_px`, the wanted screen
+    /// resolutions in pixels, must be positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -272,6 +271,7 @@ pub fn deepest_color_below(world: &World) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFields;
     use crate::world::WorldFields;
     use glam::DVec3;
     use proptest::prelude::*;
@@ -291,7 +291,7 @@ mod tests {
     }
 
     fn camera(eye: [f64; 3], angles: [f64; 3], vfov_rad: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: eye,
             heading_rad: angles[0],
             pitch_rad: angles[1],
@@ -300,7 +300,8 @@ mod tests {
             width: 1280,
             height: 720,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     fn measures() -> impl Strategy<Value = Measure> {

@@ -2,7 +2,7 @@
 //!
 //! `proj4rs` implements projections, but has neither PROJ's database of datum shifts nor its grids.
 //! Where that matters, ingest, which uses PROJ, tabulates the difference ([`LonLatTable`]), and the
-//! launcher adds it to the result of `proj4rs` ([`Plane`]).
+//! launcher adds it to the result of `proj4rs` ([`Projection`]).
 
 use crate::bug::contained;
 use proj4rs::Proj;
@@ -18,15 +18,15 @@ const NO_NUMBER: Error = Error::InvalidParameterValue("a value is not a number")
 
 /// A coordinate system that `proj4rs` supports.
 #[derive(Clone)]
-pub struct Plane(Proj);
+pub struct Projection(Proj);
 
-impl std::fmt::Debug for Plane {
+impl std::fmt::Debug for Projection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Plane").field(&self.0.projname()).finish()
+        f.debug_tuple("Projection").field(&self.0.projname()).finish()
     }
 }
 
-impl Plane {
+impl Projection {
     /// Reads a PROJ string.
     ///
     /// # Errors
@@ -244,7 +244,7 @@ mod tests {
     fn a_datum_is_taken_out_of_a_proj_string() {
         let text = "+proj=utm +zone=17 +datum=NAD27 +units=m +no_defs";
         assert_eq!(without_datum(text), "+proj=utm +zone=17 +units=m +no_defs +ellps=clrk66");
-        assert!(Plane::parse(text).is_err() && Plane::parse(&without_datum(text)).is_ok());
+        assert!(Projection::parse(text).is_err() && Projection::parse(&without_datum(text)).is_ok());
         let text = "+proj=tmerc +ellps=bessel +towgs84=1,2,3 +nadgrids=x.gsb +units=m";
         assert_eq!(without_datum(text), "+proj=tmerc +ellps=bessel +units=m");
         let text = "+proj=tmerc +datum=moon2000";

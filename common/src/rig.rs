@@ -5,7 +5,7 @@
 //! a frame's pose, so that the rings carry only poses. Without a rig a frame has one view, the
 //! camera of the pose.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraError, CameraFields};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_PI_2;
@@ -62,7 +62,7 @@ impl View {
     /// Width and height, pixels.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
-        [self.camera.width, self.camera.height]
+        [self.camera.width(), self.camera.height()]
     }
 
     /// Whether all of it lies within a picture of this size.
@@ -122,10 +122,17 @@ impl Deref for Views {
 
 impl Rig {
     /// The views of a frame whose pose is this camera's.
-    #[must_use]
-    pub fn views(&self, pose: &Camera) -> Views {
-        let views = self.views.iter().map(|view| View { camera: view.camera(pose), at: view.at });
-        Views::new(views.take(MAX_VIEWS)).unwrap_or(Views::single(pose))
+    ///
+    /// # Errors
+    /// [`CameraError`] of the first view that is not a camera from there.
+    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+        let mut is_lost = Ok(());
+        // Without a list on the way: a frame allocates nothing.
+        let views = Views::new(self.views.iter().take(MAX_VIEWS).map_while(|view| {
+            let camera = view.camera(pose).map_err(|error| is_lost = Err(error)).ok()?;
+            Some(View { camera, at: view.at })
+        }));
+        is_lost.map(|()| views.unwrap_or(Views::single(pose)))
     }
 
     /// Width and height of the picture that holds all views, pixels.
@@ -150,17 +157,19 @@ impl Rig {
 
 impl RigView {
     /// The camera of this view, carried by a pose.
-    #[must_use]
-    pub fn camera(&self, pose: &Camera) -> Camera {
+    ///
+    /// # Errors
+    /// [`CameraError`]: the view lies too far from the pose, or a number of it is wrong.
+    pub fn camera(&self, pose: &Camera) -> Result<Camera, CameraError> {
         let [right, up, forward] = pose.axes_in_world();
         let [across, ahead, above] = self.offset_m;
         let mut eye = pose.eye();
         if self.offset_m != [0.0; 3] {
             eye += right * across + forward * ahead + up * above;
         }
-        let [heading_rad, pitch_rad, roll_rad] = self.angles(pose);
+        let [heading_rad, pitch_rad, roll_rad] = self.angles(pose)?;
         let [width, height] = self.size;
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: eye.to_array(),
             heading_rad,
             pitch_rad,
@@ -168,25 +177,25 @@ impl RigView {
             vfov_rad: self.vfov_rad,
             width,
             height,
-            timestamp_nanos: pose.timestamp_nanos,
-        }
+            timestamp_nanos: pose.timestamp_nanos(),
+        })
     }
 
     /// Heading, pitch and roll. Angles are added where possible, so that a view that is not rotated
     /// has exactly the angles of the pose.
-    fn angles(&self, pose: &Camera) -> [f64; 3] {
+    fn angles(&self, pose: &Camera) -> Result<[f64; 3], CameraError> {
         let Self { yaw_rad, pitch_rad, roll_rad, .. } = *self;
         if [yaw_rad, pitch_rad] == [0.0; 2] {
-            return [pose.heading_rad, pose.pitch_rad, pose.roll_rad + roll_rad];
+            return Ok([pose.heading_rad(), pose.pitch_rad(), pose.roll_rad() + roll_rad]);
         }
-        if [pose.pitch_rad, pose.roll_rad] == [0.0; 2] {
-            return [pose.heading_rad + yaw_rad, pitch_rad, roll_rad];
+        if [pose.pitch_rad(), pose.roll_rad()] == [0.0; 2] {
+            return Ok([pose.heading_rad() + yaw_rad, pitch_rad, roll_rad]);
         }
         let [right, up, forward] = pose.axes_in_world();
         let world_from_pose = DMat3::from_cols(right, forward, up);
         // As a pose in the carrying camera's own space: x right, y ahead, z above.
-        let turned = Camera { heading_rad: yaw_rad, pitch_rad, roll_rad, ..*pose };
-        angles_of(turned.axes_in_world().map(|axis| world_from_pose * axis))
+        let turned = Camera::new(CameraFields { heading_rad: yaw_rad, pitch_rad, roll_rad, ..*pose.fields() })?;
+        Ok(angles_of(turned.axes_in_world().map(|axis| world_from_pose * axis)))
     }
 }
 
@@ -219,7 +228,7 @@ mod tests {
     }
 
     fn pose(angles: [f64; 3]) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [10.0, 20.0, 30.0],
             heading_rad: angles[0],
             pitch_rad: angles[1],
@@ -228,20 +237,21 @@ mod tests {
             width: 64,
             height: 48,
             timestamp_nanos: 9,
-        }
+        })
+        .expect("valid")
     }
 
     #[test]
     fn a_view_that_is_neither_moved_nor_turned_is_the_pose_to_the_bit() {
         let pose = pose([0.3, -0.7, 0.1]);
-        assert_eq!(view().camera(&pose), pose);
+        assert_eq!(view().camera(&pose), Ok(pose));
     }
 
     #[test]
     fn offsets_are_seen_from_the_camera() {
         // Looking east, 30 degrees down.
         let pose = pose([FRAC_PI_2, -30f64.to_radians(), 0.0]);
-        let eye = |offset_m| RigView { offset_m, ..view() }.camera(&pose).eye() - pose.eye();
+        let eye = |offset_m| RigView { offset_m, ..view() }.camera(&pose).unwrap().eye() - pose.eye();
         assert!((eye([2.0, 0.0, 0.0]) - DVec3::new(0.0, -2.0, 0.0)).length() < 1e-12, "right is south");
         assert!((eye([0.0, 2.0, 0.0]) - 2.0 * pose.axes_in_world()[2]).length() < 1e-12);
         assert!(eye([0.0, 0.0, 2.0]).z > 1.7 && eye([0.0, 0.0, 2.0]).x > 0.9, "above leans ahead");
@@ -253,7 +263,7 @@ mod tests {
         let [right, up, forward] = pose.axes_in_world();
         let turned = |yaw: f64, pitch: f64| {
             let view = RigView { yaw_rad: yaw.to_radians(), pitch_rad: pitch.to_radians(), ..view() };
-            view.camera(&pose).axes_in_world()
+            view.camera(&pose).unwrap().axes_in_world()
         };
         let near = |a: DVec3, b: DVec3| (a - b).length() < 1e-12;
         assert!(near(turned(90.0, 0.0)[2], right) && near(turned(90.0, 0.0)[1], up));
@@ -264,19 +274,21 @@ mod tests {
 
     #[test]
     fn straight_down_from_a_level_pose_is_exact() {
-        let down = RigView { pitch_rad: -FRAC_PI_2, ..view() }.camera(&pose([1.2, 0.0, 0.0]));
-        assert_eq!([down.heading_rad, down.pitch_rad, down.roll_rad], [1.2, -FRAC_PI_2, 0.0]);
+        let down = RigView { pitch_rad: -FRAC_PI_2, ..view() }.camera(&pose([1.2, 0.0, 0.0])).unwrap();
+        assert_eq!([down.heading_rad(), down.pitch_rad(), down.roll_rad()], [1.2, -FRAC_PI_2, 0.0]);
     }
 
     #[test]
     fn the_picture_holds_all_views() {
         let views = [view(), RigView { at: [64, 10], ..view() }];
         let rig = Rig { views: views.into() };
-        let made = rig.views(&pose([0.0; 3]));
+        let made = rig.views(&pose([0.0; 3])).unwrap();
         assert_eq!((made.len(), made.picture(), rig.pixels()), (2, [128, 58], 2 * 64 * 48));
         assert!(made[1].is_within([128, 58]) && !made[1].is_within([127, 58]));
         let far = View { at: [u32::MAX, 0], ..made[0] };
         assert!(!far.is_within([u32::MAX, 48]));
+        let lost = Rig { views: vec![view(), RigView { offset_m: [1e12, 0.0, 0.0], ..view() }] };
+        assert!(lost.views(&pose([0.0; 3])).unwrap_err().to_string().starts_with("its eye is "));
         assert!(Views::new([]).is_none() && Views::new([made[0]; MAX_VIEWS + 1]).is_none());
     }
 

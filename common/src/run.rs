@@ -1,13 +1,15 @@
 //! The configuration of a run, which the launcher passes to each stage: one JSON object, `--run` on
 //! the stage's command line.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraError};
 use crate::film::FrameEncoding;
+use crate::ids::FrameNumber;
 use crate::level::Measure;
 use crate::rate::RateSettings;
 use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The end of a flight whose number of frames is not known beforehand: another program sends the
@@ -74,9 +76,18 @@ pub struct RealtimeConfig {
 
 impl RunConfig {
     /// The views of a frame whose pose is this camera's.
+    ///
+    /// # Errors
+    /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
+    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
+    }
+
+    /// Numbers of the run's frames.
     #[must_use]
-    pub fn views(&self, pose: &Camera) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(pose), |rig| rig.views(pose))
+    pub fn frame_numbers(&self) -> Range<FrameNumber> {
+        let [first, end] = self.frames.map(FrameNumber::new);
+        first..end
     }
 
     /// Pixels of all views of a frame together.

@@ -10,6 +10,7 @@
 
 use crate::bug::report_panics;
 use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
+use crate::ids::FrameNumber;
 use crate::log::start_stage;
 use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
@@ -255,7 +256,7 @@ impl Events {
     }
 
     /// Sends a span of work of the main thread on a frame, which ends now. Returns its end.
-    pub fn span(&mut self, control: &Control, name: SpanName, frame: u64, start_nanos: u64) -> u64 {
+    pub fn span(&mut self, control: &Control, name: SpanName, frame: FrameNumber, start_nanos: u64) -> u64 {
         let end = monotonic_nanos();
         let span = Event::new(EventContent::Span { name, node: None });
         let event = span.of_frame(frame).at(start_nanos).lasting(end.saturating_sub(start_nanos));

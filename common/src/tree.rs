@@ -5,7 +5,7 @@
 //! depth first. Only nodes that may be visible are present; a tree in which nothing is visible has
 //! no nodes at all. A reader checks every index ([`TreeNode::children`]) before it follows it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -64,7 +64,7 @@ pub struct TreeHeader {
     /// The frame of the tree.
     pub frame: u64,
     /// The camera for which it was made.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.

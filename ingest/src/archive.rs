@@ -36,7 +36,7 @@ pub(crate) type Tile = (TileCoord, Vec<u8>, Option<u64>);
 
 /// A tile to be made: its id, its coordinates in the archive, and its column and row from the south
 /// west.
-pub(crate) type Place = (u64, TileCoord, [u32; 2]);
+pub(crate) type TilePlace = (u64, TileCoord, [u32; 2]);
 
 type Writer = PmTilesStreamWriter<File, CallerKey<u64>>;
 
@@ -77,7 +77,7 @@ fn tile_id(world: &World, m: u32, n: u32, q: u8) -> Option<(TileCoord, u64)> {
 }
 
 /// Tiles of a run that exist: column and row within the level, in order along the curve.
-fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2], nodes: Option<&Nodes>) -> Vec<Place> {
+fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2], nodes: Option<&Nodes>) -> Vec<TilePlace> {
     let [columns, rows] = world.nodes_at(q);
     let mut tiles = Vec::new();
     for n in n0..(n0 + RUN).min(rows) {
@@ -101,7 +101,7 @@ pub(crate) fn write(
     nodes: Option<&Nodes>,
     info: &ArchiveInfo,
     work: &Work,
-    make: impl Fn(u8, [u32; 2], Vec<Place>) -> io::Result<Vec<Tile>> + Sync,
+    make: impl Fn(u8, [u32; 2], Vec<TilePlace>) -> io::Result<Vec<Tile>> + Sync,
 ) -> Result<ArchiveRecord, IngestError> {
     let fail = pmtiles_error(path);
     let file = File::create(path).map_err(output(path))?;
@@ -199,7 +199,7 @@ fn elevation_tile(coord: TileCoord, heights: &[f32], shares: &[Shares], posts: u
 }
 
 /// Columns and rows of tiles that a run needs.
-fn tiles_size(tiles: &[Place], run: [u32; 2]) -> [usize; 2] {
+fn tiles_size(tiles: &[TilePlace], run: [u32; 2]) -> [usize; 2] {
     [0, 1].map(|a| tiles.iter().map(|(_, _, at)| (at[a] - run[a]) as usize + 1).max().unwrap_or(0))
 }
 

@@ -7,7 +7,7 @@
 use crate::source::TargetCrs;
 use crate::source::raster::traditional;
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
-use terravision_common::lonlat::{LonLatTable, MAX_SIDE, Plane, WGS84_LONLAT, lonlat_of_body, without_datum};
+use terravision_common::lonlat::{LonLatTable, MAX_SIDE, Projection, WGS84_LONLAT, lonlat_of_body, without_datum};
 use terravision_common::world::World;
 
 /// If `proj4rs` alone is closer to PROJ than this, metres, no table is needed.
@@ -62,7 +62,7 @@ fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Opt
 #[must_use]
 pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let srs = target.srs().ok()?;
-    let proj4 = target.crs.proj4.as_deref().unwrap_or_default();
+    let proj4 = target.crs().proj4.as_deref().unwrap_or_default();
     let lonlat = lonlat_of_body(proj4);
     let geographic = if lonlat == WGS84_LONLAT { SpatialRef::from_epsg(4326).ok()? } else { srs.geog_cs().ok()? };
     let geographic = traditional(geographic);
@@ -72,13 +72,13 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let found = transformed(&back, &grid(low, high, CHECKS));
     let checks: Vec<[f64; 2]> = found.into_iter().flatten().filter(|[_, lat]| lat.abs() <= 90.0).collect();
     let places = truth.at(&checks);
-    let from = Plane::parse(&lonlat).ok()?;
+    let from = Projection::parse(&lonlat).ok()?;
 
-    let plain = match target.crs.proj4.as_deref() {
-        Some(text) => Plane::parse(text).ok(),
-        None => target.crs.epsg.and_then(Plane::of_epsg),
+    let plain = match target.crs().proj4.as_deref() {
+        Some(text) => Projection::parse(text).ok(),
+        None => target.crs().epsg.and_then(Projection::of_epsg),
     };
-    let off = |plane: &Plane| largest_distance(checks.iter().map(|check| from.to(plane, *check).ok()), &places);
+    let off = |plane: &Projection| largest_distance(checks.iter().map(|check| from.to(plane, *check).ok()), &places);
     let shift_m = plain.as_ref().and_then(off);
     if shift_m.is_some_and(|shift| shift <= TOLERANCE_M) {
         return None;
@@ -92,7 +92,7 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
         1,
     );
     let own = without_datum(proj4);
-    let shift_m = shift_m.or_else(|| off(&Plane::parse(&own).ok()?)).unwrap_or(0.0);
+    let shift_m = shift_m.or_else(|| off(&Projection::parse(&own).ok()?)).unwrap_or(0.0);
     let mut best: Option<LonLatTable> = None;
     for plane in [own, nearby] {
         let Some(table) = tabulated(&lonlat, plane, &truth, &checks, &places, shift_m) else { continue };
@@ -115,7 +115,7 @@ fn tabulated(
     places: &[Option<[f64; 2]>],
     shift_m: f64,
 ) -> Option<LonLatTable> {
-    let (from, to) = (Plane::parse(lonlat).ok()?, Plane::parse(&plane).ok()?);
+    let (from, to) = (Projection::parse(lonlat).ok()?, Projection::parse(&plane).ok()?);
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for check in checks {
         let place = from.to(&to, *check).ok()?;
@@ -162,8 +162,8 @@ fn tabulated(
 /// The largest error of a table: at the checks over the world, and in the middle of its cells.
 fn table_error(
     table: &LonLatTable,
-    from: &Plane,
-    to: &Plane,
+    from: &Projection,
+    to: &Projection,
     truth: &Truth,
     checks: &[[f64; 2]],
     places: &[Option<[f64; 2]>],
@@ -216,7 +216,7 @@ mod tests {
             origin: middle.map(|v| v - 50.0 * spacing_m),
             ..fields([100; 2], spacing_m, [16, 256])
         });
-        (TargetCrs::new(&parse("test", crs).unwrap()).unwrap(), world.unwrap())
+        (TargetCrs::new(&parse("test", crs).unwrap(), crs).unwrap(), world.unwrap())
     }
 
     #[test]
@@ -230,7 +230,7 @@ mod tests {
         ] {
             let (target, world) = world(crs, place, spacing_m);
             let table = table(&target, &world).unwrap();
-            let (from, to) = (Plane::parse(&table.lonlat).unwrap(), Plane::parse(&table.plane).unwrap());
+            let (from, to) = (Projection::parse(&table.lonlat).unwrap(), Projection::parse(&table.plane).unwrap());
             let [x, y] = table.world_from_plane(from.to(&to, lonlat).unwrap());
             // Which operation PROJ takes depends on its version and its grids, by some metres.
             assert!((x - place[0]).hypot(y - place[1]) < 5.0, "{crs}: {x} {y}");
@@ -247,7 +247,7 @@ mod tests {
         {
             let (target, world) = world(crs, middle, spacing_m);
             let table = table(&target, &world).unwrap();
-            let (from, to) = (Plane::parse(&table.lonlat).unwrap(), Plane::parse(&table.plane).unwrap());
+            let (from, to) = (Projection::parse(&table.lonlat).unwrap(), Projection::parse(&table.plane).unwrap());
             let (wgs84, srs) = (traditional(SpatialRef::from_epsg(4326).unwrap()), target.srs().unwrap());
             let [low, high] = world.crs_bounds().map(|corner| corner.to_array());
             let places = grid(low, high, 14);

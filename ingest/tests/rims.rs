@@ -19,7 +19,7 @@ fn world(folder: &TestFolder, files: &[PathBuf]) -> Database {
 
 /// Areas without data and without ground.
 fn areas_m2(database: &Database) -> [f64; 2] {
-    let elevation = &database.manifest().elevation;
+    let elevation = &database.manifest().fields().elevation;
     [elevation.void_area_m2, elevation.voids.map_or(0.0, |voids| voids.hole_area_m2)]
 }
 

@@ -92,7 +92,7 @@ impl Skirt {
         let camera = &view.camera;
         let surface = self.world.surface();
         let eye_m = surface.height_m(camera.eye());
-        self.datum_m = surface.height_above(frame.marker.camera.eye(), eye_m);
+        self.datum_m = surface.height_above(frame.pose.eye(), eye_m);
         if surface.is_over(camera.eye()) {
             return Ok(None);
         }
@@ -310,12 +310,12 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
 mod tests {
     use super::*;
     use crate::pixels::Raster;
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
 
     /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest ground -10 m; the eye 100 m
     /// west of it, 20 m high, looking east.
     fn border() -> Border {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [-100.0, 50.0, 20.0],
             heading_rad: std::f64::consts::FRAC_PI_2,
             pitch_rad: 0.0,
@@ -324,7 +324,8 @@ mod tests {
             width: 200,
             height: 200,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let west = Stretch { ends: [0.0, 100.0], heights: [-20.0, 30.0] };
         Border {
             view: View { camera, at: [0; 2] },

@@ -5,6 +5,7 @@ mod support;
 use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
+use terravision_common::camera::CameraFields;
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::texels::TexelFormat;
@@ -64,7 +65,7 @@ fn marker() -> FrameMarker {
     let camera = camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE);
     FrameMarker {
         frame: 7,
-        camera,
+        camera: *camera.fields(),
         sequence: 1,
         elevation_start: 100,
         maker: 1,
@@ -215,8 +216,11 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         (vec![SlotContent::Marker(FrameMarker { elevation_start: 117, ..marker() })], "elevation array is 117"),
         (vec![opened, SlotContent::Marker(FrameMarker { maker: 0, ..marker() })], "found a frame marker"),
         (
-            vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
-            "no valid camera",
+            vec![SlotContent::Marker(FrameMarker {
+                camera: CameraFields { vfov_rad: f64::NAN, ..marker().camera },
+                ..marker()
+            })],
+            "no valid camera: its vertical field of view is NaN, expected 0.0001 to 3.1 rad",
         ),
         (vec![SlotContent::Marker(FrameMarker { picture: [9, 9], ..marker() })], "a picture of 9x9 pixels, expected"),
         (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
@@ -258,7 +262,7 @@ fn views_that_cannot_be_are_refused_with_a_sentence() {
         (vec![opened, first, of(&|view| (view.index, view.count) = (1, 3))], "the number of views is 3, expected 2"),
         (vec![opened, of(&|view| view.at = [1, 0])], "view 0 of frame 7 from the ring has no valid camera within"),
         (vec![opened, of(&|view| view.camera.vfov_rad = f64::NAN)], "no valid camera within"),
-        (vec![opened, of(&|view| view.camera = far)], "no valid camera within"),
+        (vec![opened, of(&|view| view.camera = *far.fields())], "no valid camera within"),
     ];
     for (slots, sentence) in cases {
         let error = feed_as_they_are(&slots).unwrap_err();

@@ -6,7 +6,7 @@ mod support;
 
 use std::sync::Arc;
 use support::{SKY, Scene, camera, draw, keep, node, options, world};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::surface::facet::facet_linear;
 use terravision_common::world::World;
@@ -77,7 +77,8 @@ fn views() -> Vec<Camera> {
         // Low: out of one hole rays come up again, or meet the ground from below.
         camera([420.0, 200.0, 75.0], 0.0, -8.0, SIZE),
         // Over the rim, where no ground is, towards the ground.
-        Camera { roll_rad: 0.4, ..camera([600.0, 1250.0, 60.0], 170.0, -10.0, SIZE) },
+        Camera::new(CameraFields { roll_rad: 0.4, ..*camera([600.0, 1250.0, 60.0], 170.0, -10.0, SIZE).fields() })
+            .expect("valid"),
     ]
 }
 

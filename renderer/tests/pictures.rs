@@ -211,7 +211,7 @@ fn blocks_of_any_width_are_drawn() {
 /// Depth along the view axis of the ground under a point of the picture, pixels, for flat ground at height 0.
 fn flat_depth(camera: &Camera, x: f64, y: f64) -> f64 {
     let ray = camera.ray_in_world(x, y);
-    -camera.eye_in_world[2] / ray.z
+    -camera.fields().eye_in_world[2] / ray.z
 }
 
 /// Vertices lie on this grid.

@@ -6,7 +6,7 @@ mod support;
 
 use std::sync::Arc;
 use support::{Scene, camera, draw, keep, node, options, pixel, sky_pixels, world};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
 use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
@@ -55,7 +55,9 @@ fn metres(frame: &Finished) -> Vec<f32> {
 
 #[test]
 fn exact_rays_see_the_surface_of_the_mesh() {
-    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 2.0, ..*camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE).fields() })
+            .expect("valid");
     let views =
         [camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE), camera([600.0, 640.0, 900.0], 80.0, -89.0, SIZE), rolled];
     // The second world's border cuts cells.
@@ -84,7 +86,9 @@ fn exact_rays_see_the_surface_of_the_mesh() {
 /// Under the edge of the ground, over it, and both in one picture; from beside the world, and from a corner.
 #[test]
 fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
-    let rolled = Camera { roll_rad: 1.0, ..camera([-150.0, 300.0, 20.0], 80.0, 0.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 1.0, ..*camera([-150.0, 300.0, 20.0], 80.0, 0.0, SIZE).fields() })
+            .expect("valid");
     let views = [
         camera([600.0, -120.0, -70.0], 5.0, 8.0, SIZE),
         camera([600.0, -300.0, 10.0], 0.0, -3.0, SIZE),
@@ -121,7 +125,9 @@ fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
 
 #[test]
 fn a_device_casts_the_rays_that_the_processor_casts() {
-    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 2.0, ..*camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE).fields() })
+            .expect("valid");
     // Nearly level; straight down; rolled; and up into the sky.
     let views = [
         camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
@@ -209,7 +215,8 @@ fn voxels_lie_within_a_voxel_of_the_mesh() {
         camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE),
         camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
         camera([60.0, 640.0, 100.0], 95.0, -2.0, SIZE),
-        Camera { roll_rad: 0.6, ..camera([1200.0, 1100.0, 110.0], 220.0, -4.0, SIZE) },
+        Camera::new(CameraFields { roll_rad: 0.6, ..*camera([1200.0, 1100.0, 110.0], 220.0, -4.0, SIZE).fields() })
+            .expect("valid"),
     ];
     let recording = recording([128, 128], 0, &views);
     let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());

@@ -387,7 +387,7 @@ fn info_tells_where_a_world_lies_and_where_it_is_highest() {
         let [x, y] = [place[0] - origin[0], place[1] - origin[1]];
         let ground = terravision_common::database::ground_height(&local, local.world(), x, y, &mut scratch).unwrap();
         assert_eq!(told[name]["height_m"].as_f64(), ground);
-        let expected = local.manifest().elevation.range_m[side];
+        let expected = local.manifest().fields().elevation.range_m[side];
         assert!((ground.unwrap() - expected).abs() < 0.01, "{name}: {ground:?}, expected {expected}");
     }
     let ([w, s, e, n], at) =

@@ -11,7 +11,7 @@ use std::path::Path;
 /// Version of the format of a database without special features.
 pub const FORMAT_VERSION: u32 = 1;
 /// Version of the format of a database with features that a reader must know
-/// ([`Manifest::features`]); the newest version that this build reads.
+/// ([`ManifestFields::features`]); the newest version that this build reads.
 pub const FEATURES_VERSION: u32 = 2;
 /// The feature of a database whose elevation tiles record which posts are ground and which were
 /// measured ([`crate::validity`]).
@@ -220,10 +220,10 @@ pub struct ColorLayer {
     pub archive: ArchiveRecord,
 }
 
-/// The manifest of a terrain database.
+/// What a manifest says, unchecked: the file, field by field, in its order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Manifest {
+pub struct ManifestFields {
     /// Always "terravision-database".
     pub format: String,
     /// Version of the format: [`FEATURES_VERSION`] if there are features, otherwise
@@ -258,6 +258,14 @@ pub struct Manifest {
     pub nodes: NodesRecord,
     /// crc32, as 8 hexadecimal digits, of the manifest's text with eight zeros in their place.
     pub checksum: String,
+}
+
+/// What a terrain database is: a manifest that this build can read, of a world that can be. Valid
+/// by construction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Manifest {
+    fields: ManifestFields,
+    world: World,
 }
 
 /// The fields that determine which reader a manifest needs.
@@ -320,6 +328,11 @@ fn checksum_of(text: &str, place: &std::ops::Range<usize>) -> u32 {
     hasher.finalize()
 }
 
+fn check_features(features: &[String]) -> Result<(), ManifestError> {
+    let unknown = features.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
+    unknown.map_or(Ok(()), |found| Err(ManifestError::Feature { found: found.clone() }))
+}
+
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     let text = read_bounded(path, MOST_MANIFEST_BYTES)?;
     String::from_utf8(text).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.utf8_error()))
@@ -348,32 +361,53 @@ impl Manifest {
             None => return Err(ManifestError::NotAManifest),
         }
         // Before all other fields, which may be new with a feature.
-        let unknown = head.features.0.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
-        if let Some(found) = unknown {
-            return Err(ManifestError::Feature { found: found.clone() });
-        }
-        let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
+        check_features(&head.features.0)?;
+        let fields: ManifestFields = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
         let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;
         let found = checksum_of(text, &place);
-        let expected = u32::from_str_radix(&manifest.checksum, 16).unwrap_or(!found);
+        let expected = u32::from_str_radix(&fields.checksum, 16).unwrap_or(!found);
         if expected != found {
             return Err(ManifestError::Checksum { expected, found });
         }
-        Ok(manifest)
+        Self::new(fields)
+    }
+
+    /// Checks what a manifest says.
+    ///
+    /// # Errors
+    /// [`ManifestError::Feature`] and [`ManifestError::World`].
+    pub fn new(fields: ManifestFields) -> Result<Self, ManifestError> {
+        check_features(&fields.features)?;
+        let world = fields.geometry().map_err(|source| ManifestError::World { source })?;
+        Ok(Self { fields, world })
+    }
+
+    /// What it says, field by field.
+    #[must_use]
+    pub fn fields(&self) -> &ManifestFields {
+        &self.fields
+    }
+
+    /// The geometry of the database, with what its tiles hold and from which level on all nodes
+    /// have some.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
     }
 
     /// Whether the finest levels exist only where there are data.
     #[must_use]
     pub fn is_sparse(&self) -> bool {
+        self.fields.is_sparse()
+    }
+}
+
+impl ManifestFields {
+    fn is_sparse(&self) -> bool {
         self.has_feature(FEATURE_SPARSE_LEVELS)
     }
 
-    /// The geometry of the database, including the content of its tiles and the level from which on
-    /// all nodes exist.
-    ///
-    /// # Errors
-    /// [`WorldError`] for invalid numbers.
-    pub fn geometry(&self) -> Result<World, WorldError> {
+    fn geometry(&self) -> Result<World, WorldError> {
         let world = World::new(self.world)?;
         let world = match self.complete_level.filter(|_| self.is_sparse()) {
             Some(level) => world.with_complete_level(level),
@@ -385,13 +419,11 @@ impl Manifest {
         Ok(world.with_validity(self.elevation.voids.is_none_or(|voids| voids.hole_area_m2 > 0.0)))
     }
 
-    /// Whether it has a feature.
-    #[must_use]
-    pub fn has_feature(&self, feature: &str) -> bool {
+    fn has_feature(&self, feature: &str) -> bool {
         self.features.iter().any(|found| found == feature)
     }
 
-    /// The manifest's text, with format, version and checksum set.
+    /// The manifest's text, with format, version and checksum set; nothing else is looked at.
     ///
     /// # Errors
     /// When a number in it is not finite.

@@ -42,7 +42,8 @@ pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
     ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FEATURES_VERSION,
-    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, NodesRecord, Source, Voids, VoidsRecord,
+    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, ManifestFields, NodesRecord, Source, Voids,
+    VoidsRecord,
 };
 pub use ranges::{Layers, MOST_NODES_BYTES, NodeRange, NodeRanges, RangesError};
 pub use tile::Tile;
@@ -287,14 +288,14 @@ impl Database {
     /// # Errors
     /// [`DatabaseError`]: not there, not finished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
-        let (manifest, world) = index::open_manifest(path)?;
+        let manifest = index::open_manifest(path)?;
         let open = |name, record: &ArchiveRecord| {
             let path = path.join(name);
             Archive::open(&path, record).map_err(|source| DatabaseError::Archive { source, path })
         };
-        let elevation = open(ELEVATION_FILE, &manifest.elevation.archive)?;
-        let color = open(COLOR_FILE, &manifest.color.archive)?;
-        let index = Index::of_manifest(path, manifest, world)?;
+        let elevation = open(ELEVATION_FILE, &manifest.fields().elevation.archive)?;
+        let color = open(COLOR_FILE, &manifest.fields().color.archive)?;
+        let index = Index::of_manifest(path, manifest)?;
         Ok(Self { index, elevation, color })
     }
 

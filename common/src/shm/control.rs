@@ -11,7 +11,7 @@ use super::kind::{SegmentKind, Stage};
 use super::process::{ProcessId, Watch};
 use super::run_id::RunId;
 use super::segments::open_segment;
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraFields};
 use crate::event::monotonic_nanos;
 use crate::ids::Sequence;
 use crate::rate::FrameTiming;
@@ -251,7 +251,7 @@ impl Control {
 
     /// Replaces the newest camera. One process (the pilot) does this.
     pub fn publish_camera(&self, camera: &Camera) {
-        let words: [u64; CAMERA_WORDS] = bytemuck::cast(*camera);
+        let words: [u64; CAMERA_WORDS] = bytemuck::cast(*camera.fields());
         self.words().camera.0.write(&words);
         self.words().camera_bell.0.ring();
     }
@@ -260,8 +260,8 @@ impl Control {
     #[must_use]
     pub fn camera(&self) -> Option<Camera> {
         let words = self.words().camera.0.read()?;
-        let camera: Camera = bytemuck::cast(words);
-        camera.is_valid().then_some(camera)
+        let fields: CameraFields = bytemuck::cast(words);
+        Camera::new(fields).ok()
     }
 
     /// Waits for a camera that was made at `made_nanos` or later, until `deadline_nanos` of the
@@ -276,7 +276,7 @@ impl Control {
             let newest = self.camera();
             let now = monotonic_nanos();
             if let Some(camera) = newest
-                && (camera.timestamp_nanos >= made_nanos || now >= deadline_nanos)
+                && (camera.timestamp_nanos() >= made_nanos || now >= deadline_nanos)
             {
                 self.progress();
                 return Ok(camera);
@@ -285,7 +285,7 @@ impl Control {
             let rest = Duration::from_nanos(deadline_nanos.saturating_sub(now));
             let bound = if rest.is_zero() { WAIT_BOUND } else { rest.min(WAIT_BOUND) };
             self.beat();
-            let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos >= made_nanos);
+            let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos() >= made_nanos);
             let slept = self.words().camera_bell.0.sleep_unless(bound, || Ok::<_, ShmError>(is_new().then_some(())))?;
             if matches!(slept, Slept::Fully) && !self.launcher.is_alive() {
                 return Err(WaitError::LauncherGone);

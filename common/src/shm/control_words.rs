@@ -4,12 +4,12 @@ use super::bell::Bell;
 use super::cursor::Padded;
 use super::region::SharedWords;
 use super::seqlock::SeqLock;
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::rate::FrameTiming;
 use crate::sync::{AtomicU32, AtomicU64};
 
-/// Words of a [`Camera`].
-pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
+/// Words of a [`CameraFields`].
+pub(crate) const CAMERA_WORDS: usize = size_of::<CameraFields>() / 8;
 
 /// Words of a [`FrameTiming`].
 pub(crate) const TIMING_WORDS: usize = size_of::<FrameTiming>() / 8;
@@ -200,5 +200,5 @@ unsafe impl SharedWords for ControlWords {}
 const _: () = {
     assert!(size_of::<ControlWords>() == 18 * 128 + (COUNTERS + GAUGES + FAILURE_CAUSES) * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
-    assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
+    assert!(size_of::<CameraFields>() == CAMERA_WORDS * 8);
 };

@@ -3,7 +3,7 @@
 use super::error::ShmError;
 use super::geometry::{Geometry, half_bytes};
 use super::kind::SegmentKind;
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::event::Event;
 use crate::outcome::TileOutcome;
 use crate::slot::Slot;
@@ -17,7 +17,7 @@ pub struct CameraRecord {
     /// The film frame's number.
     pub frame: u64,
     /// Its camera.
-    pub camera: Camera,
+    pub camera: CameraFields,
 }
 
 const _: () = assert!(size_of::<CameraRecord>() == 80);

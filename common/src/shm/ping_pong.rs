@@ -9,6 +9,7 @@ use super::header::{Role, RoleClaim, Segment};
 use super::kind::{SegmentKind, Stage};
 use super::run_id::RunId;
 use super::segments::open_segment;
+use crate::ids::FrameNumber;
 use crate::tree::{TreeHeader, TreeNode};
 use std::ops::Deref;
 use std::sync::Arc;
@@ -222,12 +223,12 @@ impl TreeReader {
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer wrote an invalid value.
-    pub fn return_tree_of(&mut self, frame: u64) -> Result<(), ShmError> {
+    pub fn return_tree_of(&mut self, frame: FrameNumber) -> Result<(), ShmError> {
         if self.cursor.filled(self.segment.words())? > 0 {
             let offset = self.segment.item_offset(self.cursor.position() & 1);
             // SAFETY: the half is ours, as in `guard`.
             let header: TreeHeader = unsafe { self.segment.region().read(offset) };
-            if header.frame == frame {
+            if header.frame == frame.get() {
                 self.cursor.release(self.segment.words(), 1);
             }
         }

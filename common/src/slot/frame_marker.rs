@@ -1,6 +1,6 @@
 //! Slots that open a frame, describe its views, and close it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use bytemuck::{Pod, Zeroable};
 
 /// Opens a frame.
@@ -12,7 +12,7 @@ pub struct FrameMarker {
     /// The camera for which the tree was made: the pose that carries the frame's views. Heights of
     /// the frame's elevation arrays are metres above its eye; its own size and field of view are
     /// not those of a picture.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
@@ -36,7 +36,7 @@ pub struct FrameMarker {
 #[repr(C)]
 pub struct ViewSlot {
     /// The camera that draws it, and the size of its picture.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Its upper left corner in the frame's picture, pixels.
     pub at: [u32; 2],
     /// Which of the frame's views it is, from 0.

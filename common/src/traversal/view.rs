@@ -86,7 +86,7 @@ impl Frustum {
             frustum.push(normal);
         }
         frustum.push(camera.axes_in_world()[2]);
-        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
         let edges = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
             .map(|(x, y)| camera.ray_in_world(x, y).normalize());
         // Keep the normals that have the whole pyramid on their side.
@@ -121,6 +121,7 @@ impl Frustum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFields;
     use proptest::prelude::*;
 
     proptest! {
@@ -134,10 +135,10 @@ mod tests {
             log_size in prop::array::uniform3(-8.0f64..20.0),
             inside in prop::array::uniform3(0.0f64..=1.0),
         ) {
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: eye, heading_rad: angles[0], pitch_rad: angles[1], roll_rad: angles[2],
                 vfov_rad, width: 1280, height: 720, timestamp_nanos: 0,
-            };
+            }).expect("valid");
             let visible = camera.eye() + camera.ray_in_world(picture[0] * 1280.0, picture[1] * 720.0) * log_depth.exp2();
             let size = DVec3::from_array(log_size.map(f64::exp2));
             let min = visible - size * DVec3::from_array(inside);
@@ -148,7 +149,7 @@ mod tests {
 
     #[test]
     fn boxes_beside_and_behind_are_culled() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0; 3],
             heading_rad: 0.0,
             pitch_rad: 0.0,
@@ -157,7 +158,8 @@ mod tests {
             width: 100,
             height: 100,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let frustum = Frustum::new(&camera);
         let at = |x, y, z| WorldBox { min: DVec3::new(x, y, z) - 1.0, max: DVec3::new(x, y, z) + 1.0 };
         assert!(frustum.may_see(&at(0.0, 50.0, 0.0)));
@@ -171,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_large_box_beside_a_narrow_view_is_culled() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0, 0.0, 500.0],
             heading_rad: 0.3,
             pitch_rad: -1.2,
@@ -180,7 +182,8 @@ mod tests {
             width: 100,
             height: 100,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let frustum = Frustum::new(&camera);
         // The view goes below the ground some 200 m away; no plane of it has all of these boxes
         // outside.

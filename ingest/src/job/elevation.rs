@@ -57,7 +57,7 @@ pub(super) fn levels(
 ) -> Result<Elevation, IngestError> {
     let (finest, summary) = sample::elevation::sample(plan, target, sources, folder, work)?;
     if summary.voids == finest.size().iter().product::<u64>() {
-        let file = &sources[0].0.path;
+        let file = sources[0].0.path();
         return Err(IngestError::source(file, "has no elevation data: every sample is \"no data\""));
     }
     let coarser_levels = plan.world.finest_elevation_level() + 1..plan.world.levels();

@@ -227,7 +227,7 @@ impl Job {
         drop(levels);
         let texels = plan.color_size(world.finest_color_level()).iter().product::<u64>();
         if !color.is_empty() && voids == texels {
-            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+            return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
         }
         if !color.is_empty() && voids > 0 {
             note(Note::Info(tint_note(voids as f64 / texels as f64)));
@@ -275,7 +275,7 @@ impl Job {
             }
         }
         if !color.is_empty() && tint_m2 >= area_m2 {
-            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+            return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
         }
         if !color.is_empty() && tint_m2 > 0.0 {
             note(Note::Info(tint_note(tint_m2 / area_m2)));
@@ -353,7 +353,7 @@ impl Job {
 fn place_of<'a>(plan: &Plan, target: &'a TargetCrs) -> Place<'a> {
     let world = &plan.world;
     let middle = world.crs_middle().to_array();
-    Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) }
+    Place { body: &target.body().name, latitude_deg: target.latitude_deg(middle) }
 }
 
 fn tint_note(share: f64) -> String {
@@ -428,7 +428,7 @@ pub(crate) fn record_of(
 /// The table for converting longitudes and latitudes to the world; reports if there is one.
 fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
     let table = crate::lonlat::table(target, &plan.world)?;
-    let name = &target.crs.name;
+    let name = &target.crs().name;
     let without = match table.shift_m {
         shift if shift >= 10.0 => {
             format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")

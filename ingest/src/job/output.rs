@@ -86,7 +86,7 @@ impl Output {
             move |source| IngestError::Output { source, path }
         };
         let path = self.part(MANIFEST_FILE);
-        let text = manifest.to_text().map_err(|e| at(&path)(io::Error::other(e)))?;
+        let text = manifest.fields().to_text().map_err(|e| at(&path)(io::Error::other(e)))?;
         let mut file = File::create(&path).map_err(at(&path))?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(at(&path))?;
         work.check()?;

@@ -9,7 +9,7 @@ use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FORMAT_VERSION, Manifest,
-    NodesRecord, Source, Voids, VoidsRecord,
+    ManifestFields, NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
 use terravision_common::world::World;
@@ -62,24 +62,24 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let Parts { plan, target, .. } = parts;
     let source = |raster: &Raster, is_exact: bool| Source {
         file: raster.file_name(),
-        size: raster.size,
-        crs: raster.crs_name.clone(),
-        data_type: raster.data_type.clone(),
-        nodata: raster.bands[0].nodata.map(|v| v.to_string()),
+        size: raster.size(),
+        crs: raster.crs_name().to_owned(),
+        data_type: raster.data_type().to_owned(),
+        nodata: raster.bands()[0].nodata.map(|v| v.to_string()),
         is_exact,
     };
     let elevation = parts.elevation.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.elevation, target, r)));
     let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
-    Manifest {
+    let fields = ManifestFields {
         format: String::new(),
         format_version: FORMAT_VERSION,
         features: features(parts.voids.is_some(), parts.complete_level.is_some()),
         complete_level: parts.complete_level,
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
-        crs: target.crs.clone(),
+        crs: target.crs().clone(),
         lonlat: parts.lonlat,
-        body: target.body.clone(),
+        body: target.body().clone(),
         world: *plan.world.fields(),
         vertical_unit: "metre".to_owned(),
         elevation: ElevationLayer {
@@ -102,7 +102,8 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         },
         nodes: parts.nodes,
         checksum: String::new(),
-    }
+    };
+    Manifest::new(fields).expect("the world of a plan is valid, and these are features that we read")
 }
 
 fn elevation_encoding(has_validity: bool) -> &'static str {
@@ -159,7 +160,7 @@ pub(super) fn archive_info(
             "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
             // Zooms and rows count as in web maps, but the root is a square of this CRS, not the
             // globe.
-            "terravision": { "layer": layer, "crs": target.crs, "world": plan.world, "payload": payload },
+            "terravision": { "layer": layer, "crs": target.crs(), "world": plan.world, "payload": payload },
         })
         .to_string(),
     };

@@ -1,6 +1,6 @@
 //! Elevation levels where sources of different spacings have data.
 
-use super::blend::{BLEND, Post, shares};
+use super::blend::{BLEND, SourcePost, shares};
 use super::blocks::{BLOCK, Pyramid, meeting, repeat_border, samples_of};
 use super::nodes::Nodes;
 use crate::IngestError;
@@ -25,7 +25,7 @@ use terravision_common::node::NodeId;
 const MARGIN: usize = REACH + 1;
 
 /// Inputs of all steps.
-pub(super) struct Elevation<'a> {
+pub(super) struct NestedElevation<'a> {
     pub(super) plan: &'a Plan,
     pub(super) target: &'a TargetCrs,
     pub(super) sources: &'a [(Raster, ElevationValues)],
@@ -41,7 +41,7 @@ pub(super) struct ElevationLevels {
     pub(super) void_area_m2: f64,
 }
 
-impl Elevation<'_> {
+impl NestedElevation<'_> {
     fn fail(&self) -> impl Fn(std::io::Error) -> IngestError + Copy + '_ {
         |source| IngestError::Output { source, path: self.folder.to_owned() }
     }
@@ -88,7 +88,7 @@ impl Elevation<'_> {
         let summary = Summary { voids, range, source_range };
         if range[0] > range[1] {
             let reason = "has no elevation data: every sample is \"no data\"";
-            return Err(IngestError::source(&self.sources[0].0.path, reason));
+            return Err(IngestError::source(self.sources[0].0.path(), reason));
         }
         let levels = if voids > 0 { self.fill(pyramid, range)? } else { pyramid.levels };
         Ok(ElevationLevels { levels, nodes, summary, void_area_m2 })
@@ -176,7 +176,7 @@ impl Elevation<'_> {
     ) -> Result<(Vec<f32>, Vec<bool>), IngestError> {
         let around = block.grown(BLEND);
         let is_fine_source = |source: u32| self.plan.elevation_levels[source as usize] <= q;
-        let mut posts: Vec<Post> = set
+        let mut posts: Vec<SourcePost> = set
             .sample::<1>(around)?
             .into_iter()
             .map(|post| post.known().map(|(source, [height])| (is_fine_source(source), height)))

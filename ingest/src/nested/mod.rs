@@ -59,7 +59,7 @@ impl Sources<'_> {
     /// Makes all levels.
     pub(crate) fn levels(&self, note: &mut dyn FnMut(Note)) -> Result<Nested, IngestError> {
         let Self { plan, target, folder, work, .. } = *self;
-        let elevation = elevation::Elevation { plan, target, sources: self.elevation, folder, work };
+        let elevation = elevation::NestedElevation { plan, target, sources: self.elevation, folder, work };
         let elevation = elevation.levels(&self.nodes_above_color())?;
         let fail = |source| IngestError::Output { source, path: folder.to_owned() };
         // The terrain's range is taken from the finest complete level with at most a million posts.

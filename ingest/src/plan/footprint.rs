@@ -36,8 +36,8 @@ fn pixel_at(raster: &Raster, target: &TargetCrs, point: [f64; 2]) -> Option<[f64
             .transform_coords(&mut x, &mut y, &mut [])
             .ok()?;
     }
-    let pixel = raster.affine.inverse()?.apply(x[0], y[0]);
-    (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size[a] as f64).then_some(pixel)
+    let pixel = raster.affine().inverse()?.apply(x[0], y[0]);
+    (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size()[a] as f64).then_some(pixel)
 }
 
 /// What a source is in the database's CRS; its pixels are measured at `focus`, if that is in it,
@@ -51,7 +51,7 @@ pub(super) fn footprint(
     let count = x.len();
     let asked = focus.and_then(|focus| pixel_at(raster, target, focus));
     for [c, r] in measuring_places(raster, asked) {
-        for [mx, my] in [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine.apply(c, r)) {
+        for [mx, my] in [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine().apply(c, r)) {
             x.push(mx);
             y.push(my);
         }
@@ -60,8 +60,8 @@ pub(super) fn footprint(
     let mut seam = (Vec::new(), Vec::new());
     if !is_same {
         let transform = CoordTransform::new(&traditional(raster.srs()?), &target.srs()?).map_err(|e| {
-            let reason = format!("cannot be brought to {}: {}", target.crs.name, crate::error::gdal_message(&e));
-            IngestError::source(&raster.path, reason)
+            let reason = format!("cannot be brought to {}: {}", target.crs().name, crate::error::gdal_message(&e));
+            IngestError::source(raster.path(), reason)
         })?;
         // Points that cannot be transformed come back infinite and are left out below.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
@@ -83,13 +83,13 @@ pub(super) fn footprint(
         }
     }
     if low[0] > high[0] || !(spacing.is_finite() && spacing > 1e-6) {
-        return Err(IngestError::source(&raster.path, format!("has no place in {}", target.crs.name)));
+        return Err(IngestError::source(raster.path(), format!("has no place in {}", target.crs().name)));
     }
     let focus = [x[place], y[place]];
-    let [_, dx, _, _, _, dy] = raster.affine.0;
+    let [_, dx, _, _, _, dy] = raster.affine().0;
     let is_square = (dx.abs() / dy.abs() - 1.0).abs() < 1e-6;
-    let is_lattice = is_same && is_square && raster.affine.is_axis_parallel();
-    if let Some(crop) = &raster.crop {
+    let is_lattice = is_same && is_square && raster.affine().is_axis_parallel();
+    if let Some(crop) = raster.crop() {
         crop.cut(&mut low, &mut high, spacing, is_lattice);
     }
     Ok(Footprint { low, high, spacing, focus, is_lattice })
@@ -99,13 +99,16 @@ pub(super) fn footprint(
 /// around the body: a grid of few points misses the ends of the plane.
 fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) {
     let none = (Vec::new(), Vec::new());
-    let width = raster.size[0];
-    if !raster.is_geographic || !raster.affine.is_axis_parallel() || raster.affine.0[1].abs() * (width as f64) < 180.0 {
+    let width = raster.size()[0];
+    if !raster.is_geographic()
+        || !raster.affine().is_axis_parallel()
+        || raster.affine().0[1].abs() * (width as f64) < 180.0
+    {
         return none;
     }
-    let row = (raster.size[1] / 2) as f64 + 0.5;
+    let row = (raster.size()[1] / 2) as f64 + 0.5;
     let of = |columns: &mut dyn Iterator<Item = usize>| {
-        let places = columns.map(|column| raster.affine.apply(column as f64 + 0.5, row));
+        let places = columns.map(|column| raster.affine().apply(column as f64 + 0.5, row));
         let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
         // Points that cannot be transformed come back infinite: this is not a jump, and the caller
         // leaves them out.
@@ -124,7 +127,7 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
 /// in case its plane is cut open there (the far side of a globe from 0 to 360 degrees), elsewhere
 /// along its middle row.
 fn measuring_places(raster: &Raster, asked: Option<[f64; 2]>) -> Vec<[f64; 2]> {
-    let [width, height] = raster.size.map(|v| v as f64);
+    let [width, height] = raster.size().map(|v| v as f64);
     let shares = if asked.is_some() { &[][..] } else { &[0.5, 0.25, 0.75, 0.375, 0.625][..] };
     asked.into_iter().chain(shares.iter().map(|share| [share * width, 0.5 * height])).collect()
 }

@@ -106,12 +106,12 @@ fn check_overlap(
     let beside: Vec<&Raster> =
         color.iter().zip(prints).filter(|(_, print)| !overlaps(print)).map(|(raster, _)| raster).collect();
     if let Some(first) = beside.first().filter(|_| beside.len() == color.len()) {
-        return Err(IngestError::source(&first.path, "(colour) does not overlap the elevation"));
+        return Err(IngestError::source(first.path(), "(colour) does not overlap the elevation"));
     }
     for raster in beside {
         note(Note::Warning(format!(
             "{} (colour) does not overlap the elevation: it is left out",
-            raster.path.display()
+            raster.path().display()
         )));
     }
     Ok(())
@@ -266,14 +266,14 @@ impl Plan {
     /// Whether a source's samples are copied, not resampled, to a finest level.
     #[must_use]
     pub fn is_exact(lattice: &Lattice, target: &TargetCrs, raster: &Raster) -> bool {
-        let [x0, dx, _, y0, _, dy] = raster.affine.0;
+        let [x0, dx, _, y0, _, dy] = raster.affine().0;
         let is_same = |d: f64| (d.abs() / lattice.step - 1.0).abs() < 1e-6;
         let is_on = |edge: f64, d: f64, first: f64| {
             let offset = (edge + 0.5 * d - first) / lattice.step;
             (offset - offset.round()).abs() < 1e-3
         };
         target.is_of(raster)
-            && raster.affine.is_axis_parallel()
+            && raster.affine().is_axis_parallel()
             && is_same(dx)
             && is_same(dy)
             && is_on(x0, dx, lattice.first[0])

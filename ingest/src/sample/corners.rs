@@ -35,7 +35,7 @@ pub(crate) fn outer_corners<V>(
     let mut posts = BTreeSet::new();
     let last = heights.size().map(|n| n - 1);
     for ((raster, _), bounds) in sources.iter().zip(&plan.elevation_bounds) {
-        if raster.crop.is_some() {
+        if raster.crop().is_some() {
             posts.extend([[0, 0], [last[0], 0], [0, last[1]], last]);
             continue;
         }
@@ -71,7 +71,7 @@ fn inside(at: [i64; 2], last: Post) -> Option<Post> {
 /// Four pixel positions for each corner of a raster: the centre of its pixel, diagonally beyond it,
 /// and beside it on both sides.
 fn corner_pixels(raster: &Raster, beyond: f64) -> Vec<[f64; 2]> {
-    let [width, height] = raster.size.map(|v| v as f64);
+    let [width, height] = raster.size().map(|v| v as f64);
     let corners = [([0.0, 0.0], [1.0, 1.0]), ([width, 0.0], [-1.0, 1.0]), ([0.0, height], [1.0, -1.0])];
     let corners = corners.into_iter().chain([([width, height], [-1.0, -1.0])]);
     corners
@@ -86,7 +86,7 @@ fn corner_pixels(raster: &Raster, beyond: f64) -> Vec<[f64; 2]> {
 /// transformed.
 fn places_in_world(raster: &Raster, target: &TargetCrs, pixels: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, IngestError> {
     let (mut x, mut y): (Vec<f64>, Vec<f64>) =
-        pixels.iter().map(|[column, row]| raster.affine.apply(*column, *row)).map(|[x, y]| (x, y)).unzip();
+        pixels.iter().map(|[column, row]| raster.affine().apply(*column, *row)).map(|[x, y]| (x, y)).unzip();
     if !target.is_of(raster) {
         let transform = CoordTransform::new(&raster.srs()?, &target.srs()?);
         let transform = transform.map_err(|e| raster.fails("cannot be brought to the world's CRS", &e))?;

@@ -37,16 +37,16 @@ impl Mapper {
         } else {
             let (from, to) = (target.srs()?, raster.srs()?);
             let transform = CoordTransform::new(&from, &to).map_err(|e| {
-                let reason = format!("cannot be brought to {}: {}", target.crs.name, gdal_message(&e));
-                IngestError::source(&raster.path, reason)
+                let reason = format!("cannot be brought to {}: {}", target.crs().name, gdal_message(&e));
+                IngestError::source(raster.path(), reason)
             })?;
             Some(transform)
         };
         let inverse =
-            raster.affine.inverse().ok_or_else(|| IngestError::source(&raster.path, "has pixels without area"))?;
-        let size = raster.size.map(|v| v as f64);
-        let turn = 360.0 / raster.affine.0[1].abs();
-        let period = (raster.is_geographic && raster.affine.is_axis_parallel()).then_some(turn);
+            raster.affine().inverse().ok_or_else(|| IngestError::source(raster.path(), "has pixels without area"))?;
+        let size = raster.size().map(|v| v as f64);
+        let turn = 360.0 / raster.affine().0[1].abs();
+        let period = (raster.is_geographic() && raster.affine().is_axis_parallel()).then_some(turn);
         Ok(Self { transform, inverse: inverse.0, size, period })
     }
 

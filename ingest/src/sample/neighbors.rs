@@ -30,13 +30,13 @@ pub(super) fn common(a: Rect, b: Rect) -> Option<Rect> {
 
 /// Where pixel (0, 0) of `other` lies on the grid of `raster`; `None` when it is on another grid.
 fn offset(raster: &Raster, other: &Raster) -> Option<[i64; 2]> {
-    if raster.wkt != other.wkt {
+    if raster.wkt() != other.wkt() {
         return None;
     }
-    let inverse = raster.affine.inverse()?;
-    let size = other.size.map(|v| v as f64);
+    let inverse = raster.affine().inverse()?;
+    let size = other.size().map(|v| v as f64);
     let place = |x: f64, y: f64| {
-        let [x, y] = other.affine.apply(x, y);
+        let [x, y] = other.affine().apply(x, y);
         inverse.apply(x, y)
     };
     let first = place(0.0, 0.0).map(f64::round);
@@ -51,9 +51,9 @@ fn offset(raster: &Raster, other: &Raster) -> Option<[i64; 2]> {
 
 /// Pixels around the body, for a raster in degrees that has a whole number of them.
 fn turn(raster: &Raster) -> Option<i64> {
-    let turn = 360.0 / raster.affine.0[1].abs();
+    let turn = 360.0 / raster.affine().0[1].abs();
     let is_whole =
-        raster.is_geographic && raster.affine.is_axis_parallel() && (turn - turn.round()).abs() < TOLERANCE_PX;
+        raster.is_geographic() && raster.affine().is_axis_parallel() && (turn - turn.round()).abs() < TOLERANCE_PX;
     is_whole.then_some(turn.round() as i64)
 }
 
@@ -61,13 +61,13 @@ fn turn(raster: &Raster) -> Option<i64> {
 /// order, itself among them.
 pub(super) fn neighbors<V>(sources: &[(Raster, V)], index: usize, reach: [usize; 2]) -> Vec<Neighbor> {
     let raster = &sources[index].0;
-    let own = Rect::new([0, 0], raster.size);
-    let around = Rect::new(reach.map(|v| -(v as i64)), [0, 1].map(|k| raster.size[k] + 2 * reach[k]));
+    let own = Rect::new([0, 0], raster.size());
+    let around = Rect::new(reach.map(|v| -(v as i64)), [0, 1].map(|k| raster.size()[k] + 2 * reach[k]));
     let shifts: Vec<i64> = turn(raster).map_or(vec![0], |turn| vec![0, -turn, turn]);
     let mut found = Vec::new();
     for (source, (other, _)) in sources.iter().enumerate() {
         let Some([x, y]) = (if source == index { Some([0, 0]) } else { offset(raster, other) }) else { continue };
-        let places = shifts.iter().map(|shift| Rect::new([x + shift, y], other.size));
+        let places = shifts.iter().map(|shift| Rect::new([x + shift, y], other.size()));
         found.extend(
             places
                 .filter(|place| (source == index && *place == own) || common(*place, around).is_some())
@@ -83,22 +83,8 @@ mod tests {
     use crate::source::Affine;
 
     fn raster(origin: [f64; 2], size: [usize; 2], pixel: f64, is_geographic: bool) -> (Raster, ()) {
-        let raster = Raster {
-            path: "a.tif".into(),
-            open_name: String::new(),
-            driver: "GTiff".into(),
-            first: [0, 0],
-            crop: None,
-            size,
-            affine: Affine([origin[0], pixel, 0.0, origin[1], 0.0, -pixel]),
-            wkt: "the same".to_owned(),
-            crs_name: String::new(),
-            epsg: None,
-            is_geographic,
-            bands: Vec::new(),
-            data_type: String::new(),
-        };
-        (raster, ())
+        let affine = Affine([origin[0], pixel, 0.0, origin[1], 0.0, -pixel]);
+        (Raster::without_file(size, affine, is_geographic), ())
     }
 
     #[test]

@@ -47,7 +47,7 @@ impl ColorValues {
         note: &mut dyn FnMut(Note),
     ) -> Result<Vec<Self>, IngestError> {
         let mut all = rasters.iter().map(|r| Self::choose_bands(r, chosen, note)).collect::<Result<Vec<_>, _>>()?;
-        let is_wide = |r: &Raster| r.bands[0].data_type != GdalDataType::UInt8 && r.bands[0].palette.is_none();
+        let is_wide = |r: &Raster| r.bands()[0].data_type != GdalDataType::UInt8 && r.bands()[0].palette.is_none();
         let mut samples = Vec::new();
         for (raster, values) in rasters.iter().zip(&mut all) {
             let alpha = values.find_least_alpha(raster)?;
@@ -55,14 +55,17 @@ impl ColorValues {
                 samples.extend(values.shown_samples(raster, alpha, nodata, note)?);
             }
         }
-        let is_float = rasters.iter().any(|r| is_wide(r) && r.bands[0].data_type.is_floating());
+        let is_float = rasters.iter().any(|r| is_wide(r) && r.bands()[0].data_type.is_floating());
         let stretch = stretch(&mut samples, is_float);
         for (raster, values) in rasters.iter().zip(&mut all).filter(|(r, _)| is_wide(r)) {
             (values.black, values.gain) = (stretch.black, 255.0 / (stretch.white - stretch.black));
-            let file = raster.path.display();
+            let file = raster.path().display();
             note(Note::Info(format!(
                 "{file} has {} samples: {} to {} become 0 to 255 ({})",
-                raster.data_type, stretch.black, stretch.white, stretch.why
+                raster.data_type(),
+                stretch.black,
+                stretch.white,
+                stretch.why
             )));
         }
         Ok(all)
@@ -102,7 +105,7 @@ impl ColorValues {
                 note(Note::Warning(format!(
                     "{} has samples of {value} apart from all others, which it does not declare as no data: pixels that have it in \
                      all bands are taken as no picture; gdal_edit.py -a_nodata {value} declares it, --nodata none keeps them",
-                    raster.path.display()
+                    raster.path().display()
                 )));
             }
         }
@@ -127,8 +130,8 @@ impl ColorValues {
         chosen: Option<[usize; 3]>,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let shows = |what| raster.bands.iter().position(|b| b.shows == what).map(|i| i + 1);
-        let count = raster.bands.len();
+        let shows = |what| raster.bands().iter().position(|b| b.shows == what).map(|i| i + 1);
+        let count = raster.bands().len();
         let alpha = shows(Shows::Alpha).map(|band| (band, f32::MIN_POSITIVE));
         let color_count = count - usize::from(alpha.is_some());
         let declared = [Shows::Red, Shows::Green, Shows::Blue].map(shows);
@@ -136,7 +139,7 @@ impl ColorValues {
             (Some(bands), _) => {
                 if let Some(band) = bands.iter().find(|b| **b == 0 || **b > count) {
                     return Err(IngestError::source(
-                        &raster.path,
+                        raster.path(),
                         format!("has {count} bands, but --bands asks for band {band}"),
                     ));
                 }
@@ -148,7 +151,7 @@ impl ColorValues {
                 if color_count > 3 {
                     note(Note::Info(format!(
                         "{} has {count} bands: 1, 2, 3 are shown as red, green, blue (--bands R,G,B chooses)",
-                        raster.path.display()
+                        raster.path().display()
                     )));
                 }
                 [1, 2, 3]
@@ -162,15 +165,15 @@ impl Raster {
     /// Whether a sample of a band is data, as far as its nodata value tells.
     #[must_use]
     pub fn is_data(&self, band: usize, sample: f32) -> bool {
-        sample.is_finite() && self.bands[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
+        sample.is_finite() && self.bands()[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
     }
 }
 
 /// At most a million samples of a band, evenly spread.
 fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
     let dataset = open_raster(raster)?;
-    let size = (raster.size[0], raster.size[1]);
-    let first = (raster.first[0] as isize, raster.first[1] as isize);
+    let size = (raster.size()[0], raster.size()[1]);
+    let first = (raster.first()[0] as isize, raster.first()[1] as isize);
     let samples = dataset.rasterband(band).and_then(|band| band.read_as::<f32>(first, size, thin(raster), None));
     let samples = samples.map_err(|e| raster.fails("cannot be read", &e))?;
     Ok(samples.data().to_vec())
@@ -178,17 +181,17 @@ fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
 
 /// Columns and rows of thin samples.
 fn thin(raster: &Raster) -> (usize, usize) {
-    (raster.size[0].min(1024), raster.size[1].min(1024))
+    (raster.size()[0].min(1024), raster.size()[1].min(1024))
 }
 
 /// Which of the thinned samples a mask band shows; `None` without a mask band.
 fn thin_mask(raster: &Raster) -> Result<Option<Vec<bool>>, IngestError> {
-    if !raster.bands[0].has_mask {
+    if !raster.bands()[0].has_mask {
         return Ok(None);
     }
     let dataset = open_raster(raster)?;
-    let (size, shape) = ((raster.size[0], raster.size[1]), thin(raster));
-    let first = (raster.first[0] as isize, raster.first[1] as isize);
+    let (size, shape) = ((raster.size()[0], raster.size()[1]), thin(raster));
+    let first = (raster.first()[0] as isize, raster.first()[1] as isize);
     let mask = dataset
         .rasterband(1)
         .and_then(|band| band.open_mask_band()?.read_as::<u8>(first, size, shape, None))

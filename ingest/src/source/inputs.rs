@@ -92,16 +92,16 @@ impl Inputs<'_> {
         let failed = failed.without(&name, &shown).without(&typed, &shown);
         let is_a_name = name.contains(':') || name.starts_with("/vsi") || name.trim_start().starts_with('<');
         match failed {
-            Failed::Refused(reason) => Err(IngestError::source(shown, reason)),
-            Failed::Unknown(_) if names_a_list(&name) => {
+            Failed::Refused { why } => Err(IngestError::source(shown, why)),
+            Failed::Unknown { .. } if names_a_list(&name) => {
                 Err(IngestError::source(shown, "is a list of other files; --trust-vrt opens it"))
             }
-            Failed::Unknown(_) if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
-            Failed::Unknown(reason) if name.starts_with("/vsicurl/") => Err(IngestError::source(
+            Failed::Unknown { .. } if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
+            Failed::Unknown { why: reason } if name.starts_with("/vsicurl/") => Err(IngestError::source(
                 shown,
                 format!("cannot be read from its server as a raster: {reason} (downloading it first may help)"),
             )),
-            Failed::Unknown(reason) => match leads_elsewhere(local).filter(|_| is_local) {
+            Failed::Unknown { why: reason } => match leads_elsewhere(local).filter(|_| is_local) {
                 Some(what) => Err(IngestError::source(
                     shown,
                     format!("is {what}, though its name does not say so; --trust-vrt opens it nevertheless"),
@@ -112,9 +112,9 @@ impl Inputs<'_> {
     }
 
     fn open(&self, name: &str, shown: &Path) -> Result<Found, Failed> {
-        self.access.check_before(name).map_err(Failed::Refused)?;
-        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown(gdal_message(&e)))?;
-        self.access.check_after(name, &dataset).map_err(Failed::Refused)?;
+        self.access.check_before(name).map_err(|why| Failed::Refused { why })?;
+        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown { why: gdal_message(&e) })?;
+        self.access.check_after(name, &dataset).map_err(|why| Failed::Refused { why })?;
         Ok(Found { shown: shown.to_owned(), name: name.to_owned(), dataset })
     }
 
@@ -211,10 +211,16 @@ impl Inputs<'_> {
 }
 
 enum Failed {
-    /// It was refused before GDAL opened it.
-    Refused(String),
+    /// It was refused before GDAL opened it, or for what it leads to.
+    Refused {
+        /// What, in words.
+        why: String,
+    },
     /// GDAL cannot open it.
-    Unknown(String),
+    Unknown {
+        /// What GDAL says.
+        why: String,
+    },
 }
 
 impl Failed {
@@ -222,15 +228,15 @@ impl Failed {
     fn without(self, name: &str, shown: &Path) -> Self {
         let cleaned = |reason: String| reason.replace(name, &shown.to_string_lossy());
         match self {
-            Self::Refused(reason) => Self::Refused(cleaned(reason)),
-            Self::Unknown(reason) => Self::Unknown(cleaned(reason)),
+            Self::Refused { why } => Self::Refused { why: cleaned(why) },
+            Self::Unknown { why } => Self::Unknown { why: cleaned(why) },
         }
     }
 
     fn reason(self) -> String {
         match self {
-            Self::Refused(reason) => reason,
-            Self::Unknown(reason) => format!("is not a raster that GDAL can read: {reason}"),
+            Self::Refused { why } => why,
+            Self::Unknown { why } => format!("is not a raster that GDAL can read: {why}"),
         }
     }
 }
@@ -238,8 +244,8 @@ impl Failed {
 /// Rasters of one folder or archive are tiles of one layer: one CRS, and no two at the same place
 /// (which would be a picture beside its elevation, or a mask).
 fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> {
-    let names = || list(&rasters.iter().map(|r| r.path.display().to_string()).collect::<Vec<_>>());
-    if rasters.iter().any(|r| r.wkt != rasters[0].wkt) {
+    let names = || list(&rasters.iter().map(|r| r.path().display().to_string()).collect::<Vec<_>>());
+    if rasters.iter().any(|r| r.wkt() != rasters[0].wkt()) {
         let reason =
             format!("has rasters of several coordinate reference systems in it: name those to use, {}", names());
         return Err(IngestError::source(whole, reason));
@@ -255,8 +261,8 @@ fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> 
 
 /// Two opposite corners, to about a thousandth of the raster's size.
 fn place(raster: &Raster) -> [i64; 4] {
-    let [w, h] = raster.size.map(|v| v as f64);
-    let (a, b) = (raster.affine.apply(0.0, 0.0), raster.affine.apply(w, h));
+    let [w, h] = raster.size().map(|v| v as f64);
+    let (a, b) = (raster.affine().apply(0.0, 0.0), raster.affine().apply(w, h));
     let unit = [(b[0] - a[0]).abs(), (b[1] - a[1]).abs()].map(|v| (v / 100.0).max(f64::MIN_POSITIVE));
     let low = [a[0].min(b[0]), a[1].min(b[1])];
     [low[0] / unit[0], low[1] / unit[1], unit[0].log2() * 20.0, unit[1].log2() * 20.0].map(|v| v.round() as i64)

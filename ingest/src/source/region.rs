@@ -4,9 +4,9 @@
 //! for that part; then as a rectangle of the world's CRS, which the world covers and for which
 //! sources are read.
 
+use super::TargetCrs;
 use super::crs::{body_of, parse};
 use super::raster::{Raster, traditional};
-use super::{Affine, TargetCrs};
 use crate::error::{IngestError, gdal_message};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use std::sync::Arc;
@@ -138,10 +138,10 @@ impl Region {
             let srs = raster.srs()?;
             let points = self.points_in(&srs)?;
             let Some(part) = window(raster, &points) else { continue };
-            let turn = 360.0 / part.affine.0[1].abs();
-            let is_around = part.is_geographic && part.size[0] as f64 > 0.99 * turn;
+            let turn = 360.0 / part.affine().0[1].abs();
+            let is_around = part.is_geographic() && part.size()[0] as f64 > 0.99 * turn;
             let lon_lat = Arc::new(if is_around { points } else { Vec::new() });
-            parts.push(Raster { crop: Some(Crop { lon_lat, rect: None }), ..part });
+            parts.push(part.with_crop(Crop { lon_lat, rect: None }));
         }
         if parts.is_empty() {
             return Err(IngestError::usage(format!(
@@ -180,7 +180,7 @@ impl Region {
             let [low, high] = rect.unwrap_or([[*x, *y]; 2]);
             Some([[low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]])
         });
-        rect.ok_or_else(|| IngestError::usage(format!("--bounds {} has no place in {}", self.typed, target.crs.name)))
+        rect.ok_or_else(|| IngestError::usage(format!("--bounds {} has no place in {}", self.typed, target.crs().name)))
     }
 }
 
@@ -195,7 +195,7 @@ pub(crate) fn parts_in(
     for raster in rasters {
         let points = transformed(grid(rect[0], rect[1]), &from, &raster.srs()?)?;
         let crop = Crop { lon_lat: Arc::default(), rect: Some(rect) };
-        parts.extend(window(&raster, &points).map(|part| Raster { crop: Some(crop), ..part }));
+        parts.extend(window(&raster, &points).map(|part| part.with_crop(crop)));
     }
     Ok(parts)
 }
@@ -224,16 +224,16 @@ fn transformed(points: Vec<[f64; 2]>, from: &SpatialRef, to: &SpatialRef) -> Res
 /// The part of a raster around points of its CRS, a margin for kernels included; `None` when they
 /// lie beside it.
 fn window(raster: &Raster, points: &[[f64; 2]]) -> Option<Raster> {
-    let inverse = raster.affine.inverse()?;
+    let inverse = raster.affine().inverse()?;
     let mut pixels: Vec<[f64; 2]> = points.iter().map(|[x, y]| inverse.apply(*x, *y)).collect();
-    let is_around = raster.is_geographic && raster.affine.is_axis_parallel();
-    let period = 360.0 / raster.affine.0[1].abs();
+    let is_around = raster.is_geographic() && raster.affine().is_axis_parallel();
+    let period = 360.0 / raster.affine().0[1].abs();
     if is_around {
         // All on one side of the date line, near the first.
         let first = pixels.first()?[0];
         pixels.iter_mut().for_each(|p| p[0] -= ((p[0] - first) / period).round() * period);
     }
-    let size = raster.size.map(|v| v as f64);
+    let size = raster.size().map(|v| v as f64);
     let range = |axis: usize, shift: f64| {
         let values = || pixels.iter().map(|p| p[axis] + shift);
         let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
@@ -250,11 +250,7 @@ fn window(raster: &Raster, points: &[[f64; 2]]) -> Option<Raster> {
         first[axis] = (low - margin).floor().max(0.0) as usize;
         part[axis] = ((high + margin).ceil().min(size[axis]) as usize).checked_sub(first[axis]).filter(|n| *n > 0)?;
     }
-    let [x, y] = raster.affine.apply(first[0] as f64, first[1] as f64);
-    let c = raster.affine.0;
-    let affine = Affine([x, c[1], c[2], y, c[4], c[5]]);
-    let first = [0, 1].map(|axis| raster.first[axis] + first[axis]);
-    Some(Raster { size: part, first, affine, ..raster.clone() })
+    raster.part(first, part)
 }
 
 #[cfg(test)]

@@ -118,7 +118,7 @@ impl Survey {
         finds_fill: bool,
         work: &Work,
     ) -> Result<Self, IngestError> {
-        if raster.bands[0].data_type == GdalDataType::UInt8 && values.is_plain() {
+        if raster.bands()[0].data_type == GdalDataType::UInt8 && values.is_plain() {
             return Ok(Self::default());
         }
         let parts = parts_of(raster)?;
@@ -170,7 +170,7 @@ impl Part {
 fn parts_of(raster: &Raster) -> Result<Vec<[usize; 4]>, IngestError> {
     let dataset = open_raster(raster)?;
     let band = dataset.rasterband(1).map_err(|e| unreadable(raster, &e))?;
-    let [columns, rows] = raster.size;
+    let [columns, rows] = raster.size();
     let (_, block_rows) = band.block_size();
     let step = (block_rows * PART_SAMPLES.div_ceil(columns * block_rows).max(1)).min(rows);
     let mut parts = Vec::new();
@@ -195,7 +195,7 @@ fn look_at(
 ) -> Result<Part, IngestError> {
     let (origin, size) = ([x, y], [width, height]);
     let band = dataset.rasterband(1).map_err(|e| unreadable(raster, &e))?;
-    let first = [0, 1].map(|axis| (raster.first[axis] + origin[axis]) as isize);
+    let first = [0, 1].map(|axis| (raster.first()[axis] + origin[axis]) as isize);
     let samples = band.read_as::<f32>((first[0], first[1]), (width, height), (width, height), None);
     let samples = samples.map_err(|e| unreadable(raster, &e))?;
     let mut part = Part::default();

@@ -93,13 +93,16 @@ impl ElevationValues {
         work: &Work,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let band = &raster.bands[0];
+        let band = &raster.bands()[0];
         if band.palette.is_some() {
-            note(Note::Warning(format!("{} has a palette: its indices are taken as heights", raster.path.display())));
+            note(Note::Warning(format!("{} has a palette: its indices are taken as heights", raster.path().display())));
         }
-        let count = raster.bands.iter().filter(|b| b.shows != Shows::Alpha).count();
+        let count = raster.bands().iter().filter(|b| b.shows != Shows::Alpha).count();
         if count > 1 {
-            note(Note::Warning(format!("{} has {count} bands: the first is taken as heights", raster.path.display())));
+            note(Note::Warning(format!(
+                "{} has {count} bands: the first is taken as heights",
+                raster.path().display()
+            )));
         }
         let mut nodata: Vec<f32> = band.nodata.into_iter().map(|v| v as f32).collect();
         if let NodataChoice::Value(value) = choice {
@@ -119,7 +122,7 @@ impl ElevationValues {
             note(Note::Warning(format!(
                 "{} has {count} samples of {value}, which it does not declare as no data: they are taken as \
                  voids; --nodata {value} declares it, --nodata none keeps them as heights",
-                raster.path.display()
+                raster.path().display()
             )));
             values.nodata.push(*value);
         }
@@ -147,7 +150,7 @@ impl ElevationValues {
         let (low, high, radius) = (grouped(found.low), grouped(found.high), grouped(radius_m));
         if semi_minor_m.is_some_and(|b| (radius_m - b).abs() > 1.0) {
             return Err(IngestError::source(
-                &raster.path,
+                raster.path(),
                 format!(
                     "has distances from the centre of the body, {low} to {high} m, not heights; its ellipsoid is flattened, so \
                      that the radius to take off depends on the latitude: give heights above it (gdal_calc.py), or name the \
@@ -157,7 +160,7 @@ impl ElevationValues {
         }
         note(Note::Info(format!(
             "{} has distances from the centre, {low} to {high} m: {radius} m are taken off",
-            raster.path.display()
+            raster.path().display()
         )));
         self.offset -= radius_m;
         Ok(true)
@@ -173,7 +176,7 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     let range = range_of(&beyond);
     if survey.heights.count == 0 {
         return Err(IngestError::source(
-            &raster.path,
+            raster.path(),
             format!(
                 "has no heights that a body can have: its samples, {range}, lie beyond ±100 km; if they are not metres, \
                  --elevation-unit mm (or cm, ft, …) tells"
@@ -183,7 +186,7 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     note(Note::Warning(format!(
         "{} has {} samples {range}, beyond ±100 km: they are taken as voids; if they are not metres, --elevation-unit mm (or cm, \
          ft, …) tells",
-        raster.path.display(),
+        raster.path().display(),
         grouped(beyond.count as f64)
     )));
     Ok(())
@@ -204,7 +207,7 @@ fn check_ground(raster: &Raster, heights: &Stats, body: &str, note: &mut dyn FnM
         note(Note::Warning(format!(
             "{} has heights {} m, but the ground of {body} lies between {} and {} m: if they are not metres, \
              --elevation-unit cm (or mm, dm, ft, …) tells, and --nodata V if some of them mean \"no data\"",
-            raster.path.display(),
+            raster.path().display(),
             range_of(heights),
             grouped(*low),
             grouped(*high)
@@ -267,7 +270,7 @@ fn unit_of_plane(raster: &Raster, srs: &SpatialRef, note: &mut dyn FnMut(Note)) 
     note(Note::Info(format!(
         "{} does not tell the unit of its heights; its plane is in {name}, so they are taken as {name} too and converted to metres \
          (--elevation-unit m, if they are metres; us-ft or ft tells it)",
-        raster.path.display()
+        raster.path().display()
     )));
     plane
 }
@@ -281,20 +284,20 @@ fn vertical_unit(raster: &Raster, band: &BandInfo, note: &mut dyn FnMut(Note)) -
         let Some(factor) = factor else { return Ok(unit_of_plane(raster, &srs, note)) };
         if factor != 1.0 {
             let name = attribute(0).unwrap_or_default();
-            note(Note::Info(format!("{}: heights are converted from {name} to metres", raster.path.display())));
+            note(Note::Info(format!("{}: heights are converted from {name} to metres", raster.path().display())));
         }
         return Ok(factor);
     }
     let Some(factor) = meters_in(&band.unit) else {
         note(Note::Warning(format!(
             "{} gives the unit of its heights as \"{}\", which is not known: they are taken as metres (--elevation-unit tells)",
-            raster.path.display(),
+            raster.path().display(),
             band.unit
         )));
         return Ok(1.0);
     };
     if factor != 1.0 {
-        note(Note::Info(format!("{}: heights are converted from {} to metres", raster.path.display(), band.unit)));
+        note(Note::Info(format!("{}: heights are converted from {} to metres", raster.path().display(), band.unit)));
     }
     Ok(factor)
 }

@@ -79,9 +79,11 @@ impl<R: HeightRanges> Ahead<R> {
         let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
         for camera in &cameras {
             let views = match &self.config.rig {
-                Some(rig) => widened_views(&rig.views(camera), unsure_secs),
-                None => Views::single(camera),
+                // From a predicted pose a rig may have no valid camera: it is passed over.
+                Some(rig) => rig.views(camera).map(|views| widened_views(&views, unsure_secs)),
+                None => Ok(Views::single(camera)),
             };
+            let Ok(views) = views else { continue };
             let of_view = wanted_tiles.tiles(camera, &views, &resolution).iter().copied();
             self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
         }

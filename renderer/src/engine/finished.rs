@@ -77,7 +77,7 @@ impl InFlight {
                 elevation_end: RingPosition::new(frame.end.elevation_end),
                 slots_end: frame.slots_end,
             },
-            pose: frame.marker.camera,
+            pose: frame.pose,
             views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,

@@ -207,7 +207,7 @@ impl RaysEngine {
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
-        let eye = frame.marker.camera.eye();
+        let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
         ground.clear(eye_m);
         self.blocks.forget();

@@ -1,6 +1,7 @@
 //! What is wrong with a frame from the ring.
 
 use crate::source::SourceError;
+use terravision_common::camera::CameraError;
 
 /// What is wrong with a frame from the ring.
 #[derive(Debug, thiserror::Error)]
@@ -36,10 +37,12 @@ pub enum FrameError {
         expected: u64,
     },
     /// The camera that carries a frame's views is not valid.
-    #[error("frame {frame} from the ring has no valid camera")]
+    #[error("frame {frame} from the ring has no valid camera: {source}")]
     Camera {
         /// The frame.
         frame: u64,
+        /// What is wrong with it.
+        source: CameraError,
     },
     /// A view of a frame cannot be drawn.
     #[error(

@@ -10,6 +10,7 @@ pub use check::check_tile;
 pub use error::{FrameError, TileFault};
 pub use reader::FrameReader;
 
+use terravision_common::camera::Camera;
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
@@ -23,9 +24,11 @@ pub const MAX_TILES: usize = 65536;
 /// A checked frame.
 #[derive(Debug)]
 pub struct Frame {
-    /// Its first slot. The camera is valid.
+    /// Its first slot.
     pub marker: FrameMarker,
-    /// Its views. Their cameras are valid, and they lie within the frame's picture.
+    /// The marker's camera.
+    pub pose: Camera,
+    /// Its views. They lie within the frame's picture.
     pub views: Views,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,

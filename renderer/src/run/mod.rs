@@ -14,6 +14,7 @@ use crate::source::{Done, FrameSource, SourceShape};
 use std::collections::VecDeque;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::FrameNumber;
 use terravision_common::run::OPEN_END;
 use terravision_common::shm::{Activity, Counter};
 
@@ -215,7 +216,8 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;
-        telemetry::tell_of_recording(self.source, self.reader.frame().marker.frame, started, &submitted);
+        let frame = FrameNumber::new(self.reader.frame().marker.frame);
+        telemetry::tell_of_recording(self.source, frame, started, &submitted);
         self.summary.uploads += u64::from(submitted.uploads);
         self.source.progress();
         tracing::trace!(frames = self.summary.frames, "frame is with the device");

@@ -66,9 +66,8 @@ fn cut_out<T: Copy>(plane: &[T], per_pixel: usize, size: [u32; 2], view: &View, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use std::sync::{Arc, Mutex};
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
 
     type Log = Arc<Mutex<Vec<(String, [u32; 2], Vec<u8>, Vec<f32>)>>>;
 
@@ -90,7 +89,10 @@ mod tests {
 
     #[test]
     fn each_view_is_cut_out_of_the_picture_and_named() {
-        let view = |at, [width, height]: [u32; 2]| View { camera: Camera { width, height, ..Camera::zeroed() }, at };
+        let view = |at, [width, height]: [u32; 2]| View {
+            camera: Camera::new(CameraFields { width, height, ..*Camera::default().fields() }).expect("valid"),
+            at,
+        };
         let views = Views::new([view([0, 0], [2, 2]), view([3, 1], [1, 1])]).unwrap();
         // Two rows of four pixels, numbered.
         let rgba: Vec<u8> = (0..8).flat_map(|n| [n, 0, 0, 255]).collect();

@@ -60,7 +60,7 @@ impl<'a> Picture<'a> {
 }
 
 /// Width and height of a picture, and its pixels, RGBA.
-pub type Pixels = ([u32; 2], Vec<u8>);
+pub type SizedRgba = ([u32; 2], Vec<u8>);
 
 /// A sink could not do its work.
 #[derive(Debug, thiserror::Error)]
@@ -141,7 +141,7 @@ pub trait FrameSink: Send {
     ///
     /// # Errors
     /// The file there is not a picture.
-    fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+    fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
         Ok(None)
     }
 }

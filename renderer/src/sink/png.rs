@@ -1,7 +1,7 @@
 //! PNG files: a folder of them, or one. RGB, 8 bits; the bytes depend on the picture alone.
 
 use super::temporary::{failure, write_whole};
-use super::{FrameSink, Picture, Pixels, SinkError};
+use super::{FrameSink, Picture, SinkError, SizedRgba};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use std::fs;
@@ -41,7 +41,7 @@ impl FrameSink for PngFolderSink {
         Ok(())
     }
 
-    fn read_back(&mut self, frame: u64) -> Result<Option<Pixels>, SinkError> {
+    fn read_back(&mut self, frame: u64) -> Result<Option<SizedRgba>, SinkError> {
         let path = self.path(frame);
         let picture = image::open(&path).map_err(|error| match error {
             ImageError::IoError(source) => failure(&path, source),

@@ -1,8 +1,7 @@
 //! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
 //! picture is there once more, so that a film of them keeps the flight's time.
 
-use super::{FrameSink, Picture, Pixels, SinkError};
-use bytemuck::Zeroable;
+use super::{FrameSink, Picture, SinkError, SizedRgba};
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
@@ -15,7 +14,7 @@ pub struct RepeatSink {
     /// The frame that has to be written next.
     next: u64,
     /// What was written last: size and pixels.
-    last: Option<Pixels>,
+    last: Option<SizedRgba>,
 }
 
 impl std::fmt::Debug for RepeatSink {
@@ -69,7 +68,7 @@ impl FrameSink for RepeatSink {
     fn finish(&mut self) -> Result<(), SinkError> {
         // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let (frame, rgba) = (self.next, &rgba);
             let last = Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: false };
             self.repeat(self.frames[1], &last)?;
@@ -88,7 +87,7 @@ mod tests {
     /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
     struct Log {
         written: Written,
-        left: Option<Pixels>,
+        left: Option<SizedRgba>,
     }
 
     impl FrameSink for Log {
@@ -101,7 +100,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+        fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
             Ok(self.left.take())
         }
     }
@@ -117,7 +116,7 @@ mod tests {
     fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let picture =
                 Picture { frame, view: None, size: [1, 1], rgba: &rgba, reversed_depth: None, views, is_settled: true };
             sink.write(&picture).unwrap();

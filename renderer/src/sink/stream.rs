@@ -81,12 +81,11 @@ fn pad(picture: &Picture<'_>, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use terravision_common::camera::Camera;
     use terravision_common::rig::Views;
 
     fn picture(frame: u64, size: [u32; 2], rgba: &[u8]) -> Picture<'_> {
-        let views = Views::single(&Camera::zeroed());
+        let views = Views::single(&Camera::default());
         Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: true }
     }
 

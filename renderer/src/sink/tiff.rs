@@ -171,7 +171,7 @@ pub(super) struct GroundView {
 
 impl GroundView {
     pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
-        let size = [f64::from(camera.width), f64::from(camera.height)];
+        let size = [f64::from(camera.width()), f64::from(camera.height())];
         let (eye, axes, half_tangents) = (camera.eye(), camera.axes_in_world(), camera.half_tangents());
         Self { eye, axes, half_tangents, size, crs: CrsFrame::new(origin), exaggeration }
     }
@@ -233,7 +233,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
+    use terravision_common::camera::CameraFields;
     use terravision_common::rig::Views;
 
     #[test]
@@ -251,7 +251,7 @@ mod tests {
         let rgba = vec![255; 4 * depths.len()];
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
         for frame in [3, 4] {
-            let (views, reversed_depth) = (Views::single(&Camera::zeroed()), Some(&depths[..]));
+            let (views, reversed_depth) = (Views::single(&Camera::default()), Some(&depths[..]));
             let picture = Picture { frame, view: None, size, rgba: &rgba, reversed_depth, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
@@ -269,14 +269,15 @@ mod tests {
 
     #[test]
     fn ground_is_where_the_ray_ends() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [100.0, 200.0, 1000.0],
             pitch_rad: -std::f64::consts::FRAC_PI_2,
             vfov_rad: std::f64::consts::FRAC_PI_2,
             width: 4,
             height: 4,
-            ..Camera::zeroed()
-        };
+            ..*Camera::default().fields()
+        })
+        .expect("valid");
         // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m north of the eye.
         let view = GroundView::new(&camera, [5e5, 4e6], 2.0);
         let at = view.at([2, 0], (NEAR_M / 800.0) as f32);
@@ -289,14 +290,15 @@ mod tests {
     #[test]
     fn made_up_ground_is_not_a_number_or_has_a_band_of_marks() {
         use tiff::decoder::{Decoder, DecodingResult};
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0, 0.0, 900.0],
             pitch_rad: -std::f64::consts::FRAC_PI_2,
             vfov_rad: 1.0,
             width: 3,
             height: 1,
-            ..Camera::zeroed()
-        };
+            ..*Camera::default().fields()
+        })
+        .expect("valid");
         // Measured, made up, sky.
         let (rgba, depths) =
             ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);

@@ -217,7 +217,7 @@ impl Slots for RecordedSource {
             })
         } else if let Some(view) = frame.views.get(self.slot - 1) {
             let (index, count) = (self.slot as u32 - 1, views as u32);
-            SlotContent::View(ViewSlot { camera: view.camera, at: view.at, index, count })
+            SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count })
         } else if let Some(tile) = frame.tiles.get(self.slot - 1 - views) {
             SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
         } else {

@@ -115,7 +115,7 @@ impl ComputeRays {
         let view = RayView {
             has_undersides: u32::from(!surface.is_over(camera.eye()) || world.has_holes()),
             plane: if world.has_validity() { world.elevation_posts().pow(2) } else { 0 },
-            datum_m: datum_above_eye_m(camera, world, surface.height_m(frame.marker.camera.eye())),
+            datum_m: datum_above_eye_m(camera, world, surface.height_m(frame.pose.eye())),
             root: code(self.tree.root()),
             root_low: (-eye).as_vec2().to_array(),
             root_side: surface.node_side_m(world.root().q()) as f32,
@@ -164,7 +164,7 @@ fn ray_view(camera: &Camera, ground: [DVec2; 2]) -> RayView {
         per_column: per_column.to_array(),
         root: RayNode::EMPTY,
         per_row: per_row.to_array(),
-        size: camera.width | camera.height << 16,
+        size: camera.width() | camera.height() << 16,
         bounds_low: ground[0].as_vec2().to_array(),
         bounds_high: ground[1].as_vec2().to_array(),
         root_low: [0.0; 2],

@@ -83,7 +83,7 @@ impl Technique for MeshTechnique {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
-        let datum_m = self.world.surface().height_m(frame.marker.camera.eye());
+        let datum_m = self.world.surface().height_m(frame.pose.eye());
         for view in frame.views.iter() {
             let (parameters, cell) = view_parameters(&view.camera, &self.world, datum_m);
             let sides = visible_sides(&view.camera, &self.world);

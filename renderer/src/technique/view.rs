@@ -34,7 +34,7 @@ pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewP
         extent_from_cell: [0, 1].map(|axis| cell.count(axis, extent[axis])),
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
-        grid: [camera.width, camera.height].map(|side| 0.5 * side as f32 * SUBPIXELS),
+        grid: [camera.width(), camera.height()].map(|side| 0.5 * side as f32 * SUBPIXELS),
         datum_m: datum_above_eye_m(camera, world, datum_z_m),
         reserved: [0; 3],
     };

@@ -4,7 +4,7 @@
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
@@ -28,7 +28,7 @@ pub fn world(extent: [u32; 2]) -> World {
 
 /// A camera over the world, metres and degrees.
 pub fn camera(eye: [f64; 3], heading: f64, pitch: f64, size: [u32; 2]) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: eye,
         heading_rad: heading.to_radians(),
         pitch_rad: pitch.to_radians(),
@@ -37,7 +37,8 @@ pub fn camera(eye: [f64; 3], heading: f64, pitch: f64, size: [u32; 2]) -> Camera
         width: size[0],
         height: size[1],
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 /// Builds one frame after the other.
@@ -102,7 +103,7 @@ impl<'a> Scene<'a> {
             for i in 0..u64::from(self.world.elevation_posts()) {
                 let at = |axis: usize, k: u64| (origin[axis] + (k << node.q())).min(extent[axis].into()) as f64 * unit;
                 let [ground, measured] = (self.shares)(at(0, i), at(1, j));
-                let height = ((self.height)(at(0, i), at(1, j)) - camera.eye_in_world[2]) as f32;
+                let height = ((self.height)(at(0, i), at(1, j)) - camera.fields().eye_in_world[2]) as f32;
                 planes.iter_mut().zip([height, ground, measured]).for_each(|(plane, value)| plane.push(value));
             }
         }
@@ -145,7 +146,7 @@ impl<'a> Scene<'a> {
 
     /// Adds a frame of these tiles, whose heights are above the pose's eye, seen by these views.
     pub fn frame_of_views(&mut self, pose: &Camera, views: Views, tiles: Vec<TileSlot>) {
-        let (frame, camera) = (self.frame, *pose);
+        let (frame, camera) = (self.frame, *pose.fields());
         let picture = views.picture();
         let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, picture, ..FrameMarker::zeroed() };
         let end = FrameEnd {

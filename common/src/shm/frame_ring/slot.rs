@@ -42,17 +42,17 @@ impl FrameInfo {
     /// The description of a frame of this camera over a world with this origin.
     #[must_use]
     pub fn new(frame: u64, camera: &Camera, origin: [f64; 2], is_settled: bool, published_nanos: u64) -> Self {
-        let [x, y, z] = camera.eye_in_world;
+        let [x, y, z] = camera.fields().eye_in_world;
         Self {
             frame,
             published_nanos,
-            camera_nanos: camera.timestamp_nanos,
+            camera_nanos: camera.timestamp_nanos(),
             pose_time_s: f64::NAN,
             position: [origin[0] + x, origin[1] + y, z],
-            heading_deg: camera.heading_rad.to_degrees(),
-            pitch_deg: camera.pitch_rad.to_degrees(),
-            roll_deg: camera.roll_rad.to_degrees(),
-            vfov_deg: camera.vfov_rad.to_degrees(),
+            heading_deg: camera.heading_rad().to_degrees(),
+            pitch_deg: camera.pitch_rad().to_degrees(),
+            roll_deg: camera.roll_rad().to_degrees(),
+            vfov_deg: camera.vfov_rad().to_degrees(),
             is_settled,
         }
     }

@@ -38,7 +38,7 @@ pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
         mode: if config.realtime.is_some() { "realtime" } else { "exact" }.to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         frames: stats.written_frames,
-        first_frame: collector.first_frame(),
+        first_frame: collector.first_frame().get(),
         fps: frames_per_second(frames),
         wall_s: seconds(stats.started_nanos, stats.ended_nanos),
         frame_ms_median: spread.ms_median,
