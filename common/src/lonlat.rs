@@ -209,13 +209,14 @@ mod tests {
     #[test]
     fn angles_may_have_degree_signs_and_other_letters_are_an_error() {
         let places = ["45d30'", "45°30'", "45.5"].map(|angle| {
-            let plane = Plane::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=50 +lon_0=9 +datum=WGS84")).unwrap();
-            Plane::parse(WGS84_LONLAT).unwrap().to(&plane, [10.0, 46.0]).unwrap()
+            let plane =
+                Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=50 +lon_0=9 +datum=WGS84")).unwrap();
+            Projection::parse(WGS84_LONLAT).unwrap().to(&plane, [10.0, 46.0]).unwrap()
         });
         let is_equal = |[x, y]: [f64; 2]| (x - places[0][0]).abs() < 1e-6 && (y - places[0][1]).abs() < 1e-6;
         assert!(places.into_iter().all(is_equal), "{places:?}");
         for angle in ["1\u{fffd}2'", "4é5\"", "1東2'"] {
-            assert!(Plane::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=45 +datum=NAD83")).is_err(), "{angle}");
+            assert!(Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=45 +datum=NAD83")).is_err(), "{angle}");
         }
     }
 
