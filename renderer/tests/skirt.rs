@@ -73,12 +73,11 @@ fn kinds(finished: &Finished) -> Vec<char> {
     finished.pixels.rgba().chunks_exact(4).map(kind).collect()
 }
 
-fn ways() -> [EngineOptions; 4] {
+fn ways() -> [EngineOptions; 3] {
     let rays = |rays| EngineOptions { technique: TechniqueChoice::Rays, rays, has_depth: true, ..options(SIZE) };
     [
         EngineOptions { has_depth: true, ..options(SIZE) },
         EngineOptions { has_validation: false, ..rays(RaysChoice::Mipmap) },
-        EngineOptions { has_validation: false, ..rays(RaysChoice::Sweep) },
         rays(RaysChoice::Compute),
     ]
 }
