@@ -6,6 +6,7 @@ use crate::database::{Layer, Tile};
 use crate::ids::FrameNumber;
 use crate::node::NodeId;
 use crate::outcome::TileFailure;
+use crate::run::TechniqueChoice;
 use bytemuck::{Pod, Zeroable};
 
 /// The content of an event: its kind, with typed fields. [`Event::new`] and [`Event::content`] are
@@ -68,6 +69,16 @@ pub enum EventContent {
         /// The share of the ground's screen area that it draws at the wanted resolution.
         sharp_share: f32,
     },
+    /// What one draw of a frame cost: the event's duration, by the device's own clock or of all
+    /// processor cores together.
+    FrameDraw {
+        /// What drew: never [`TechniqueChoice::Auto`].
+        technique: TechniqueChoice,
+        /// Which view of the frame, from 0.
+        view: u8,
+        /// How many of the frame's tiles.
+        tiles: u32,
+    },
     /// A piece of a text; see [`Event::text`].
     Text {
         /// What the text is.
@@ -105,6 +116,7 @@ mod kind {
     pub(super) const FRAME_LACKED: u32 = 17;
     pub(super) const FAILURE: u32 = 18;
     pub(super) const TILE_CAME: u32 = 19;
+    pub(super) const FRAME_DRAW: u32 = 20;
 }
 
 impl TextKind {
@@ -233,6 +245,23 @@ const fn layer_number(layer: Layer) -> u64 {
     }
 }
 
+/// A technique's number in an event.
+const fn technique_number(technique: TechniqueChoice) -> u32 {
+    match technique {
+        TechniqueChoice::Auto => 0,
+        TechniqueChoice::Mesh => 1,
+        TechniqueChoice::Rays => 2,
+    }
+}
+
+const fn technique_of(number: u32) -> Option<TechniqueChoice> {
+    match number {
+        1 => Some(TechniqueChoice::Mesh),
+        2 => Some(TechniqueChoice::Rays),
+        _ => None,
+    }
+}
+
 /// The tile of a layer's number and a packed node.
 fn tile_of(layer: u64, node: u64) -> Option<Tile> {
     let layer = match layer {
@@ -265,6 +294,10 @@ impl Event {
             }
             EventContent::FrameLacked { tiles, sharp_share } => {
                 event(kind::FRAME_LACKED, halves(tiles, sharp_share.to_bits()), 0)
+            }
+            EventContent::FrameDraw { technique, view, tiles } => {
+                let what = technique_number(technique) | (view as u32) << 8;
+                event(kind::FRAME_DRAW, halves(what, tiles), 0)
             }
             EventContent::Text { kind } => event(kind.number(), 0, 0),
         }
@@ -325,6 +358,11 @@ impl Event {
             kind::FRAME_LACKED => {
                 EventContent::FrameLacked { tiles: low(value), sharp_share: f32::from_bits(high(value)) }
             }
+            kind::FRAME_DRAW => EventContent::FrameDraw {
+                technique: technique_of(low(value) & 0xFF)?,
+                view: u8::try_from(low(value) >> 8).ok()?,
+                tiles: high(value),
+            },
             kind::DEVICE_NAME => EventContent::Text { kind: TextKind::Device },
             kind::DRIVER_NAME => EventContent::Text { kind: TextKind::Driver },
             kind::TECHNIQUE_NAME => EventContent::Text { kind: TextKind::Technique },
@@ -438,6 +476,10 @@ mod tests {
             any::<u64>().prop_map(|tiles| EventContent::FrameUploaded { tiles }),
             any::<(f32, f32)>().prop_map(|(r_z_px, r_c_px)| EventContent::FrameCamera { r_z_px, r_c_px }),
             any::<(u32, f32)>().prop_map(|(tiles, sharp_share)| EventContent::FrameLacked { tiles, sharp_share }),
+            (any::<bool>(), any::<u8>(), any::<u32>()).prop_map(|(is_mesh, view, tiles)| {
+                let technique = if is_mesh { TechniqueChoice::Mesh } else { TechniqueChoice::Rays };
+                EventContent::FrameDraw { technique, view, tiles }
+            }),
             (0..kinds.len()).prop_map(move |index| EventContent::Text { kind: kinds[index] }),
         ]
     }

@@ -4,6 +4,7 @@
 //! Where that matters, ingest, which uses PROJ, tabulates the difference ([`LonLatTable`]), and the
 //! launcher adds it to the result of `proj4rs` ([`Projection`]).
 
+use crate::bug::contained;
 use proj4rs::Proj;
 use proj4rs::errors::Error;
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,8 @@ use serde::{Deserialize, Serialize};
 pub const WGS84_LONLAT: &str = "+proj=longlat +datum=WGS84 +no_defs";
 /// Maximum number of nodes of a table along one side.
 pub const MAX_SIDE: usize = 33;
+/// The error of a PROJ string at which `proj4rs` panics.
+const NO_NUMBER: Error = Error::InvalidParameterValue("a value is not a number");
 
 /// A coordinate system that `proj4rs` supports.
 #[derive(Clone)]
@@ -29,7 +32,9 @@ impl Projection {
     /// # Errors
     /// When `proj4rs` does not support it.
     pub fn parse(text: &str) -> Result<Self, Error> {
-        Proj::from_proj_string(text).map(Self)
+        // `proj4rs` 0.3.0 panics at characters of several bytes within an angle, such as 45°30'.
+        let text = text.replace('°', "d");
+        contained(|| Proj::from_proj_string(&text)).unwrap_or(Err(NO_NUMBER)).map(Self)
     }
 
     /// The system of an EPSG code; `None` when `proj4rs` does not know it.
@@ -58,7 +63,9 @@ impl Projection {
         } else {
             (x, y)
         };
-        proj4rs::transform::transform(&self.0, &other.0, &mut point)?;
+        // Parameters are foreign, too.
+        contained(|| proj4rs::transform::transform(&self.0, &other.0, &mut point))
+            .unwrap_or(Err(Error::NanCoordinateValue))?;
         if other.is_lonlat() {
             point = (point.0.to_degrees(), point.1.to_degrees());
         }
@@ -196,6 +203,20 @@ mod tests {
             offsets_m: offsets_m.collect(),
             shift_m: 0.0,
             error_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn angles_may_have_degree_signs_and_other_letters_are_an_error() {
+        let places = ["45d30'", "45°30'", "45.5"].map(|angle| {
+            let plane =
+                Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=50 +lon_0=9 +datum=WGS84")).unwrap();
+            Projection::parse(WGS84_LONLAT).unwrap().to(&plane, [10.0, 46.0]).unwrap()
+        });
+        let is_equal = |[x, y]: [f64; 2]| (x - places[0][0]).abs() < 1e-6 && (y - places[0][1]).abs() < 1e-6;
+        assert!(places.into_iter().all(is_equal), "{places:?}");
+        for angle in ["1\u{fffd}2'", "4é5\"", "1東2'"] {
+            assert!(Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=45 +datum=NAD83")).is_err(), "{angle}");
         }
     }
 

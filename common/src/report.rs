@@ -51,6 +51,9 @@ pub struct Report {
     pub stages: BTreeMap<String, FrameTimes>,
     /// Time per frame by kind of work.
     pub spans: BTreeMap<String, FrameTimes>,
+    /// What drawing cost, by technique.
+    #[serde(default)]
+    pub draws: BTreeMap<String, DrawReport>,
     /// Tiles that the run used.
     pub tiles: TilesReport,
     /// Nodes of a frame's tree, median.
@@ -120,6 +123,16 @@ pub struct FrameTimes {
     pub ms_p99: f64,
     /// Largest.
     pub ms_max: f64,
+}
+
+/// What the draws of one technique cost.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct DrawReport {
+    /// Milliseconds of all of a frame's views together, by the device's own clock, or of all
+    /// processor cores where they draw.
+    pub times: FrameTimes,
+    /// Tiles of all of a frame's views together, median.
+    pub tiles_median: f64,
 }
 
 /// Tiles that a run used.

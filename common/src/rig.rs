@@ -112,6 +112,41 @@ impl Views {
     }
 }
 
+/// Where the views of a frame lie in its picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PictureLayout {
+    /// Width and height of the picture, pixels.
+    pub size: [u32; 2],
+    /// Upper left corner and size of each view; zeros behind the last.
+    views: [[u32; 4]; MAX_VIEWS],
+}
+
+impl PictureLayout {
+    /// Of views in a picture of this size.
+    #[must_use]
+    pub fn new(size: [u32; 2], views: &Views) -> Self {
+        let mut layout = Self { size, ..Self::default() };
+        for (place, view) in layout.views.iter_mut().zip(views.iter()) {
+            *place = [view.at[0], view.at[1], view.size()[0], view.size()[1]];
+        }
+        layout
+    }
+
+    /// One view that is the whole picture.
+    #[must_use]
+    pub fn whole(size: [u32; 2]) -> Self {
+        let mut layout = Self { size, ..Self::default() };
+        layout.views[0] = [0, 0, size[0], size[1]];
+        layout
+    }
+
+    /// Whether one view is the whole picture.
+    #[must_use]
+    pub fn is_single(&self) -> bool {
+        self.views[0] == [0, 0, self.size[0], self.size[1]]
+    }
+}
+
 impl Deref for Views {
     type Target = [View];
 

@@ -63,7 +63,7 @@ fn the_surface_moves_no_faster_than_the_camera_lets_it() {
     for k in 0..FRAMES {
         let case = case(k);
         let tree = case.tree();
-        let mesh = Mesh::of(&case.world, &case.frame(&tree, &case.tiles(&tree)));
+        let mesh = Mesh::of(&case.world, &case.frame(&tree, &case.tiles(&tree)), 0);
         let eye = case.camera.eye();
         let heights: Vec<Option<f64>> = points.iter().map(|[x, y]| height_at(&mesh, eye.z, *x, *y)).collect();
         let px = |i: usize, dz: f64| {

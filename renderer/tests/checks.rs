@@ -1,4 +1,5 @@
-//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never a panic.
+//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never
+//! a panic.
 
 mod support;
 
@@ -179,11 +180,12 @@ fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_gi
         let slots = with_view(&[slot]);
         slots.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
     };
-    // The end of a frame that did not fit into the ring, one that is done, and the first that is not.
+    // The end of a frame that did not fit into the ring, one that is done, and the first that is
+    // not.
     for slot in [tile(60), close(6, 61), marker(7, 1, 90), tile(90)] {
         assert_eq!(add(slot), Ok(false));
     }
-    assert_eq!(add(close(7, 91)), Ok(true), "read, for whoever reads to pass over");
+    assert_eq!(add(close(7, 91)), Ok(true), "read, for the reader to pass over");
     assert!(add(tile(100)).expect_err("within the ring").contains("found a tile"));
     assert_eq!(add(marker(8, 2, 104)), Ok(false));
     assert_eq!(add(tile(104)), Ok(false));
@@ -222,7 +224,7 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
             })],
             "no valid camera: its vertical field of view is NaN, expected 0.0001 to 3.1 rad",
         ),
-        (vec![SlotContent::Marker(FrameMarker { picture: [9, 9], ..marker() })], "a picture of 9x9 pixels, expected"),
+        (vec![SlotContent::Marker(FrameMarker { picture: [33, 9], ..marker() })], "a picture of 33x9 pixels, expected"),
         (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
         (vec![opened, plain, tile(&|t| t.color_generation = 2)], "another generation"),
         (vec![opened, closed], "the number of its tiles is 1, expected 0"),

@@ -1,4 +1,5 @@
-//! Holes in the ground, and ground that was made up: the same by the mesh and by rays of all kinds, with and without a device.
+//! Holes in the ground, and ground that was made up: the same by the mesh and by rays of all kinds,
+//! with and without a device.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -36,7 +37,8 @@ fn checks(x: f64, y: f64) -> [u8; 3] {
     [40 + (x / 8.0) as u8 % 100, 60 + (y / 8.0) as u8 % 100, 90]
 }
 
-/// Shares of a post: a round hole, a square one, one of a single post, a rim in the north, and a strip that was made up.
+/// Shares of a post: a round hole, a square one, one of a single post, a rim in the north, and a
+/// strip that was made up.
 fn shares(x: f64, y: f64) -> [f32; 2] {
     let is_round = (x - 400.0).hypot(y - 500.0) < 130.0;
     let is_square = (700.0..=900.0).contains(&x) && (300.0..=420.0).contains(&y);

@@ -69,8 +69,9 @@ fn exact_rays_see_the_surface_of_the_mesh() {
             keep(rays, &format!("rays-{}-{index}", extent[0]));
             let (a, b) = (metres(mesh), metres(rays));
             let close = a.iter().zip(&b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-3 * *a).count();
-            // A pixel at an edge may see what is before it or behind; and cells that the border cuts, a twentieth of the ground of
-            // the second world, are cut into facets after that by the mesh, and before it by rays.
+            // A pixel at an edge may see what is before it or behind; and cells that the border
+            // cuts, a twentieth of the ground of the second world, are cut into facets after that
+            // by the mesh, and before it by rays.
             let fewest = if extent[0] == 128 { 0.995 } else { 0.97 };
             assert!(close as f64 > fewest * a.len() as f64, "{extent:?}, view {index}: {close} of {}", a.len());
             let skies = [mesh, rays].map(sky_pixels);
@@ -83,7 +84,8 @@ fn exact_rays_see_the_surface_of_the_mesh() {
     }
 }
 
-/// Under the edge of the ground, over it, and both in one picture; from beside the world, and from a corner.
+/// Under the edge of the ground, over it, and both in one picture; from beside the world, and from
+/// a corner.
 #[test]
 fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
     let rolled =
@@ -224,8 +226,8 @@ fn voxels_lie_within_a_voxel_of_the_mesh() {
         keep(mesh, &format!("voxels-{index}-mesh"));
         keep(rays, &format!("voxels-{index}"));
         let pairs: Vec<(f32, f32)> = metres(mesh).into_iter().zip(metres(rays)).collect();
-        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are not. Without a look between samples
-        // it is 30 to 43.
+        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are
+        // not. Without a look between samples it is 30 to 43.
         let torn = pairs.iter().filter(|(a, b)| a.is_finite() != b.is_finite()).count();
         assert!(torn < 35, "view {index}: {torn} pixels are sky in one picture and land in the other");
         let mut errors: Vec<f32> = pairs.iter().filter(|(a, _)| a.is_finite()).map(|(a, b)| (a - b).abs()).collect();

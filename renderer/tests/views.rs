@@ -1,4 +1,5 @@
-//! Several views of one frame: each has the bytes of its camera alone, and the faces of a cube meet.
+//! Several views of one frame: each has the bytes of its camera alone, and the faces of a cube
+//! meet.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -127,8 +128,8 @@ fn a_view_from_higher_up_sees_the_same_ground() {
 
 const SIDE: u32 = 65;
 
-/// A cube's six faces, side by side, a little wider than 90 degrees: the centres of the outermost pixels lie on its edges, so that
-/// two faces share the rays along their edge.
+/// A cube's six faces, side by side, a little wider than 90 degrees: the centres of the outermost
+/// pixels lie on its edges, so that two faces share the rays along their edge.
 fn cube() -> Rig {
     let turned = |(index, (name, yaw, pitch)): (u32, (&str, f64, f64))| RigView {
         name: name.to_owned(),
@@ -151,7 +152,8 @@ fn cube() -> Rig {
     Rig { views: (0..).zip(faces).map(turned).collect() }
 }
 
-/// The pixels on a side of a face, in order: top and bottom from the left, left and right from the top.
+/// The pixels on a side of a face, in order: top and bottom from the left, left and right from the
+/// top.
 fn side(name: &str) -> Vec<[u32; 2]> {
     let last = SIDE - 1;
     let at = |k: u32| match name {
@@ -210,8 +212,9 @@ fn the_faces_of_a_cube_meet_along_their_edges() {
             let told =
                 format!("{name}: of {all} pixels on edges, {ground} of them ground, {same} are equal, {near} within 1");
             println!("{told}");
-            // One ray, but not to the bit: each face has axes of its own. So a ray along a crest may pass it in one face. Samples
-            // beside the centre are other rays in each face, and voxels are sampled at other places along them.
+            // One ray, but not to the bit: each face has axes of its own. So a ray along a crest
+            // may pass it in one face. Samples beside the centre are other rays in each face, and
+            // voxels are sampled at other places along them.
             let (fewest_equal, fewest_near) = match name {
                 "exact rays" => (all - 2, all - 2),
                 "mesh" | "rays of a device" => (all * 97 / 100, all - 2),

@@ -45,16 +45,26 @@ pub struct TileSlot {
     /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are
     /// multiples of that step.
     pub grid_snap: u8,
-    /// Not 0: the whole block lies behind nearer facets. The mesh skips it; a technique with
-    /// another surface may see some of it past the edge of the ground that hides it.
-    pub is_hidden: u8,
+    /// Bit n: view n of the frame sees nothing of the block as facets are drawn, because all of it
+    /// lies behind nearer ground or outside of the picture. The mesh leaves it out of that view. A
+    /// technique with a surface of its own may see some of it past the edge of what hides it.
+    pub unseen_by: u8,
 }
+
+// A bit for each view.
+const _: () = assert!(crate::rig::MAX_VIEWS <= u8::BITS as usize);
 
 impl TileSlot {
     /// The colour leaf; `None` when the number is not valid (it came from shared memory).
     #[must_use]
     pub const fn node(&self) -> Option<NodeId> {
         NodeId::unpack(self.node)
+    }
+
+    /// Whether a view of the frame, counted from 0, may see any facet of the block.
+    #[must_use]
+    pub const fn may_be_seen_by(&self, view: usize) -> bool {
+        self.unseen_by as usize >> view & 1 == 0
     }
 
     /// The place of the colour tile in its pool.

@@ -263,6 +263,6 @@ fn tile_slot(
         color_level: color.color.node.q(),
         edge_snap,
         grid_snap,
-        is_hidden: 0,
+        unseen_by: 0,
     }
 }

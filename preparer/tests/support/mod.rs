@@ -173,7 +173,7 @@ impl Tiles for SomeTiles {
 /// A vertex: lattice coordinates, and the bits of its height.
 pub type Vertex = (u64, u64, u32);
 
-/// The mesh, as the renderer draws the slots: without those that are hidden.
+/// The mesh, as the renderer draws the slots in a view: without those of which it sees nothing.
 #[derive(Debug, Default)]
 pub struct Mesh {
     pub triangles: Vec<[Vertex; 3]>,
@@ -187,9 +187,9 @@ pub fn tile_slots(frame: &FrameBuffer) -> Vec<TileSlot> {
 }
 
 impl Mesh {
-    pub fn of(world: &World, frame: &FrameBuffer) -> Mesh {
+    pub fn of(world: &World, frame: &FrameBuffer, view: usize) -> Mesh {
         let mut mesh = Mesh::default();
-        for tile in tile_slots(frame).into_iter().filter(|tile| tile.is_hidden == 0) {
+        for tile in tile_slots(frame).into_iter().filter(|tile| tile.may_be_seen_by(view)) {
             mesh.leaves.insert(tile.node().expect("an id"));
             let array = frame.array(tile.elevation_position).expect("an array");
             let last = world.elevation_tile();

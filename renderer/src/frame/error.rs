@@ -57,18 +57,18 @@ pub enum FrameError {
         /// The size of the frame's picture.
         picture: [u32; 2],
     },
-    /// The picture of a frame has another size than the run's.
+    /// The picture of a frame is empty or larger than the run's pictures are.
     #[error(
-        "frame {frame} from the ring is a picture of {}x{} pixels, expected {}x{}",
-        .found[0], .found[1], .expected[0], .expected[1]
+        "frame {frame} from the ring is a picture of {}x{} pixels, expected one of {}x{} at most",
+        .found[0], .found[1], .most[0], .most[1]
     )]
     PictureSize {
         /// The frame.
         frame: u64,
         /// Its size.
         found: [u32; 2],
-        /// The run's.
-        expected: [u32; 2],
+        /// The largest of the run.
+        most: [u32; 2],
     },
     /// A number of a tile is wrong.
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]

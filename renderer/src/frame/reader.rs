@@ -35,7 +35,7 @@ pub struct FrameReader {
 const MOST_LOST: u64 = 1 << 16;
 
 impl FrameReader {
-    /// For frames of this source and pictures of this size.
+    /// For frames of this source and pictures of this size at most.
     ///
     /// # Errors
     /// The world is too large.
@@ -164,8 +164,9 @@ impl FrameReader {
             return wrong("its first elevation array", marker.elevation_start, self.frame.end.elevation_end);
         }
         let pose = Camera::new(marker.camera).map_err(|source| FrameError::Camera { frame: expected, source })?;
-        if marker.picture != self.size {
-            return Err(FrameError::PictureSize { frame: expected, found: marker.picture, expected: self.size });
+        let (found, most) = (marker.picture, self.size);
+        if (0..2).any(|axis| found[axis] == 0 || found[axis] > most[axis]) {
+            return Err(FrameError::PictureSize { frame: expected, found, most });
         }
         self.frame.marker = *marker;
         self.frame.pose = pose;
@@ -270,15 +271,16 @@ impl FrameReader {
         Ok(())
     }
 
-    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a frame is complete, else
-    /// as far as slots are there. Whether a frame is complete.
+    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a
+    /// frame is complete, else as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
     /// The source failed, or a slot is not one that may come now.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
-                // Arrays that a killed stage has left between the frames: the preparer may be waiting for them.
+                // Arrays that a killed stage has left between the frames: the preparer may be
+                // waiting for them.
                 source.release_elevations(RingPosition::new(self.frame.elevation_start))?;
             }
             let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };

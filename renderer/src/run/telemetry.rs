@@ -51,8 +51,14 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
     let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
     let draw = draw.on_thread(1).of_frame(FrameNumber::new(finished.frame));
     telemetry.event(&draw.at(started).lasting(finished.finished_nanos.saturating_sub(started)));
-    let done = Event::new(EventContent::FrameDone { triangles: finished.triangles });
-    telemetry.event(&done.of_frame(FrameNumber::new(finished.frame)).at(finished.finished_nanos).lasting(since_last));
+    let number = FrameNumber::new(finished.frame);
+    for cost in finished.costs.iter() {
+        let Some(nanos) = cost.nanos else { continue };
+        let content = EventContent::FrameDraw { technique: cost.technique, view: cost.view as u8, tiles: cost.tiles };
+        telemetry.event(&Event::new(content).of_frame(number).at(finished.finished_nanos).lasting(nanos));
+    }
+    let done = Event::new(EventContent::FrameDone { triangles: finished.costs.triangles() });
+    telemetry.event(&done.of_frame(number).at(finished.finished_nanos).lasting(since_last));
 }
 
 /// A frame has left its sink.

@@ -1,6 +1,7 @@
 //! Each view of a frame into a sink of its own, as the picture that its camera alone would make.
 
 use super::{FrameSink, Picture, SinkError};
+use crate::pixels::PixelPlaces;
 use terravision_common::rig::{View, Views};
 
 /// Hands each view on by itself.
@@ -26,6 +27,12 @@ impl EachViewSink {
 }
 
 impl FrameSink for EachViewSink {
+    /// Views are cut out of pictures in memory.
+    fn needs(&self) -> PixelPlaces {
+        let is_any = self.sinks.iter().any(|(_, sink)| sink.needs() != PixelPlaces::NOWHERE);
+        if is_any { PixelPlaces::HOST } else { PixelPlaces::NOWHERE }
+    }
+
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         if picture.views.len() != self.sinks.len() {
             return Err(SinkError::ViewCount { found: picture.views.len(), expected: self.sinks.len() });
@@ -42,6 +49,7 @@ impl FrameSink for EachViewSink {
                 size: view.size(),
                 rgba: &self.rgba,
                 reversed_depth,
+                on_device: None,
                 ..*picture
             })?;
         }
@@ -103,6 +111,7 @@ mod tests {
             size: [4, 2],
             rgba: &rgba,
             reversed_depth: Some(&depth),
+            on_device: None,
             views,
             is_settled: true,
         };

@@ -11,7 +11,7 @@ use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
-use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
+use terravision_renderer::engine::{self, Engine, EngineError, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::source::{FrameSource, RecordedFrame, RecordedSource, Recording, RecordingBuilder};
@@ -176,16 +176,25 @@ pub fn options(size: [u32; 2]) -> EngineOptions {
 /// Draws all frames of a recording.
 pub fn draw(options: &EngineOptions, recording: &Arc<Recording>) -> Result<Vec<Finished>, EngineError> {
     let mut source = RecordedSource::new(Arc::clone(recording), 1);
-    let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut engine = engine::open(options.clone(), &source)?;
+    draw_on(&mut *engine, options, &mut source)
+}
+
+/// Draws all frames of a source on an engine.
+pub fn draw_on(
+    engine: &mut dyn Engine,
+    options: &EngineOptions,
+    source: &mut RecordedSource,
+) -> Result<Vec<Finished>, EngineError> {
+    let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut finished = Vec::new();
     while reader.remaining() > 0 {
         while !engine.has_room() {
             finished.extend(engine.poll(Duration::from_secs(20))?);
         }
-        reader.read(&mut source, true)?;
+        reader.read(source, true)?;
         let pixels = engine.new_pixels()?;
-        engine.submit(reader.frame(), &mut source, pixels)?;
+        engine.submit(reader.frame(), source, pixels)?;
     }
     while engine.is_busy() {
         finished.extend(engine.poll(Duration::from_secs(20))?);

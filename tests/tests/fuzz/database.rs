@@ -212,6 +212,8 @@ fn projections() {
         "+proj=laea +lat_0=45 +lon_0=10 +a=3396190 +b=3376200 +units=m",
         "+proj=lcc +lat_1=33 +lat_2=45 +lat_0=23 +lon_0=-96 +datum=NAD83",
         "+proj=stere +lat_0=-90 +lat_ts=-70 +lon_0=0 +ellps=GRS80",
+        // A letter of several bytes in an angle, at which `proj4rs` panics.
+        "+proj=lcc +lat_1=1東2' +lat_2=45°30'9\" +lon_0=-96 +datum=NAD83",
     ];
     let inputs: Vec<Vec<u8>> = inputs.iter().map(|text| text.as_bytes().to_vec()).collect();
     let target = Target {

@@ -11,6 +11,7 @@ use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::ids::FrameNumber;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
+use terravision_common::run::TechniqueChoice;
 use terravision_common::run::{DatabaseConfig, RenderConfig};
 use terravision_testkit::runs;
 
@@ -43,6 +44,10 @@ pub(crate) fn stats() -> RunStats {
         event(Stage::Generator, span(SpanName::Generate), started - 50, 1);
         event(Stage::Preparer, span(SpanName::Prepare), started - 20, frame - 4);
         event(Stage::Renderer, span(SpanName::Record), started, 1);
+        for view in 0..2 {
+            let draw = EventContent::FrameDraw { technique: TechniqueChoice::Mesh, view, tiles: 30 };
+            event(Stage::Renderer, draw, done, frame - 3);
+        }
         event(Stage::Renderer, EventContent::FrameDone { triangles: 1000 + frame }, done, 10);
         event(Stage::Renderer, EventContent::FrameWritten { is_settled: true }, done + 5, 0);
     }
