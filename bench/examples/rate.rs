@@ -1,5 +1,6 @@
-//! Draws how the rate control answers to a simulated renderer (a step, a ramp, noise, pauses, a rest), with feedback and
-//! without: `cargo run -p terravision-bench --example rate -- docs/images/rate.svg`.
+//! Draws how the rate control answers to a simulated renderer (a step, a ramp, noise, pauses, a
+//! rest), with feedback and without: `cargo run -p terravision-bench --example rate --
+//! docs/images/rate.svg`.
 
 use anyhow::Context;
 use std::path::Path;

@@ -1,8 +1,9 @@
-//! The table of voxel-flythrough-1999 §7 in its own set-up: a volume of 512 x 512 x 64 voxels, 512 x 512 colours, pictures of
-//! 500 x 400, 30 degrees down, samples 0.6 voxels apart.
+//! The table of voxel-flythrough-1999 §7 in its own set-up: a volume of 512 x 512 x 64 voxels, 512
+//! x 512 colours, pictures of 500 x 400, 30 degrees down, samples 0.6 voxels apart.
 //!
-//! The paper's times are of one R10000 processor of 194 MHz; what can be compared are its ratios. Those of one worker are taken of
-//! the thread's processor time, which other load on the machine disturbs least; those of two workers of elapsed time.
+//! The paper's times are of one R10000 processor of 194 MHz; what can be compared are its ratios.
+//! Those of one worker are taken of the thread's processor time, which other load on the machine
+//! disturbs least; those of two workers of elapsed time.
 
 use crate::findings::Findings;
 use crate::measurement::{Measurement, Target, median};
@@ -28,15 +29,15 @@ const SIZE: [u32; 2] = [500, 400];
 const ROLLS: u32 = 10;
 const BENCH: &str = "rays";
 
-/// What the paper measured, seconds: accurate and approximate on one processor, without coherence, rolled by 45 degrees,
-/// and accurate on four processors.
+/// What the paper measured, seconds: accurate and approximate on one processor, without coherence,
+/// rolled by 45 degrees, and accurate on four processors.
 mod paper {
     pub(super) const ACCURATE_S: f64 = 0.92;
     pub(super) const PLAIN_S: f64 = 6.71;
     pub(super) const APPROXIMATE_S: f64 = 0.65;
     pub(super) const ROLLED_S: f64 = 1.04;
-    /// Accurate on one processor against four, per doubling: 1.81. Its approximate mode reaches 1.76, its text speaks of more;
-    /// wanted is 1.86.
+    /// Accurate on one processor against four, per doubling: 1.81. Its approximate mode reaches
+    /// 1.76, its text speaks of more; wanted is 1.86.
     pub(super) const PER_DOUBLING: f64 = 1.86;
 }
 
@@ -102,15 +103,17 @@ impl Scene {
     }
 }
 
-/// Heights of the eye above the volume's bottom, voxels. The paper does not tell its own. Its plain rays took 7.3 times as long as its
-/// accurate ones, 6500 cycles of its processor in place of 890: with the 25 or 30 that a sample in the air costs, some 200
-/// samples more, or 120 voxels: an eye some 60 above the ground, 30 degrees down. So the middle one is taken for the table, the
-/// others show what the height does.
+/// Heights of the eye above the volume's bottom, voxels. The paper does not tell its own. Its plain
+/// rays took 7.3 times as long as its accurate ones, 6500 cycles of its processor in place of 890:
+/// with the 25 or 30 that a sample in the air costs, some 200 samples more, or 120 voxels: an eye
+/// some 60 above the ground, 30 degrees down. So the middle one is taken for the table, the others
+/// show what the height does.
 const EYES: [f64; 3] = [70.0, 100.0, 130.0];
 const EYE: f64 = EYES[1];
 
-/// The view: 30 degrees down and eastwards, from over the western edge. The paper does not tell its field of view either; here the
-/// uppermost ray meets the ground near the far edge, so that the picture is all ground.
+/// The view: 30 degrees down and eastwards, from over the western edge. The paper does not tell its
+/// field of view either; here the uppermost ray meets the ground near the far edge, so that the
+/// picture is all ground.
 fn camera(eye: f64, roll_deg: f64) -> Camera {
     let to_far_edge = ((eye - 20.0) / (0.7 * SIDE as f64)).atan();
     Camera {
@@ -194,7 +197,8 @@ const WAYS_OF_HEIGHT: [(&str, AnyMethod, bool); 4] = [
     ("plain from the volume's top", AnyMethod::Plain, false),
 ];
 
-/// Measures the table: every way in turn, round after round, so that a slower minute of the machine is one for all.
+/// Measures the table: every way in turn, round after round, so that a slower minute of the machine
+/// is one for all.
 ///
 /// # Errors
 /// The machine gives no threads.

@@ -86,8 +86,9 @@ pub fn record_trees(settings: &Settings, flight: &Flight, rounds: u64) -> anyhow
     Ok(recorded)
 }
 
-/// Runs the preparer alone (with the prefetcher, which has nothing to do in the second round), twice over the recorded round: what it does in the second, when all tiles are there, is
-/// measured and kept.
+/// Runs the preparer alone (with the prefetcher, which has nothing to do in the second round),
+/// twice over the recorded round: what it does in the second, when all tiles are there, is measured
+/// and kept.
 ///
 /// # Errors
 /// When the run fails.
@@ -236,8 +237,8 @@ impl RecordedFrames {
         Ok(())
     }
 
-    /// Plays `rounds` rounds into the rings and pools of a run in which only the renderer runs. Returns when everything
-    /// is in the rings.
+    /// Plays `rounds` rounds into the rings and pools of a run in which only the renderer runs.
+    /// Returns when everything is in the rings.
     ///
     /// # Errors
     /// When the run ends early.

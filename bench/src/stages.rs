@@ -227,7 +227,8 @@ pub fn floors(settings: &Settings) -> anyhow::Result<Floors> {
 /// Frames of each grid of the floor.
 const FLOOR_FRAMES: u32 = 60;
 
-/// StoreStats of the floor, and of the renderer against it, of turns in which one followed the other.
+/// StoreStats of the floor, and of the renderer against it, of turns in which one followed the
+/// other.
 pub fn floor(settings: &Settings, floors: &[Floors], alone: &[Flown], findings: &mut Findings) {
     let passes = |pass: fn(&[FloorPass]) -> Option<&FloorPass>| -> Vec<&FloorPass> {
         floors.iter().filter_map(|floors| pass(&floors.passes)).collect()

@@ -1,10 +1,10 @@
 //! How long ring and ping-pong buffer take from one process to another:
 //! `cargo run --release -p terravision-common --example hand_over`.
 //!
-//! Also the smallest program that shares memory between two processes: make the segments, start the other process with
-//! the run's name, open the handles on both sides. A message goes to the other process and an answer comes back; half of
-//! that is a hand-over. The first process rests before each message: without a rest the other one has just begun to
-//! wait, with one it sleeps.
+//! Also the smallest program that shares memory between two processes: make the segments, start the
+//! other process with the run's name, open the handles on both sides. A message goes to the other
+//! process and an answer comes back; half of that is a hand-over. The first process rests before
+//! each message: without a rest the other one has just begun to wait, with one it sleeps.
 
 use bytemuck::Zeroable;
 use std::error::Error;

@@ -1,7 +1,9 @@
-//! The last resort against faults of this program: a panic becomes one sentence, and one within a decoder of foreign bytes an error.
+//! The last resort against faults of this program: a panic becomes one sentence, and one within a
+//! decoder of foreign bytes an error.
 //!
-//! No input should bring a panic about: readers of foreign bytes give errors. Where one does so nevertheless, the user is told in a sentence
-//! what to do, destructors run (they remove segments and half-written files), and the exit code is [`INTERNAL_ERROR`].
+//! No input should bring a panic about: readers of foreign bytes give errors. Where one does so
+//! nevertheless, the user is told in a sentence what to do, destructors run (they remove segments
+//! and half-written files), and the exit code is [`INTERNAL_ERROR`].
 
 use crate::terminal::complain;
 use std::any::Any;
@@ -24,7 +26,8 @@ thread_local! {
 #[error("its decoder failed")]
 pub struct Contained;
 
-/// From now on a panic is told in one sentence that begins like this program's other messages: with `prefix`.
+/// From now on a panic is told in one sentence that begins like this program's other messages: with
+/// `prefix`.
 pub fn report_panics(prefix: &'static str) {
     std::panic::set_hook(Box::new(move |panic| {
         if IS_CONTAINED.get() {
@@ -53,8 +56,8 @@ fn words_of(payload: &(dyn Any + Send)) -> &str {
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
 }
 
-/// Does work on foreign bytes by code that is not ours. A panic of it is an error, without a message on standard error; what the
-/// work was changing is then in an undefined, but safe state.
+/// Does work on foreign bytes by code that is not ours. A panic of it is an error, without a
+/// message on standard error; what the work was changing is then in an undefined, but safe state.
 ///
 /// # Errors
 /// [`Contained`].

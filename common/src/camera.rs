@@ -1,8 +1,9 @@
 //! The camera: pose, projection and view frustum.
 //!
-//! World space is x east, y north, z up, metres. Camera space is x right, y up, z *backwards* (the camera looks along
-//! -z), metres. Angles are radians: heading clockwise from grid north, pitch up from the horizontal, roll clockwise as
-//! the camera's operator sees it (the horizon turns the other way).
+//! World space is x east, y north, z up, metres. Camera space is x right, y up, z *backwards* (the
+//! camera looks along -z), metres. Angles are radians: heading clockwise from grid north, pitch up
+//! from the horizontal, roll clockwise as the camera's operator sees it (the horizon turns the
+//! other way).
 
 use crate::surface;
 use bytemuck::{Pod, Zeroable};
@@ -12,12 +13,13 @@ use std::f64::consts::{PI, TAU};
 /// Most pixels along one side that a picture may have; the device may allow fewer.
 pub const MAX_SIDE_PX: u32 = 65_536;
 
-/// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value; [`Camera::is_valid`] says
-/// whether it is a camera.
+/// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value;
+/// [`Camera::is_valid`] says whether it is a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Camera {
-    /// Eye in world coordinates, metres (z is height, in the database's vertical datum, before exaggeration of terrain).
+    /// Eye in world coordinates, metres (z is height, in the database's vertical datum, before
+    /// exaggeration of terrain).
     pub eye_in_world: [f64; 3],
     /// Heading, radians clockwise from grid north.
     pub heading_rad: f64,
@@ -56,7 +58,8 @@ impl Camera {
         Self { timestamp_nanos: 0, ..*self } == Self { timestamp_nanos: 0, ..*other }
     }
 
-    /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and time are this one's.
+    /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and
+    /// time are this one's.
     #[must_use]
     pub fn toward(&self, other: &Self, share: f64) -> Self {
         let linear = |from: f64, to: f64| from + (to - from) * share;
@@ -112,8 +115,8 @@ impl Camera {
         [v * f64::from(self.width) / f64::from(self.height), v]
     }
 
-    /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of the picture:
-    /// pixels from its upper left corner (a pixel's centre is at + 0.5).
+    /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of
+    /// the picture: pixels from its upper left corner (a pixel's centre is at + 0.5).
     #[must_use]
     pub fn ray_in_world(&self, px: f64, py: f64) -> DVec3 {
         let [right, up, forward] = self.axes_in_world();
@@ -123,8 +126,8 @@ impl Camera {
         forward + right * x + up * y
     }
 
-    /// The four side planes of the view frustum as inward normals in world space; all pass through the eye. A point p
-    /// is outside when `normal · (p - eye) < 0` for any of them.
+    /// The four side planes of the view frustum as inward normals in world space; all pass through
+    /// the eye. A point p is outside when `normal · (p - eye) < 0` for any of them.
     #[must_use]
     pub fn frustum_normals_in_world(&self) -> [DVec3; 4] {
         let [right, up, forward] = self.axes_in_world();

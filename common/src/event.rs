@@ -1,12 +1,13 @@
-//! Events: what each stage tells the launcher about its work, through a ring that is dropped into when full and never
-//! waited for. The launcher makes the report and the trace from them.
+//! Events: what each stage tells the launcher about its work, through a ring that is dropped into
+//! when full and never waited for. The launcher makes the report and the trace from them.
 
 use crate::database::{Layer, Tile};
 use crate::node::NodeId;
 use crate::outcome::TileFailure;
 use bytemuck::{Pod, Zeroable};
 
-/// What an event says: its kind, with what that kind has to say. [`Event::new`] and [`Event::content`] are the one codec.
+/// What an event says: its kind, with what that kind has to say. [`Event::new`] and
+/// [`Event::content`] are the one codec.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum EventContent {
     /// A span of work on a frame.
@@ -28,8 +29,8 @@ pub enum EventContent {
         /// The tile.
         tile: Tile,
     },
-    /// A frame was drawn: the event's start is the end of its read-back, and its duration the time since the frame before was
-    /// finished.
+    /// A frame was drawn: the event's start is the end of its read-back, and its duration the time
+    /// since the frame before was finished.
     FrameDone {
         /// Triangles, or rays.
         triangles: u64,
@@ -77,13 +78,13 @@ pub enum EventContent {
 pub enum TextKind {
     /// The name of the device that draws. Sent once, before the first frame.
     Device,
-    /// Name and version of the device's driver, or how rays are cast. Sent before the first frame, and once more when the way of
-    /// casting rays has been chosen.
+    /// Name and version of the device's driver, or how rays are cast. Sent before the first frame,
+    /// and once more when the way of casting rays has been chosen.
     Driver,
     /// The name of the technique that draws. Sent once, before the first frame.
     Technique,
-    /// A sentence about a failure while the database was read; it begins with the name of the cause. One is sent for each
-    /// cause and file.
+    /// A sentence about a failure while the database was read; it begins with the name of the
+    /// cause. One is sent for each cause and file.
     Failure,
 }
 
@@ -241,7 +242,8 @@ fn tile_of(layer: u64, node: u64) -> Option<Tile> {
 }
 
 impl Event {
-    /// An event that says this, of thread 0 and frame 0, at no time: whoever tells it sets what matters.
+    /// An event that says this, of thread 0 and frame 0, at no time: whoever tells it sets what
+    /// matters.
     #[must_use]
     pub fn new(content: EventContent) -> Self {
         let event = |kind, value, node| Self { kind, value, node, ..Self::zeroed() };
@@ -290,7 +292,8 @@ impl Event {
         Self { duration_nanos, ..self }
     }
 
-    /// What it says; `None` when it says nothing that an event can say (it came from shared memory).
+    /// What it says; `None` when it says nothing that an event can say (it came from shared
+    /// memory).
     #[must_use]
     pub fn content(&self) -> Option<EventContent> {
         let Self { value, node, .. } = *self;
@@ -323,8 +326,9 @@ impl Event {
         })
     }
 
-    /// The events that carry a text (at most 512 bytes, longer ones are cut), 32 bytes each: `thread` is the
-    /// piece's number, `frame` the length of the whole text, and the four fields after it are the bytes.
+    /// The events that carry a text (at most 512 bytes, longer ones are cut), 32 bytes each:
+    /// `thread` is the piece's number, `frame` the length of the whole text, and the four fields
+    /// after it are the bytes.
     #[must_use]
     pub fn text(kind: TextKind, text: &str) -> Vec<Self> {
         let mut len = text.len().min(TEXT_MAX);
@@ -350,7 +354,8 @@ impl Event {
         events
     }
 
-    /// Puts one piece of a text in its place; `true` when it was the last one. An invalid piece is ignored.
+    /// Puts one piece of a text in its place; `true` when it was the last one. An invalid piece is
+    /// ignored.
     pub fn collect_text(&self, into: &mut Vec<u8>) -> bool {
         let (len, from) = (self.frame as usize, (self.thread as usize).saturating_mul(TEXT_BYTES));
         if len > TEXT_MAX || from >= len {

@@ -1,4 +1,5 @@
-//! Opening and making files that others may have prepared: no hang at a pipe, no step through another user's link.
+//! Opening and making files that others may have prepared: no hang at a pipe, no step through
+//! another user's link.
 
 use rustix::fs::{Mode, OFlags};
 use std::fs::{DirBuilder, File, FileType, Permissions};
@@ -22,13 +23,14 @@ pub fn kind_of(file: FileType) -> &'static str {
     }
 }
 
-/// Opens a regular file for reading. Anything else is refused at once: the opening of a named pipe would wait for its other end, and
-/// a device may have no end.
+/// Opens a regular file for reading. Anything else is refused at once: the opening of a named pipe
+/// would wait for its other end, and a device may have no end.
 ///
 /// # Errors
 /// What the system says; [`io::ErrorKind::InvalidInput`] for what is not a file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Without waiting, which means nothing to a regular file, and without becoming the owner of a terminal.
+    // Without waiting, which means nothing to a regular file, and without becoming the owner of a
+    // terminal.
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY;
     let file = File::from(rustix::fs::open(path, flags, Mode::empty())?);
     let kind = file.metadata()?.file_type();
@@ -41,7 +43,8 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 /// The bytes of a regular file that has at most `most`.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::InvalidInput`] for what is not a file, [`io::ErrorKind::InvalidData`] for one that is larger.
+/// What the system says; [`io::ErrorKind::InvalidInput`] for what is not a file,
+/// [`io::ErrorKind::InvalidData`] for one that is larger.
 pub fn read_bounded(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let mut file = open_regular(path)?.take(most.saturating_add(1));
     let mut bytes = Vec::new();
@@ -51,7 +54,8 @@ pub fn read_bounded(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Makes a new folder that nobody else may enter (0700), in the folder for temporary files; its name begins with `prefix`.
+/// Makes a new folder that nobody else may enter (0700), in the folder for temporary files; its
+/// name begins with `prefix`.
 ///
 /// # Errors
 /// What the system says.
@@ -76,8 +80,8 @@ pub fn random() -> u64 {
     std::collections::hash_map::RandomState::new().build_hasher().finish()
 }
 
-/// Makes sure that a folder is there and is this user's alone: made with all that is missing above it, or made private (0700) when it
-/// belongs to this user already.
+/// Makes sure that a folder is there and is this user's alone: made with all that is missing above
+/// it, or made private (0700) when it belongs to this user already.
 ///
 /// # Errors
 /// What the system says; [`io::ErrorKind::PermissionDenied`] for a folder of another user.
@@ -85,11 +89,12 @@ pub fn private_folder(path: &Path) -> io::Result<()> {
     claim(path, |_| true)
 }
 
-/// [`private_folder`] for a folder that a user names, and in which other things may lie: it is made private when it has nothing but `own_names`.
-/// Else it stays as it is.
+/// [`private_folder`] for a folder that a user names, and in which other things may lie: it is made
+/// private when it has nothing but `own_names`. Else it stays as it is.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::PermissionDenied`] for a folder of another user, or one that others may write into.
+/// What the system says; [`io::ErrorKind::PermissionDenied`] for a folder of another user, or one
+/// that others may write into.
 pub fn claim_folder(path: &Path, own_names: &[&str]) -> io::Result<()> {
     let is_own = |entry: io::Result<std::fs::DirEntry>| {
         entry.is_ok_and(|entry| own_names.iter().any(|name| entry.file_name() == *name))
@@ -99,7 +104,8 @@ pub fn claim_folder(path: &Path, own_names: &[&str]) -> io::Result<()> {
 
 fn claim(path: &Path, may_change: impl Fn(&Path) -> bool) -> io::Result<()> {
     DirBuilder::new().mode(0o700).recursive(true).create(path)?;
-    // A link is followed: a cache may lie on another disk. What counts is the folder that it leads to.
+    // A link is followed: a cache may lie on another disk. What counts is the folder that it leads
+    // to.
     let about = std::fs::metadata(path)?;
     let refused = |why: String| Err(io::Error::new(io::ErrorKind::PermissionDenied, why));
     let own = rustix::process::geteuid().as_raw();

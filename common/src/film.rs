@@ -1,5 +1,5 @@
-//! What renderer and launcher both have to know of a film: the renderer makes its pictures, the launcher keeps the stream, so
-//! that a renderer that dies does not take it along.
+//! What renderer and launcher both have to know of a film: the renderer makes its pictures, the
+//! launcher keeps the stream, so that a renderer that dies does not take it along.
 //!
 //! ```text
 //! renderer ──packets──▶ pipe ──▶ launcher: whole packets, each frame once ──▶ ffmpeg's input, or standard output
@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 
 /// Before the bytes of a frame in the pipe: which frame, and how many bytes.
 ///
-/// Two little-endian `u64`. A renderer that is killed leaves half a packet at the end of its pipe, which is thrown away.
+/// Two little-endian `u64`. A renderer that is killed leaves half a packet at the end of its pipe,
+/// which is thrown away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PacketHeader {
     /// Number of the frame in its flight.
@@ -43,8 +44,8 @@ impl PacketHeader {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrameEncoding {
-    /// Four bytes a pixel, RGBA, with even sides: an odd one is made even by repeating the last column or row (4:2:0 needs
-    /// it).
+    /// Four bytes a pixel, RGBA, with even sides: an odd one is made even by repeating the last
+    /// column or row (4:2:0 needs it).
     Raw,
     /// `FRAME` and three planes, as in Y4M.
     Y4m,
@@ -71,7 +72,8 @@ pub fn even(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.next_multiple_of(2))
 }
 
-/// Frames per second as a fraction: whole numbers as they are, the NTSC rates exactly, else in thousandths.
+/// Frames per second as a fraction: whole numbers as they are, the NTSC rates exactly, else in
+/// thousandths.
 #[must_use]
 pub fn rational_fps(fps: f64) -> [u64; 2] {
     let whole = fps.round();
@@ -87,9 +89,10 @@ pub fn rational_fps(fps: f64) -> [u64; 2] {
 
 /// A matrix from R'G'B' to Y'CbCr, limited range.
 ///
-/// Y4M cannot say which matrix made its colours. Players and encoders guess by size, and so do we choose: BT.709 for
-/// pictures at least 1280 wide or more than 576 high, BT.601 for smaller ones. The choice is also written as the comment
-/// `XTV_MATRIX=BT709` (or `BT601`), which readers that do not know it skip, and the range as `XCOLORRANGE=LIMITED`.
+/// Y4M cannot say which matrix made its colours. Players and encoders guess by size, and so do we
+/// choose: BT.709 for pictures at least 1280 wide or more than 576 high, BT.601 for smaller ones.
+/// The choice is also written as the comment `XTV_MATRIX=BT709` (or `BT601`), which readers that do
+/// not know it skip, and the range as `XCOLORRANGE=LIMITED`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Matrix {
     /// ITU-R BT.601-7.

@@ -1,7 +1,7 @@
 //! Numbers of the same width that must not be taken for one another, each a type of its own.
 //!
-//! A layout in shared memory keeps plain numbers; whoever writes or reads it converts, with `get` and `new`. Nothing
-//! converts by itself.
+//! A layout in shared memory keeps plain numbers; whoever writes or reads it converts, with `get`
+//! and `new`. Nothing converts by itself.
 
 use std::fmt;
 
@@ -41,13 +41,14 @@ macro_rules! number {
 }
 
 number! {
-    /// Number of a frame: its place in the film, from 0. In real time frames are left out, so numbers have gaps.
+    /// Number of a frame: its place in the film, from 0. In real time frames are left out, so
+    /// numbers have gaps.
     FrameNumber(u64)
 }
 
 number! {
-    /// A frame's place among those of the run that are drawn, from 1, without gaps; 0 is before the first. Pools go by it: what
-    /// frame `s` names stays until `s` is completed.
+    /// A frame's place among those of the run that are drawn, from 1, without gaps; 0 is before the
+    /// first. Pools go by it: what frame `s` names stays until `s` is completed.
     Sequence(u64)
 }
 
@@ -77,7 +78,8 @@ impl Sequence {
 }
 
 number! {
-    /// Position of an item in a ring: counts up over all that was ever put in, so it is never used twice.
+    /// Position of an item in a ring: counts up over all that was ever put in, so it is never used
+    /// twice.
     RingPosition(u64)
 }
 
@@ -87,7 +89,8 @@ number! {
 }
 
 number! {
-    /// How often a slot of a tile pool was filled: another tile in the slot, another generation. 0 before the first.
+    /// How often a slot of a tile pool was filled: another tile in the slot, another generation. 0
+    /// before the first.
     Generation(u32)
 }
 
@@ -113,7 +116,8 @@ impl Generation {
     }
 }
 
-/// Where a tile lies in its pool: a slot, and the generation that the slot must still have for the tile to be in it.
+/// Where a tile lies in its pool: a slot, and the generation that the slot must still have for the
+/// tile to be in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SlotKey {
     /// The slot.

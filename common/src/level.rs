@@ -1,22 +1,26 @@
 //! How fine to sample at a point: the level functions (design §4).
 //!
-//! *Screen resolution* `r(p)` is the number of pixels that a metre on the ground covers at terrain point `p`:
+//! *Screen resolution* `r(p)` is the number of pixels that a metre on the ground covers at terrain
+//! point `p`:
 //!
 //! ```text
 //! r = focal / w · g      w = max(depth of p, |p − eye|·cos(half diagonal field of view), 0.1 m)
 //!                        g = 1, √s or s by measure;  s = clamp(|eye_z − p_z| / |p − eye|, 0.15, 1)
 //! ```
 //!
-//! `s` is the sine of the angle at which level ground is seen: a step along the line of sight is shortened by it, one
-//! across is not. Inside the picture `w` is the depth; outside of it, where depth goes to zero, it follows the distance.
+//! `s` is the sine of the angle at which level ground is seen: a step along the line of sight is
+//! shortened by it, one across is not. Inside the picture `w` is the depth; outside of it, where
+//! depth goes to zero, it follows the distance.
 //!
-//! Levels are in **tree levels**: a node of level `q` is fine enough at `p` for elevation when `q <= elevation level`,
-//! that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= color level`. In the design's words this is
-//! `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so the tree does not depend on it.
+//! Levels are in **tree levels**: a node of level `q` is fine enough at `p` for elevation when `q
+//! <= elevation level`, that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= colour level`.
+//! In the design's words this is `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so the tree
+//! does not depend on it.
 
 //!
-//! A facet is a triangle, half of a lattice cell. The side of the square with its area is what `r_z` measures, so a cell is
-//! `√2·r_z` pixels wide and a picture of a million pixels takes 10,000 facets at 10 px (terravision-1995 §2.3).
+//! A facet is a triangle, half of a lattice cell. The side of the square with its area is what
+//! `r_z` measures, so a cell is `√2·r_z` pixels wide and a picture of a million pixels takes 10,000
+//! facets at 10 px (terravision-1995 §2.3).
 
 use crate::camera::Camera;
 use crate::rig::{MAX_VIEWS, Views};
@@ -25,17 +29,18 @@ use crate::world::World;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 
-/// How the screen resolution r(x, y), pixels per metre of a horizontal step, is measured from the two steps across
-/// and along the line of sight.
+/// How the screen resolution r(x, y), pixels per metre of a horizontal step, is measured from the
+/// two steps across and along the line of sight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Measure {
     /// The smaller: fewest facets, blurred where the ground is seen at a glancing angle.
     Min,
-    /// Their geometric mean: facets and texels of constant *area* on level ground; slopes that face the camera get too
-    /// few of both.
+    /// Their geometric mean: facets and texels of constant *area* on level ground; slopes that face
+    /// the camera get too few of both.
     Area,
-    /// The larger: the best picture for its triangles, because slopes that face the camera are seen in full.
+    /// The larger: the best picture for its triangles, because slopes that face the camera are seen
+    /// in full.
     #[default]
     Max,
 }
@@ -44,12 +49,13 @@ pub enum Measure {
 const NEAREST_M: f64 = 0.1;
 /// `s` never falls below this: towards the horizon facets would grow without bound.
 const LEAST_SLANT: f64 = 0.15;
-/// Safety of the lower bound, in levels, over the rounding of the exact evaluation (about 1e-8 at 1000 km).
+/// Safety of the lower bound, in levels, over the rounding of the exact evaluation (about 1e-8 at
+/// 1000 km).
 const BOUND_MARGIN: f64 = 1e-6;
 
-/// The level functions of one frame: at each point the finest level that one of its views wants. The same inputs give the
-/// same bits in every process and for every caller: plain IEEE operations in one order, no fused multiply-add, and
-/// [`log2_approximate`] for the logarithm.
+/// The level functions of one frame: at each point the finest level that one of its views wants.
+/// The same inputs give the same bits in every process and for every caller: plain IEEE operations
+/// in one order, no fused multiply-add, and [`log2_approximate`] for the logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelFunction {
     frame: EyeFrame,
@@ -72,8 +78,9 @@ struct ViewLevel {
 }
 
 impl LevelFunction {
-    /// The level functions for a frame of one view. `camera` is one that the caller has checked with [`Camera::is_valid`];
-    /// `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels, are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions for a frame of one view. `camera` is one that the caller has checked
+    /// with [`Camera::is_valid`]; `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels,
+    /// are positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -141,8 +148,8 @@ impl LevelFunction {
         out[0]
     }
 
-    /// The elevation levels wanted at the points of a row, heights exaggerated already: the form that compiles to SIMD. All
-    /// slices have the length of `out`; longer ones are cut.
+    /// The elevation levels wanted at the points of a row, heights exaggerated already: the form
+    /// that compiles to SIMD. All slices have the length of `out`; longer ones are cut.
     pub fn elevation_levels(&self, columns: &[Column], row: Row, heights_m: &[f64], out: &mut [f64]) {
         let (first, others) = self.views().split_first().expect("a frame has one view at least");
         first.levels(self.measure, columns, (row, heights_m), out, |_, level| level);
@@ -214,13 +221,14 @@ impl ViewLevel {
         }
     }
 
-    /// `w` to the fourth power over `s²` or the like, by measure; grows with depth and the distances, falls with the difference
-    /// in height.
+    /// `w` to the fourth power over `s²` or the like, by measure; grows with depth and the
+    /// distances, falls with the difference in height.
     #[inline(always)]
     fn argument_of(&self, sight: &Sight, argument: impl Fn(f64, f64) -> f64) -> f64 {
         let depth = sight.depth.max(NEAREST_M);
         let w2 = (depth * depth).max(sight.distance2 * self.cos2_half_diagonal);
-        // 1/s²: |p − eye|² / dz² between its limits. The tiny divisor keeps 0/0 out: level ground is seen edge-on.
+        // 1/s²: |p − eye|² / dz² between its limits. The tiny divisor keeps 0/0 out: level ground
+        // is seen edge-on.
         let slant = (1.0 + sight.horizontal2 / sight.vertical2.max(1e-200)).min(1.0 / (LEAST_SLANT * LEAST_SLANT));
         argument(w2, slant)
     }
@@ -237,23 +245,25 @@ impl ViewLevel {
     }
 }
 
-/// log2 of a positive normal number to within 7.2e-6: continuous, monotone, exact at powers of two, and the same bits
-/// on every machine. The mantissa's part is `f + f(1−f)·p(f)` with `p` of degree 4 through the five Chebyshev nodes of
-/// [0, 1], coefficients rounded to 8 decimals; the error was taken on 100 001 points.
+/// log2 of a positive normal number to within 7.2e-6: continuous, monotone, exact at powers of two,
+/// and the same bits on every machine. The mantissa's part is `f + f(1−f)·p(f)` with `p` of degree
+/// 4 through the five Chebyshev nodes of [0, 1], coefficients rounded to 8 decimals; the error was
+/// taken on 100 001 points.
 #[inline(always)]
 #[must_use]
 pub fn log2_approximate(x: f64) -> f64 {
     let bits = x.to_bits();
-    // The exponent as a float with no integer conversion (SSE2 has none for 64 bits): put it below the mantissa of
-    // 2^52 and subtract 2^52 and the bias.
+    // The exponent as a float with no integer conversion (SSE2 has none for 64 bits): put it below
+    // the mantissa of 2^52 and subtract 2^52 and the bias.
     let exponent = f64::from_bits(0x4330_0000_0000_0000 | (bits >> 52)) - (4_503_599_627_370_496.0 + 1023.0);
     let f = f64::from_bits(0x3ff0_0000_0000_0000 | (bits & 0x000f_ffff_ffff_ffff)) - 1.0;
     let p = (((0.025_691_26 * f - 0.097_201_83) * f + 0.184_100_83) * f - 0.276_569_5) * f + 0.442_654_07;
     exponent + (f + f * (1.0 - f) * p)
 }
 
-/// Levels that a colour leaf may lie below its elevation leaf. Its block is then two cells wide at least: where the edge
-/// of a restricted tree's leaf collapses every other vertex, no facet reaches into the next block.
+/// Levels that a colour leaf may lie below its elevation leaf. Its block is then two cells wide at
+/// least: where the edge of a restricted tree's leaf collapses every other vertex, no facet reaches
+/// into the next block.
 #[must_use]
 pub fn deepest_color_below(world: &World) -> u8 {
     world.elevation_tile().ilog2() as u8 - 1
@@ -350,7 +360,8 @@ mod tests {
 
     #[test]
     fn a_facet_of_the_wanted_level_has_the_wanted_size_on_screen() {
-        // Straight down from 6235.38 m (focal 623.538 px): 10 px are 100 m, and a cell of two facets is √2 as wide.
+        // Straight down from 6235.38 m (focal 623.538 px): 10 px are 100 m, and a cell of two
+        // facets is √2 as wide.
         let camera = camera([0.0, 0.0, 6235.38], [0.0, -std::f64::consts::FRAC_PI_2, 0.0], 60f64.to_radians());
         for measure in [Measure::Min, Measure::Area, Measure::Max] {
             let level = LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0);

@@ -1,7 +1,8 @@
 //! From longitude and latitude to a world's plane, as PROJ does it, without PROJ.
 //!
-//! `proj4rs` knows projections, but neither PROJ's database of datum shifts nor its grids. Where that matters, ingest,
-//! which has PROJ, tabulates what `proj4rs` misses ([`LonLatTable`]); the launcher adds it ([`Plane`] and the table).
+//! `proj4rs` knows projections, but neither PROJ's database of datum shifts nor its grids. Where
+//! that matters, ingest, which has PROJ, tabulates what `proj4rs` misses ([`LonLatTable`]); the
+//! launcher adds it ([`Plane`] and the table).
 
 use proj4rs::Proj;
 use proj4rs::errors::Error;
@@ -43,7 +44,8 @@ impl Plane {
         self.0.is_latlong()
     }
 
-    /// Coordinates of this system in another one. Longitude and latitude are degrees, longitude first.
+    /// Coordinates of this system in another one. Longitude and latitude are degrees, longitude
+    /// first.
     ///
     /// # Errors
     /// When they have no place there.
@@ -64,13 +66,15 @@ impl Plane {
     }
 }
 
-/// What PROJ adds to what `proj4rs` makes of a longitude and latitude: a lattice of offsets, linear between its nodes.
+/// What PROJ adds to what `proj4rs` makes of a longitude and latitude: a lattice of offsets, linear
+/// between its nodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LonLatTable {
     /// PROJ string of the longitudes and latitudes: WGS 84 on Earth, the body's own elsewhere.
     pub lonlat: String,
-    /// PROJ string of the plane that the lattice lies in: the world's without its datum, or one nearby.
+    /// PROJ string of the plane that the lattice lies in: the world's without its datum, or one
+    /// nearby.
     pub plane: String,
     /// The plane's coordinates of the first node.
     pub first: [f64; 2],
@@ -78,7 +82,8 @@ pub struct LonLatTable {
     pub step: [f64; 2],
     /// Nodes along both axes, 2 to [`MAX_SIDE`] each.
     pub size: [usize; 2],
-    /// What is added to the plane's coordinates to get the world's, metres: x and y of each node, rows from the first.
+    /// What is added to the plane's coordinates to get the world's, metres: x and y of each node,
+    /// rows from the first.
     pub offsets_m: Vec<f64>,
     /// How far places of paths would be off without the table, at most, metres.
     pub shift_m: f64,
@@ -102,8 +107,9 @@ impl LonLatTable {
         [self.first[0] + i as f64 * self.step[0], self.first[1] + j as f64 * self.step[1]]
     }
 
-    /// The world's coordinates of a place in the plane. Outside the lattice the border's cells go on as far as the lattice
-    /// is wide, and from there on nothing changes. Zero offset when the table is not valid.
+    /// The world's coordinates of a place in the plane. Outside the lattice the border's cells go
+    /// on as far as the lattice is wide, and from there on nothing changes. Zero offset when the
+    /// table is not valid.
     #[must_use]
     pub fn world_from_plane(&self, place: [f64; 2]) -> [f64; 2] {
         let cell_of = |axis: usize| {
@@ -129,7 +135,8 @@ pub fn proj_value<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     text.split_whitespace().find_map(|word| word.strip_prefix('+')?.strip_prefix(key)?.strip_prefix('='))
 }
 
-/// A PROJ string without what says how its datum lies to WGS 84. A datum that `proj4rs` knows by name leaves its ellipsoid.
+/// A PROJ string without what says how its datum lies to WGS 84. A datum that `proj4rs` knows by
+/// name leaves its ellipsoid.
 #[must_use]
 pub fn without_datum(text: &str) -> String {
     let ellipsoid = match proj_value(text, "datum").map(str::to_ascii_lowercase).as_deref() {
@@ -156,8 +163,9 @@ pub fn without_datum(text: &str) -> String {
     words.join(" ")
 }
 
-/// PROJ string of longitude and latitude on the body of this PROJ string. A path's longitudes and latitudes on Earth
-/// are WGS 84 whatever the world's datum; other bodies have one ellipsoid, the world's own.
+/// PROJ string of longitude and latitude on the body of this PROJ string. A path's longitudes and
+/// latitudes on Earth are WGS 84 whatever the world's datum; other bodies have one ellipsoid, the
+/// world's own.
 #[must_use]
 pub fn lonlat_of_body(text: &str) -> String {
     let radius: Option<f64> = proj_value(text, "a").or(proj_value(text, "R")).and_then(|a| a.parse().ok());

@@ -1,17 +1,20 @@
 //! The quad tree's node id.
 //!
-//! Two rules stand here once and hold everywhere: **level 0 is the finest**, and a node's origin is its **lower left
-//! (south west) corner**. Public formats (tile pyramids numbered from the root, rows counted from the north) are
-//! converted at the border, by the code that reads or writes them.
+//! Two rules stand here once and hold everywhere: **level 0 is the finest**, and a node's origin is
+//! its **lower left (south west) corner**. Public formats (tile pyramids numbered from the root,
+//! rows counted from the north) are converted at the border, by the code that reads or writes them.
 
 use std::fmt;
 
-/// Highest level a [`NodeId`] can have. 2^24 nodes along a side at level 0 are more than any planet needs at 1 cm.
+/// Highest level a [`NodeId`] can have. 2^24 nodes along a side at level 0 are more than any planet
+/// needs at 1 cm.
 pub const MAX_LEVEL: u8 = 24;
 
-/// Node `(m, n, q)`: column `m` counted from the west, row `n` from the south, level `q` (0 is the finest).
+/// Node `(m, n, q)`: column `m` counted from the west, row `n` from the south, level `q` (0 is the
+/// finest).
 ///
-/// It covers the square of side `b·2^q` whose lower left corner is `(m·b·2^q, n·b·2^q)` (design §3).
+/// It covers the square of side `b·2^q` whose lower left corner is `(m·b·2^q, n·b·2^q)` (design
+/// §3).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId {
     q: u8,
@@ -20,8 +23,8 @@ pub struct NodeId {
 }
 
 impl NodeId {
-    /// The node at column `m`, row `n`, level `q`; `None` when the level is above [`MAX_LEVEL`] or a coordinate does
-    /// not fit in 28 bits (the packed form's limit).
+    /// The node at column `m`, row `n`, level `q`; `None` when the level is above [`MAX_LEVEL`] or
+    /// a coordinate does not fit in 28 bits (the packed form's limit).
     #[must_use]
     pub const fn new(m: u32, n: u32, q: u8) -> Option<Self> {
         if q > MAX_LEVEL || m >= 1 << 28 || n >= 1 << 28 { None } else { Some(Self { q, n, m }) }
@@ -57,7 +60,8 @@ impl NodeId {
         Self { q: self.q + 1, n: self.n >> 1, m: self.m >> 1 }
     }
 
-    /// The ancestor at level `q`, or the node itself when `q` is its own level. `q` must not be finer than the node.
+    /// The ancestor at level `q`, or the node itself when `q` is its own level. `q` must not be
+    /// finer than the node.
     #[must_use]
     pub const fn ancestor(self, q: u8) -> Self {
         debug_assert!(q >= self.q);
@@ -65,8 +69,8 @@ impl NodeId {
         Self { q, n: self.n >> up, m: self.m >> up }
     }
 
-    /// Child `(2m+i, 2n+j, q-1)`, with `i` and `j` the low two bits of `index` (0 = SW, 1 = SE, 2 = NW, 3 = NE);
-    /// `None` at level 0.
+    /// Child `(2m+i, 2n+j, q-1)`, with `i` and `j` the low two bits of `index` (0 = SW, 1 = SE, 2 =
+    /// NW, 3 = NE); `None` at level 0.
     #[must_use]
     pub const fn child(self, index: u8) -> Option<Self> {
         if self.q == 0 {
@@ -75,13 +79,15 @@ impl NodeId {
         Some(Self { q: self.q - 1, n: 2 * self.n + ((index as u32 >> 1) & 1), m: 2 * self.m + (index as u32 & 1) })
     }
 
-    /// The id as one number, for shared memory and hash keys: level in the top byte, then 28 bits of row and column.
+    /// The id as one number, for shared memory and hash keys: level in the top byte, then 28 bits
+    /// of row and column.
     #[must_use]
     pub const fn pack(self) -> u64 {
         (self.q as u64) << 56 | (self.n as u64) << 28 | self.m as u64
     }
 
-    /// The id that [`NodeId::pack`] packed; `None` for a number that no id packs to (it came from outside).
+    /// The id that [`NodeId::pack`] packed; `None` for a number that no id packs to (it came from
+    /// outside).
     #[must_use]
     pub const fn unpack(packed: u64) -> Option<Self> {
         let mask = (1 << 28) - 1;

@@ -1,9 +1,11 @@
-//! A hash table from node to number that is cleared in one step and never allocates after it was made.
+//! A hash table from node to number that is cleared in one step and never allocates after it was
+//! made.
 
 use crate::node::NodeId;
 
-/// Maps up to a fixed number of nodes to a `u32` each. Open addressing with linear probing, half full at most; clearing
-/// begins a new epoch, so that it costs nothing (a frame clears it, and a frame's cost must not depend on capacity).
+/// Maps up to a fixed number of nodes to a `u32` each. Open addressing with linear probing, half
+/// full at most; clearing begins a new epoch, so that it costs nothing (a frame clears it, and a
+/// frame's cost must not depend on capacity).
 #[derive(Debug, Clone)]
 pub struct NodeTable {
     entries: Vec<Entry>,
@@ -52,8 +54,8 @@ impl NodeTable {
     /// Index of the node's entry, or of the free one where it would go.
     fn find(&self, node: NodeId) -> usize {
         let key = node.pack();
-        // Fibonacci hashing: the multiplier is 2^64 over the golden ratio (Knuth, TAOCP 3, §6.4); the high bits are
-        // the well mixed ones.
+        // Fibonacci hashing: the multiplier is 2^64 over the golden ratio (Knuth, TAOCP 3, §6.4);
+        // the high bits are the well mixed ones.
         let mut at = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize & self.mask;
         while self.entries[at].epoch == self.epoch && self.entries[at].key != key {
             at = (at + 1) & self.mask;
@@ -68,8 +70,8 @@ impl NodeTable {
         (entry.epoch == self.epoch).then_some(entry.value)
     }
 
-    /// Sets the node's number and returns the one it had. A full table (of more than its capacity) takes no new node
-    /// and gives the number back as an error.
+    /// Sets the node's number and returns the one it had. A full table (of more than its capacity)
+    /// takes no new node and gives the number back as an error.
     ///
     /// # Errors
     /// The number, when the table is full.

@@ -1,4 +1,5 @@
-//! What became of the tiles that the preparer wants, as it travels from the prefetcher to the preparer.
+//! What became of the tiles that the preparer wants, as it travels from the prefetcher to the
+//! preparer.
 
 use crate::database::Tile;
 use crate::ids::{Sequence, SlotKey};
@@ -84,8 +85,8 @@ impl TileFailure {
         }
     }
 
-    /// Whether the tile may come soon, when the server answers again: it could not be read, or what came was damaged. A
-    /// server that has no such tile, or refuses it, will do so again.
+    /// Whether the tile may come soon, when the server answers again: it could not be read, or what
+    /// came was damaged. A server that has no such tile, or refuses it, will do so again.
     #[must_use]
     pub const fn may_pass(self) -> bool {
         matches!(self, Self::Damaged | Self::Unreadable)
@@ -105,9 +106,11 @@ pub enum Outcome {
         /// Why.
         failure: TileFailure,
     },
-    /// No tile of its layer finds room: frames that are not completed hold all slots, and none is being filled.
+    /// No tile of its layer finds room: frames that are not completed hold all slots, and none is
+    /// being filled.
     NoRoom {
-        /// [`crate::shm::Control::completed_sequence`] as it was then: after a later one there may be room.
+        /// [`crate::shm::Control::completed_sequence`] as it was then: after a later one there may
+        /// be room.
         completed: Sequence,
     },
 }
@@ -126,8 +129,8 @@ impl TileOutcome {
         }
     }
 
-    /// What it says; `None` when it says nothing that can be (it came from shared memory). Whether the slot holds the
-    /// tile is for the reader to check.
+    /// What it says; `None` when it says nothing that can be (it came from shared memory). Whether
+    /// the slot holds the tile is for the reader to check.
     #[must_use]
     pub fn read(&self) -> Option<(Tile, Outcome)> {
         let tile = Tile::unpack(self.tile)?;

@@ -1,8 +1,9 @@
-//! Rigs: several cameras that are carried by one pose and draw one frame from one tree: a stereo pair, the cameras of a
-//! drone, the six faces of a cube.
+//! Rigs: several cameras that are carried by one pose and draw one frame from one tree: a stereo
+//! pair, the cameras of a drone, the six faces of a cube.
 //!
-//! A run has one rig ([`crate::run::RunConfig::rig`]); from a frame's pose every stage derives the same [`Views`], so that a
-//! pose is all that travels through the rings. Without a rig a frame has one view, the pose's own camera.
+//! A run has one rig ([`crate::run::RunConfig::rig`]); from a frame's pose every stage derives the
+//! same [`Views`], so that a pose is all that travels through the rings. Without a rig a frame has
+//! one view, the pose's own camera.
 
 use crate::camera::Camera;
 use glam::{DMat3, DVec3};
@@ -13,7 +14,8 @@ use std::ops::Deref;
 /// Most views of a frame: the faces of a cube.
 pub const MAX_VIEWS: usize = 6;
 
-/// A camera whose forward axis is this near to the vertical has no heading of its own (sine of the angle).
+/// A camera whose forward axis is this near to the vertical has no heading of its own (sine of the
+/// angle).
 const VERTICAL: f64 = 1e-9;
 
 /// One camera of a rig, relative to the pose that carries it.
@@ -24,7 +26,8 @@ pub struct RigView {
     pub name: String,
     /// Where its eye is, metres to the right, ahead and above as the pose's camera sees it.
     pub offset_m: [f64; 3],
-    /// How far it is turned to the right, radians, before it is pitched up and then rolled clockwise.
+    /// How far it is turned to the right, radians, before it is pitched up and then rolled
+    /// clockwise.
     pub yaw_rad: f64,
     /// Radians up.
     pub pitch_rad: f64,
@@ -46,7 +49,8 @@ pub struct Rig {
     pub views: Vec<RigView>,
 }
 
-/// One view of a frame: a camera, which says how large its picture is, and where that lies in the frame's picture.
+/// One view of a frame: a camera, which says how large its picture is, and where that lies in the
+/// frame's picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     /// The camera.
@@ -169,7 +173,8 @@ impl RigView {
         }
     }
 
-    /// Heading, pitch and roll. Where angles can be added they are, so that a view that is not turned has the pose's own bits.
+    /// Heading, pitch and roll. Where angles can be added they are, so that a view that is not
+    /// turned has the pose's own bits.
     fn angles(&self, pose: &Camera) -> [f64; 3] {
         let Self { yaw_rad, pitch_rad, roll_rad, .. } = *self;
         if [yaw_rad, pitch_rad] == [0.0; 2] {
@@ -190,7 +195,8 @@ impl RigView {
 fn angles_of([right, up, forward]: [DVec3; 3]) -> [f64; 3] {
     let level = forward.truncate().length();
     if level < VERTICAL {
-        // Straight up or down: any heading will do, with the roll that belongs to it; none is taken for the roll.
+        // Straight up or down: any heading will do, with the roll that belongs to it; none is taken
+        // for the roll.
         return [(-right.y).atan2(right.x), FRAC_PI_2.copysign(forward.z), 0.0];
     }
     [forward.x.atan2(forward.y), forward.z.atan2(level), (-right.z).atan2(up.z)]

@@ -1,5 +1,5 @@
-//! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on the stage's
-//! command line.
+//! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on
+//! the stage's command line.
 
 use crate::camera::Camera;
 use crate::film::FrameEncoding;
@@ -10,7 +10,8 @@ use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// End of the frames of a flight of which nobody knows the number beforehand: another program sends the poses.
+/// End of the frames of a flight of which nobody knows the number beforehand: another program sends
+/// the poses.
 pub const OPEN_END: u64 = u64::MAX;
 
 /// One run of the pipeline, validated by the launcher.
@@ -29,7 +30,8 @@ pub struct RunConfig {
     pub height: u32,
     /// Frames per second that a film plays at.
     pub fps: f64,
-    /// First frame, and one past the last (or [`OPEN_END`]): numbers in the flight, kept in file names.
+    /// First frame, and one past the last (or [`OPEN_END`]): numbers in the flight, kept in file
+    /// names.
     pub frames: [u64; 2],
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
@@ -39,7 +41,8 @@ pub struct RunConfig {
     pub measure: Measure,
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
-    /// How the colour pool holds its tiles. Rays read them on the processor: for them, never compressed.
+    /// How the colour pool holds its tiles. Rays read them on the processor: for them, never
+    /// compressed.
     #[serde(default)]
     pub texels: TexelFormat,
     /// Threads that decode tiles in the prefetcher, and that cast rays in the renderer.
@@ -48,7 +51,8 @@ pub struct RunConfig {
     pub prefetch: PrefetchConfig,
     /// What the renderer draws and where frames go.
     pub render: RenderConfig,
-    /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits for all its tiles.
+    /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits
+    /// for all its tiles.
     #[serde(default)]
     pub realtime: Option<RealtimeConfig>,
     /// The cameras that a pose carries; `None` for one, the pose's own.
@@ -141,8 +145,8 @@ impl DatabaseConfig {
 pub struct PrefetchConfig {
     /// How the view is predicted, to have its tiles before it comes.
     pub prediction: Prediction,
-    /// Whether a tile that could not be read is tried again after a while. A run that waits for its tiles does not: what
-    /// it draws must not depend on when a tile came.
+    /// Whether a tile that could not be read is tried again after a while. A run that waits for its
+    /// tiles does not: what it draws must not depend on when a tile came.
     pub has_retries: bool,
 }
 
@@ -165,7 +169,8 @@ pub enum Prediction {
     Off,
     /// The camera goes on and turns as it does.
     Linear,
-    /// It also goes on to gain or lose speed as it does: better in long bends, worse when the path is jerky.
+    /// It also goes on to gain or lose speed as it does: better in long bends, worse when the path
+    /// is jerky.
     Quadratic,
     /// The path is known: the launcher tells the cameras to come.
     Oracle,
@@ -198,7 +203,8 @@ pub struct RenderConfig {
     pub sky_rgb: [u8; 3],
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
-    /// Height of the world's lowest ground as it is drawn, metres: walls go down to it where the world ends; `None` for none.
+    /// Height of the world's lowest ground as it is drawn, metres: walls go down to it where the
+    /// world ends; `None` for none.
     #[serde(default)]
     pub skirt_low_m: Option<f64>,
     /// Draw the tree's colour leaves over the picture.
@@ -209,10 +215,12 @@ pub struct RenderConfig {
     pub frames_in_flight: u32,
     /// Where frames go.
     pub sink: SinkConfig,
-    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky. A target for each view, or none at all.
+    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky. A target for each
+    /// view, or none at all.
     #[serde(default)]
     pub depth: Vec<PlaneTarget>,
-    /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky. Likewise.
+    /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky.
+    /// Likewise.
     #[serde(default)]
     pub ground: Vec<PlaneTarget>,
     /// Also put every frame into a frame ring, for other programs.
@@ -230,7 +238,8 @@ pub enum MadeUp {
     /// They are NaN there, as they are for sky.
     #[default]
     Nan,
-    /// They have its values, and files have one band more: 1 where it was measured, 0 where it was made up, NaN for sky.
+    /// They have its values, and files have one band more: 1 where it was measured, 0 where it was
+    /// made up, NaN for sky.
     Mark,
 }
 
@@ -281,11 +290,13 @@ pub enum RaysChoice {
     Coherent,
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
-    /// By a GPU, if there is one; else whichever of the first two is faster on one of the first frames.
+    /// By a GPU, if there is one; else whichever of the first two is faster on one of the first
+    /// frames.
     Auto,
 }
 
-/// How the renderer's words of what casts rays begin as long as [`RaysChoice::Auto`] has not been decided.
+/// How the renderer's words of what casts rays begin as long as [`RaysChoice::Auto`] has not been
+/// decided.
 pub const UNDECIDED_RAYS: &str = "not tried yet:";
 
 /// Where one plane of values, depth or ground, of every frame goes.
@@ -335,7 +346,8 @@ pub enum SinkConfig {
     PngFolder(PathBuf),
     /// One PNG file (a run of one frame).
     PngFile(PathBuf),
-    /// As a stream of packets of this encoding to the launcher, on standard output (see [`crate::film`]).
+    /// As a stream of packets of this encoding to the launcher, on standard output (see
+    /// [`crate::film`]).
     Stream(FrameEncoding),
     /// Nowhere: frames are read back and dropped (benches).
     Null,

@@ -1,10 +1,12 @@
 //! What the programs of all stages have in common: the command line, signals, events, exit codes.
 //!
-//! A stage is started by the launcher as `terravision-<stage> --run -`, with the run as JSON on its standard input: what it says may be secret (the
-//! password in a database's URL), and everybody can read a command line (`/proc/PID/cmdline`), while a pipe is nobody else's, leaves no copy in
-//! an environment that children would inherit, and has no limit. `--run JSON` does, too. It ends by itself after the last frame, or
-//! when a wait tells it that the run is over. SIGINT and SIGHUP are left to the launcher, which the terminal tells as well; SIGTERM
-//! ends a stage at once (nothing half written is ever visible), and so does the launcher's death.
+//! A stage is started by the launcher as `terravision-<stage> --run -`, with the run as JSON on its
+//! standard input: what it says may be secret (the password in a database's URL), and everybody can
+//! read a command line (`/proc/PID/cmdline`), while a pipe is nobody else's, leaves no copy in an
+//! environment that children would inherit, and has no limit. `--run JSON` does, too. It ends by
+//! itself after the last frame, or when a wait tells it that the run is over. SIGINT and SIGHUP are
+//! left to the launcher, which the terminal tells as well; SIGTERM ends a stage at once (nothing
+//! half written is ever visible), and so does the launcher's death.
 
 use crate::bug::report_panics;
 use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
@@ -28,8 +30,9 @@ pub const FROM_STDIN: &str = "-";
 /// Longest text of a run.
 pub const MOST_RUN_BYTES: u64 = 1 << 20;
 
-/// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes in every frame; glibc
-/// would give them back to the kernel each time, and the page faults of getting them again are a tenth of the frame.
+/// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes
+/// in every frame; glibc would give them back to the kernel each time, and the page faults of
+/// getting them again are a tenth of the frame.
 pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
     [("MALLOC_TRIM_THRESHOLD_", "268435456"), ("MALLOC_MMAP_THRESHOLD_", "33554432")];
 
@@ -162,14 +165,15 @@ pub trait StageError: std::error::Error {
     /// Whether this is the orderly end of a stopped run.
     fn is_stopping(&self) -> bool;
 
-    /// Whether the same command would fail again: it asks for something impossible (exit code 2 in place of 1).
+    /// Whether the same command would fail again: it asks for something impossible (exit code 2 in
+    /// place of 1).
     fn is_bad_input(&self) -> bool {
         false
     }
 }
 
-/// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an exit code of the
-/// outcome, with one sentence on standard error when it is a failure.
+/// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an
+/// exit code of the outcome, with one sentence on standard error when it is a failure.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
     report_panics("");
     start_stage();
@@ -197,8 +201,9 @@ fn fail(error: &dyn std::error::Error, code: u8) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// The kernel ends this process when the launcher dies; SIGINT and SIGHUP, which a terminal sends to the launcher too, are
-/// noted but end nothing: the launcher decides. See also [`note_file_limit`].
+/// The kernel ends this process when the launcher dies; SIGINT and SIGHUP, which a terminal sends
+/// to the launcher too, are noted but end nothing: the launcher decides. See also
+/// [`note_file_limit`].
 ///
 /// # Errors
 /// The system refuses.
@@ -210,8 +215,9 @@ pub fn set_up_process() -> Result<(), std::io::Error> {
     note_file_limit()
 }
 
-/// A write beyond the limit of a file's size (`ulimit -f`) is an error with a sentence from now on, and not the signal SIGXFSZ,
-/// which ends a process without a message. Programs that this one starts do not inherit it.
+/// A write beyond the limit of a file's size (`ulimit -f`) is an error with a sentence from now on,
+/// and not the signal SIGXFSZ, which ends a process without a message. Programs that this one
+/// starts do not inherit it.
 ///
 /// # Errors
 /// The system refuses.
@@ -219,7 +225,8 @@ pub fn note_file_limit() -> Result<(), std::io::Error> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
 }
 
-/// Where a stage tells the launcher what it did. Never waits: an event that finds the ring full is dropped and counted.
+/// Where a stage tells the launcher what it did. Never waits: an event that finds the ring full is
+/// dropped and counted.
 #[derive(Debug)]
 pub struct Events {
     ring: Producer<Event>,

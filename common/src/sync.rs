@@ -1,5 +1,5 @@
-//! The atomics of the shared-memory algorithms, behind one door: the standard library's, or those of `loom` under
-//! `--cfg loom`, so that the model checker runs the very code that flies.
+//! The atomics of the shared-memory algorithms, behind one door: the standard library's, or those
+//! of `loom` under `--cfg loom`, so that the model checker runs the very code that flies.
 //!
 //! Code in [`crate::shm`] takes atomics and fences from here and from nowhere else.
 

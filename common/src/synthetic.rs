@@ -1,7 +1,8 @@
 //! A terrain that is computed instead of stored: for tests and benches, of any size, with no files.
 //!
-//! Heights are a sum of octaves of value noise. A coarser level leaves out the octaves that its posts are too far apart
-//! for, as the low-pass filtered pyramid of a real database does. Every height is a multiple of 1/128 m.
+//! Heights are a sum of octaves of value noise. A coarser level leaves out the octaves that its
+//! posts are too far apart for, as the low-pass filtered pyramid of a real database does. Every
+//! height is a multiple of 1/128 m.
 
 use crate::database::{NodeRanges, RangesError, TileError, TileScratch, TileSource, color_tile_bytes};
 use crate::node::NodeId;
@@ -16,7 +17,8 @@ pub enum Relief {
         /// Metres.
         height_m: f64,
     },
-    /// Every post of every level is independent of all others: the worst that an interpolation can meet.
+    /// Every post of every level is independent of all others: the worst that an interpolation can
+    /// meet.
     Static {
         /// Metres.
         height_m: f64,
@@ -81,7 +83,8 @@ impl SyntheticTerrain {
         south + v * (north - south)
     }
 
-    /// Exact ranges of all nodes, as a database has them. Looks at every post: for worlds of some thousand posts a side.
+    /// Exact ranges of all nodes, as a database has them. Looks at every post: for worlds of some
+    /// thousand posts a side.
     ///
     /// # Errors
     /// None for a valid world.
@@ -106,8 +109,8 @@ impl SyntheticTerrain {
             }
             levels.push(ranges);
         }
-        // A child's range takes in the ancestors' posts over its own area only, its parent's those over all of it: they
-        // are nested as they are.
+        // A child's range takes in the ancestors' posts over its own area only, its parent's those
+        // over all of it: they are nested as they are.
         NodeRanges::from_parts(&self.world, levels)
     }
 
@@ -139,7 +142,8 @@ fn ridge(noise: f64) -> f64 {
     1.0 - (2.0 * noise - 1.0).abs()
 }
 
-/// A number in [0, 1) that is a function of its arguments: splitmix64's finalizer (Steele, Lea, Flood 2014).
+/// A number in [0, 1) that is a function of its arguments: splitmix64's finalizer (Steele, Lea,
+/// Flood 2014).
 fn unit_hash(seed: u64, a: u64, b: u64, c: u64) -> f64 {
     let mut h = seed;
     for value in [a, b, c] {
@@ -151,9 +155,9 @@ fn unit_hash(seed: u64, a: u64, b: u64, c: u64) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A colour that names a node among those around it, of its own level and of the seven above and below: what a test world is
-/// painted with, so that a picture tells which tile each texel is of. Names differ by 24 or more in one channel, so they
-/// survive compression.
+/// A colour that names a node among those around it, of its own level and of the seven above and
+/// below: what a test world is painted with, so that a picture tells which tile each texel is of.
+/// Names differ by 24 or more in one channel, so they survive compression.
 #[must_use]
 pub fn name_color(node: NodeId) -> [u8; 3] {
     let [q, m, n] = [u32::from(node.q()) % 8, node.m() % 4, node.n() % 4];
@@ -182,8 +186,9 @@ impl TileSource for SyntheticTerrain {
     }
 }
 
-/// Ranges of a [`SyntheticTerrain`] of any size, without looking at its posts: the whole relief for every node. The tree
-/// is then the same wherever the eye is, which is what a comparison of databases of several sizes needs.
+/// Ranges of a [`SyntheticTerrain`] of any size, without looking at its posts: the whole relief for
+/// every node. The tree is then the same wherever the eye is, which is what a comparison of
+/// databases of several sizes needs.
 impl HeightRanges for SyntheticTerrain {
     fn range(&self, node: NodeId) -> Option<[f32; 2]> {
         let (Relief::Mountains { height_m } | Relief::Static { height_m }) = self.relief;

@@ -1,7 +1,8 @@
-//! Text of others on its way to a terminal: messages of servers, names of files, what a manifest says, the last words of ffmpeg or GDAL.
+//! Text of others on its way to a terminal: messages of servers, names of files, what a manifest
+//! says, the last words of ffmpeg or GDAL.
 //!
-//! A terminal obeys what it is sent. So every program prints by this module alone, and what could steer the terminal, or show a
-//! line in another order than it has, is shown as an escape.
+//! A terminal obeys what it is sent. So every program prints by this module alone, and what could
+//! steer the terminal, or show a line in another order than it has, is shown as an escape.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -11,8 +12,9 @@ pub const MOST_LINE_BYTES: usize = 8192;
 
 /// Whether a character only means what it looks like.
 ///
-/// Not shown as they are: controls (with ESC and those of ISO 6429, section 8.3), what changes the direction of a text (Unicode
-/// Standard Annex 9, table 4), line separators, and characters that nobody sees (spaces without width, tags).
+/// Not shown as they are: controls (with ESC and those of ISO 6429, section 8.3), what changes the
+/// direction of a text (Unicode Standard Annex 9, table 4), line separators, and characters that
+/// nobody sees (spaces without width, tags).
 fn is_plain(c: char) -> bool {
     !(c.is_control()
         || matches!(c,
@@ -20,8 +22,9 @@ fn is_plain(c: char) -> bool {
             | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}'))
 }
 
-/// One line of text that a terminal shows and does not obey: line feeds and tabs are blanks, whatever else is not a plain
-/// character is an escape (`\x1b`, `\u{202e}`), and what is longer than [`MOST_LINE_BYTES`] is cut.
+/// One line of text that a terminal shows and does not obey: line feeds and tabs are blanks,
+/// whatever else is not a plain character is an escape (`\x1b`, `\u{202e}`), and what is longer
+/// than [`MOST_LINE_BYTES`] is cut.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if text.len() <= MOST_LINE_BYTES && text.chars().all(is_plain) {
@@ -43,7 +46,8 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(line)
 }
 
-/// JSON that says the same and has no character that a terminal would obey: within its strings they are escapes.
+/// JSON that says the same and has no character that a terminal would obey: within its strings they
+/// are escapes.
 #[must_use]
 pub fn printable_json(json: &str) -> Cow<'_, str> {
     if json.chars().all(|c| c == '\n' || is_plain(c)) {

@@ -6,10 +6,12 @@ use std::sync::mpsc::sync_channel;
 /// Stack of the threads that are tried.
 const STACK_BYTES: usize = 64 << 10;
 
-/// Whether so many threads more can be started now: tries, and ends them again. For libraries that panic when they cannot.
+/// Whether so many threads more can be started now: tries, and ends them again. For libraries that
+/// panic when they cannot.
 ///
 /// # Errors
-/// The system refuses, because of `ulimit -u`, a container's limit of processes, or for want of memory; in a sentence.
+/// The system refuses, because of `ulimit -u`, a container's limit of processes, or for want of
+/// memory; in a sentence.
 pub fn ensure(count: usize) -> io::Result<()> {
     let mut threads = Vec::with_capacity(count);
     let mut started = Ok(());

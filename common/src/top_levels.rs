@@ -1,4 +1,5 @@
-//! The top levels of both pyramids, which are kept in the pools for ever, so that there always is a picture (design §6).
+//! The top levels of both pyramids, which are kept in the pools for ever, so that there always is a
+//! picture (design §6).
 
 use crate::database::{Layer, Tile};
 use crate::node::NodeId;
@@ -7,8 +8,8 @@ use crate::world::World;
 /// Nodes of the top levels: two levels below a root, 1 + 4 + 16.
 const LOCKED_NODES: u64 = 21;
 
-/// Tiles of the top levels, coarse to fine, and the level below them, if the world has more. Sparse levels are
-/// not among them.
+/// Tiles of the top levels, coarse to fine, and the level below them, if the world has more. Sparse
+/// levels are not among them.
 #[must_use]
 pub fn top_levels(world: &World) -> (Vec<Tile>, Option<u8>) {
     let mut tiles = Vec::new();

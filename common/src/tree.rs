@@ -1,22 +1,24 @@
 //! The truncated quad tree as it lies in one half of the ping-pong buffer.
 //!
-//! A half is a [`TreeHeader`] and then a flat array of [`TreeNode`]s. The root is node 0. The children of a node are
-//! contiguous, nearest to the eye first, and the blocks of children follow depth first. Only nodes that may be visible
-//! are present; a tree in which nothing is visible has no nodes at all. A reader checks every index
-//! ([`TreeNode::children`]) before it follows it.
+//! A half is a [`TreeHeader`] and then a flat array of [`TreeNode`]s. The root is node 0. The
+//! children of a node are contiguous, nearest to the eye first, and the blocks of children follow
+//! depth first. Only nodes that may be visible are present; a tree in which nothing is visible has
+//! no nodes at all. A reader checks every index ([`TreeNode::children`]) before it follows it.
 
 use crate::camera::Camera;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
-/// The node's elevation array is made at this level; set on one node of every path from root to leaf.
+/// The node's elevation array is made at this level; set on one node of every path from root to
+/// leaf.
 pub const ELEVATION_LEAF: u8 = 1;
 /// The node is drawn with a colour tile of its own; it has no children.
 pub const COLOR_LEAF: u8 = 2;
 
-/// The node is drawn with the colour of its nearest ancestor that lacks this flag: that one is fine enough already, and
-/// the node's own colour tile is not wanted. All nodes below one with this flag have it too; the root never has.
+/// The node is drawn with the colour of its nearest ancestor that lacks this flag: that one is fine
+/// enough already, and the node's own colour tile is not wanted. All nodes below one with this flag
+/// have it too; the root never has.
 pub const COLOR_FROM_ANCESTOR: u8 = 4;
 
 /// One node of a truncated quad tree; 24 bytes.
@@ -42,8 +44,9 @@ impl TreeNode {
         NodeId::unpack(self.node)
     }
 
-    /// Indices of the children within a tree of `len` nodes, for the node at `index`. `None` when they do not lie
-    /// after the node and inside the tree: following them could read out of bounds or loop.
+    /// Indices of the children within a tree of `len` nodes, for the node at `index`. `None` when
+    /// they do not lie after the node and inside the tree: following them could read out of bounds
+    /// or loop.
     #[must_use]
     pub fn children(&self, index: u32, len: u32) -> Option<Range<u32>> {
         if self.child_count == 0 {

@@ -1,8 +1,9 @@
-//! What a terrain database holds: nodes, elevation posts, colour texels, and how they lie on its surface.
+//! What a terrain database holds: nodes, elevation posts, colour texels, and how they lie on its
+//! surface.
 //!
-//! Inside the system positions are **world coordinates**: metres east and north of the world's origin (its south west
-//! elevation post), and height in metres; [`crate::surface`] makes them. The origin's easting and northing are added only at
-//! the edges ([`World::crs_frame`]).
+//! Inside the system positions are **world coordinates**: metres east and north of the world's
+//! origin (its south west elevation post), and height in metres; [`crate::surface`] makes them. The
+//! origin's easting and northing are added only at the edges ([`World::crs_frame`]).
 //!
 //! ```text
 //!        elevation posts sit on the corners          colour texels are cells
@@ -16,8 +17,9 @@
 //!        ^ lower left corner = the node's origin
 //! ```
 //!
-//! The **lattice** is the set of elevation posts that level 0 has or would have; its unit is `b/Nz`. Every vertex that
-//! is ever drawn is a lattice point, so positions along an edge that two leaves share are equal as integers.
+//! The **lattice** is the set of elevation posts that level 0 has or would have; its unit is
+//! `b/Nz`. Every vertex that is ever drawn is a lattice point, so positions along an edge that two
+//! leaves share are equal as integers.
 
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::surface::{CrsFrame, Surface};
@@ -29,7 +31,8 @@ use serde::{Deserialize, Serialize};
 #[serde(try_from = "WorldFields", into = "WorldFields")]
 pub struct World {
     fields: WorldFields,
-    /// Not of its geometry, so not of [`WorldFields`]: the manifest names it among the database's features.
+    /// Not of its geometry, so not of [`WorldFields`]: the manifest names it among the database's
+    /// features.
     has_validity: bool,
     /// Likewise.
     has_holes: bool,
@@ -45,7 +48,8 @@ pub struct WorldFields {
     pub origin: [f64; 2],
     /// Distance of two lattice points, metres: `b/Nz`.
     pub lattice_unit_m: f64,
-    /// Extent east and north of the origin, lattice units. Terrain is defined on the closed rectangle.
+    /// Extent east and north of the origin, lattice units. Terrain is defined on the closed
+    /// rectangle.
     pub extent: [u32; 2],
     /// Nz: intervals along the side of an elevation tile (it has Nz + 1 posts). A power of two.
     pub elevation_tile: u32,
@@ -75,10 +79,11 @@ pub enum WorldError {
     },
 }
 
-/// Border of a stored colour tile, texels on each side: keeps bilinear taps of the first three mip levels (borders
-/// of 4, 2 and 1 texel) inside the tile, so that no seam shows between neighbours.
+/// Border of a stored colour tile, texels on each side: keeps bilinear taps of the first three mip
+/// levels (borders of 4, 2 and 1 texel) inside the tile, so that no seam shows between neighbours.
 pub const COLOR_BORDER: u32 = 4;
-/// Mip levels of a colour tile in the pool: the borders allow no more, and conservative levels need no more.
+/// Mip levels of a colour tile in the pool: the borders allow no more, and conservative levels need
+/// no more.
 pub const COLOR_MIPS: u32 = 3;
 
 impl World {
@@ -124,25 +129,29 @@ impl World {
         Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0 })
     }
 
-    /// The same world with planes of validity beside its heights ([`crate::validity`]); `has_holes`: some of it is not ground.
+    /// The same world with planes of validity beside its heights ([`crate::validity`]);
+    /// `has_holes`: some of it is not ground.
     #[must_use]
     pub fn with_validity(self, has_holes: bool) -> Self {
         Self { has_validity: true, has_holes, ..self }
     }
 
-    /// Whether there are places in its extent without ground, through which rays come to see the rest from below.
+    /// Whether there are places in its extent without ground, through which rays come to see the
+    /// rest from below.
     #[must_use]
     pub fn has_holes(&self) -> bool {
         self.has_holes
     }
 
-    /// Whether elevation tiles and arrays hold planes of validity beside heights: some posts have no data.
+    /// Whether elevation tiles and arrays hold planes of validity beside heights: some posts have
+    /// no data.
     #[must_use]
     pub fn has_validity(&self) -> bool {
         self.has_validity
     }
 
-    /// Planes of `(Nz + 1)²` numbers that an elevation tile or array has: heights alone, or heights and validity.
+    /// Planes of `(Nz + 1)²` numbers that an elevation tile or array has: heights alone, or heights
+    /// and validity.
     #[must_use]
     pub fn elevation_planes(&self) -> usize {
         if self.has_validity { crate::validity::PLANES } else { 1 }
@@ -160,8 +169,9 @@ impl World {
         Self { complete_level: q.min(self.fields.levels - 1), ..self }
     }
 
-    /// The finest level of which, and of all coarser ones, every node has its tiles; 0 for a world without sparse levels.
-    /// Which nodes of finer levels have some, the database's [`crate::database::NodeRanges`] tell.
+    /// The finest level of which, and of all coarser ones, every node has its tiles; 0 for a world
+    /// without sparse levels. Which nodes of finer levels have some, the database's
+    /// [`crate::database::NodeRanges`] tell.
     #[must_use]
     pub fn complete_level(&self) -> u8 {
         self.complete_level
@@ -289,7 +299,8 @@ impl World {
         self.surface().nodes_at(q)
     }
 
-    /// Whether any of the node lies inside the extent (and it is of this tree). Other nodes do not exist.
+    /// Whether any of the node lies inside the extent (and it is of this tree). Other nodes do not
+    /// exist.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
         node.q() < self.fields.levels && {
@@ -328,7 +339,8 @@ impl World {
         self.elevation_spacing_m(q) * f64::from(self.fields.elevation_tile) / f64::from(self.fields.color_tile)
     }
 
-    /// `l_z(q) - l_c(q) = log2(Nc/Nz)`: how many sampling levels elevation is coarser than colour in one node.
+    /// `l_z(q) - l_c(q) = log2(Nc/Nz)`: how many sampling levels elevation is coarser than colour
+    /// in one node.
     #[must_use]
     pub fn elevation_over_color_levels(&self) -> i32 {
         self.fields.color_tile.ilog2().cast_signed() - self.fields.elevation_tile.ilog2().cast_signed()

@@ -1,4 +1,5 @@
-//! A database read back, and read when it is damaged: an error or the same content, never a panic, never other content.
+//! A database read back, and read when it is damaged: an error or the same content, never a panic,
+//! never other content.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -96,7 +96,8 @@ fn leaf_directories_take_no_more_memory_than_they_may_however_small_they_are_on_
             }
         }
     });
-    // Three directories of 9.6 MB stay, one is being made of its 1.6 MB. All of them would take 384 MB.
+    // Three directories of 9.6 MB stay, one is being made of its 1.6 MB. All of them would take 384
+    // MB.
     let most = MOST_LEAF_BYTES as u64 + 24 * (TILES as u64 + 1000) + 4 * MOST_DIRECTORY_BYTES;
     assert!(memory.bytes_max < most, "{} bytes of memory, at most {most}", memory.bytes_max);
     fs::remove_dir_all(&folder).unwrap();
@@ -196,7 +197,8 @@ fn forge(folder: &Path, file: usize, at: prop::sample::Index, bytes: &[u8], numb
             manifest.nodes.crc32 = crc32fast::hash(&files[3]);
         }
         file => {
-            // In the directory mostly, else in a tile, whose own checksum is then put right when it is one of elevation.
+            // In the directory mostly, else in a tile, whose own checksum is then put right when it
+            // is one of elevation.
             let end = if number.is_multiple_of(4) { files[file].len() } else { 127 + 300 };
             let at = at.index(end);
             overwrite(&mut files[file], at);

@@ -1,4 +1,5 @@
-//! Worlds whose finest levels are only in places: their index, read back and damaged, and the search over it.
+//! Worlds whose finest levels are only in places: their index, read back and damaged, and the
+//! search over it.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -30,7 +31,8 @@ fn world() -> World {
     .unwrap()
 }
 
-/// What a layer needs besides these nodes: parents, siblings, and around parents with elevation nodes of their level.
+/// What a layer needs besides these nodes: parents, siblings, and around parents with elevation
+/// nodes of their level.
 fn closed(world: &World, seeds: &[NodeId], layer: Layer) -> HashSet<NodeId> {
     let mut all: HashSet<NodeId> = seeds.iter().copied().collect();
     for q in 0..world.levels() {
@@ -135,7 +137,8 @@ fn counts_that_the_file_cannot_hold_and_nodes_that_make_no_tree_are_errors() {
     for length in 0..good.len() {
         assert!(read(&good[..length]).is_err(), "{length} bytes of {}", good.len());
     }
-    // Each of the four nodes of level 0 alone without elevation, without colour, gone, moved, or with an invalid range.
+    // Each of the four nodes of level 0 alone without elevation, without colour, gone, moved, or
+    // with an invalid range.
     for at in (16..96).step_by(20) {
         for (offset, byte) in [(16, 1), (16, 2), (16, 0), (16, 7), (0, 0xff), (4, 0xff), (15, 0xff)] {
             let mut bytes = good.clone();
@@ -149,7 +152,8 @@ fn counts_that_the_file_cannot_hold_and_nodes_that_make_no_tree_are_errors() {
         let mut fewer = nodes.clone();
         fewer.remove(left_out);
         let NodeRange { node, .. } = nodes[left_out];
-        // Nothing but a node of a whole group of siblings without children and neighbours' need could be missing.
+        // Nothing but a node of a whole group of siblings without children and neighbours' need
+        // could be missing.
         assert!(NodeRanges::from_nodes(&world, fewer).is_err(), "without {node}");
     }
 }

@@ -13,7 +13,7 @@ pub struct Ports {
     pub cameras: Consumer<CameraRecord>,
     /// The ping-pong buffer.
     pub trees: TreeWriter,
-    /// What the launcher is told.
+    /// Events for the launcher.
     pub events: Events,
 }
 

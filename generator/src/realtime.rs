@@ -1,9 +1,9 @@
-//! Realtime mode: which frame comes next, from which camera, and how fine.
+//! Realtime mode: which frame comes next, with which camera, and at which resolution.
 //!
-//! Frame k of a flight is of the moment `start + k / fps`. The generator begins with it at that moment, from the newest
-//! camera; while [`IN_FLIGHT`] frames are on their way through the pipeline it waits for one of them, so that pictures never
-//! queue. When that took longer than a frame, the frames whose moments have passed are skipped: the flight is never
-//! slowed down. The last frame is never skipped.
+//! Frame k of a flight is due at `start + k / fps`. The generator begins it at that moment, with
+//! the newest camera. While [`IN_FLIGHT`] frames are in the pipeline it waits for one of them to
+//! finish, so that pictures never queue. If that took longer than a frame, the frames whose moments
+//! have passed are skipped: the flight is never slowed down. The last frame is never skipped.
 
 use crate::error::GeneratorError;
 use terravision_common::camera::Camera;
@@ -16,7 +16,8 @@ use terravision_common::tree::TreeHeader;
 
 /// Frames between the generator and the end of read-back: one is drawn while another is prepared.
 const IN_FLIGHT: u64 = 2;
-/// How long a camera is waited for past a frame's moment, as a share of the frame's time; then the newest there is will do.
+/// How long to wait for a camera after a frame's moment, as a share of the frame time; then the
+/// newest one is used.
 const CAMERA_PATIENCE: f64 = 0.25;
 
 /// The frame to make.
@@ -27,13 +28,13 @@ pub(crate) struct Due {
     pub(crate) resolutions: Resolutions,
 }
 
-/// The pace of a realtime flight; in exact mode it is not asked.
+/// The pace of a realtime flight; not used in exact mode.
 #[derive(Debug)]
 pub(crate) struct Pace {
     controller: Option<RateController>,
     /// Frames begun.
     sequence: u64,
-    /// Frames of which the time is known.
+    /// Frames whose time is known.
     measured: u64,
     last: Option<Camera>,
     generate_nanos: u64,
@@ -46,12 +47,12 @@ impl Pace {
         Self { controller, sequence: 0, measured: 0, last: None, generate_nanos: 0 }
     }
 
-    /// So many frames were begun by generators before this one.
+    /// Continues after `begun` frames that earlier generators of the run have begun.
     pub(crate) fn resume(&mut self, begun: u64) {
         self.sequence = begun;
     }
 
-    /// What the generator took for its newest frame.
+    /// Takes the time that the generator needed for its newest frame.
     pub(crate) fn generated(&mut self, nanos: u64) {
         self.generate_nanos = nanos;
     }
@@ -82,7 +83,8 @@ impl Pace {
         Ok(Due { frame, camera, resolutions })
     }
 
-    /// Takes the time of the newest finished frame: that of the slowest stage, for the stages work side by side.
+    /// Takes the time of the newest finished frame: that of the slowest stage, because the stages
+    /// work in parallel.
     fn measure(&mut self, control: &Control) {
         let (Some(controller), Some(timing)) = (&mut self.controller, control.timing()) else { return };
         if timing.sequence > self.measured {
@@ -101,18 +103,18 @@ struct Clock {
 }
 
 impl Clock {
-    /// When the flight's `index`-th frame is.
+    /// The moment of frame `index` of the flight, counted from 0.
     fn moment(&self, index: u64) -> u64 {
         self.start_nanos + (index as f64 * self.period_nanos).ceil() as u64
     }
 
-    /// The frame whose moment was last.
+    /// The newest frame whose moment has come.
     fn frame_at(&self, nanos: u64) -> u64 {
         (nanos.saturating_sub(self.start_nanos) as f64 / self.period_nanos).floor() as u64
     }
 }
 
-/// What the launcher is told of a frame's camera and resolutions.
+/// The event with a frame's camera and resolutions.
 pub(crate) fn frame_camera(header: &TreeHeader) -> Event {
     let (r_z_px, r_c_px) = (header.r_z_px as f32, header.r_c_px as f32);
     let event = Event::new(EventContent::FrameCamera { r_z_px, r_c_px });

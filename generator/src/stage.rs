@@ -1,4 +1,4 @@
-//! The generator as a stage of a run: a camera in, a tree out, frame after frame.
+//! The generator as a stage of a run: for each frame, a camera in and a tree out.
 
 use crate::error::GeneratorError;
 use crate::ports::Ports;
@@ -15,7 +15,7 @@ use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits, TreeSta
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
 
-/// Searches trees, frame after frame; allocates nothing after it was made.
+/// Searches the trees of frames; allocates nothing after construction.
 #[derive(Debug)]
 pub struct Generator<R> {
     world: World,
@@ -40,14 +40,14 @@ impl<R: HeightRanges> Generator<R> {
         }
     }
 
-    /// Goes on behind the trees that generators before this one have published.
+    /// Continues after the trees that earlier generators of the run have published.
     ///
     /// # Errors
     /// The ring of cameras is corrupt.
     pub fn resume(&mut self, Ports { cameras, trees, .. }: &mut Ports) -> Result<(), ShmError> {
         let Some(last) = trees.last_header() else { return Ok(()) };
         let [first, end] = self.config.frames;
-        // Behind what is no frame of the run nobody can go on.
+        // It is impossible to continue after something that is not a frame of the run.
         if (first..end).contains(&last.frame) {
             self.next_frame = last.frame + 1;
         }
@@ -67,7 +67,8 @@ impl<R: HeightRanges> Generator<R> {
         self.next_frame < self.config.frames[1]
     }
 
-    /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its tree, and hands it over.
+    /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its
+    /// tree, and hands it over.
     ///
     /// # Errors
     /// [`GeneratorError`].
@@ -79,7 +80,7 @@ impl<R: HeightRanges> Generator<R> {
             (r_z_px, r_c_px) = (due.resolutions.r_z_px, due.resolutions.r_c_px);
             (due.frame, due.camera)
         } else {
-            // It stays in its ring until the tree is published.
+            // The camera stays in its ring until the tree is published.
             let CameraRecord { frame, camera } = cameras.take(control)?;
             if frame != self.next_frame {
                 return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });

@@ -1,4 +1,5 @@
-//! The generator between its rings: every camera becomes a tree, in order; what is no camera ends it.
+//! The generator between its rings: every camera becomes a tree, in order; a record that is not a
+//! camera ends it.
 
 use bytemuck::Zeroable;
 use std::sync::Arc;
@@ -141,11 +142,11 @@ fn a_generator_after_another_goes_on_behind_its_trees() {
     (0..5).for_each(|k| sides.send(30 + k, camera(k)));
     sides.frame().expect("a tree");
     assert_eq!(taken(&mut sides), 30);
-    // It is killed over frame 31, with the camera in its hands ...
+    // It is killed during frame 31, while it holds the camera ...
     sides.ports.cameras.take(&sides.control).expect("sent");
     for (begun, expected) in [(false, 31), (true, 33)] {
         if begun {
-            // ... and once more behind the tree of frame 32, before it gave the camera back.
+            // ... and once more after the tree of frame 32, before it gave the camera back.
             let header = TreeHeader { frame: 32, ..TreeHeader::zeroed() };
             sides.ports.trees.write(&sides.control, |_| header).expect("room");
             assert_eq!(taken(&mut sides), 32);
@@ -217,7 +218,7 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 5 / 2);
     assert_eq!(sides.next(), (32, camera(7), 10.0));
     assert!(sides.generator.has_next());
-    // Long after the end there is still the last frame.
+    // Long after the end, the last frame is still made.
     sides.control.set_completed_sequence(Sequence::new(2));
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 40);
     assert_eq!(sides.next(), (34, camera(7), 10.0));
@@ -235,7 +236,8 @@ fn slow_frames_make_facets_coarser_within_what_is_allowed() {
     sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * 200);
     let mut seen = Vec::new();
     for sequence in 1..20 {
-        // Every frame is another view. The clock would leave all but the last out; the test goes on from the first.
+        // Every frame is another view. The clock would skip all but the last; the test continues
+        // from the first.
         sides.control.publish_camera(&camera(sequence));
         sides.control.start_clock(monotonic_nanos() - PERIOD_NANOS * (2 * sequence + 1) / 2);
         let (frame, _, r_z_px) = sides.next();

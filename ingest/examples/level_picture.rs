@@ -1,4 +1,5 @@
-//! Writes one colour level of a database as a picture (PPM), to look at: `level_picture WORLD LEVEL out.ppm`.
+//! Writes one colour level of a database as a picture (PPM), to look at: `level_picture WORLD LEVEL
+//! out.ppm`.
 
 use std::io::Write;
 use terravision_common::database::{Database, TileScratch, TileSource, color_tile_bytes};

@@ -1,4 +1,5 @@
-//! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along the Hilbert curve.
+//! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along
+//! the Hilbert curve.
 
 use crate::IngestError;
 use crate::nested::Nodes;
@@ -17,7 +18,8 @@ use terravision_common::database::{
 use terravision_common::node::NodeId;
 use terravision_common::world::{COLOR_BORDER, World};
 
-/// Tiles along a side of what is read at a time: an aligned square, so a contiguous run of the Hilbert curve.
+/// Tiles along a side of what is read at a time: an aligned square, so a contiguous run of the
+/// Hilbert curve.
 const RUN: u32 = 8;
 
 /// What an archive says about itself to other programs.
@@ -32,7 +34,8 @@ pub struct ArchiveInfo {
 /// A tile: where it is, its bytes, and what makes it equal to others, if it is one of many.
 pub(crate) type Tile = (TileCoord, Vec<u8>, Option<u64>);
 
-/// A tile that is to be made: its id, where it is in the archive, and its column and row from the south west.
+/// A tile that is to be made: its id, where it is in the archive, and its column and row from the
+/// south west.
 pub(crate) type Place = (u64, TileCoord, [u32; 2]);
 
 type Writer = PmTilesStreamWriter<File, CallerKey<u64>>;
@@ -45,7 +48,8 @@ fn pmtiles_error(path: &Path) -> impl Fn(pmtiles::PmtError) -> IngestError + Cop
     move |e| output(path)(io::Error::other(e))
 }
 
-/// Runs of tiles of a level, in order along the curve: for each its first column and row (from the south).
+/// Runs of tiles of a level, in order along the curve: for each its first column and row (from the
+/// south).
 fn runs(world: &World, q: u8, nodes: Option<&Nodes>) -> Vec<[u32; 2]> {
     let [columns, rows] = world.nodes_at(q);
     let firsts: BTreeSet<[u32; 2]> = match nodes {
@@ -139,9 +143,8 @@ pub(crate) fn write(
     Ok(ArchiveRecord { bytes, index_crc32, tiles: count })
 }
 
-/// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids; `validity[k]` has the shares
-/// of its posts, where there were some; of
-/// `nodes`, or of all.
+/// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids;
+/// `validity[k]` has the shares of its posts, where there were some; of `nodes`, or of all.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
@@ -244,18 +247,19 @@ pub fn encode_color_tile(picture: &[Rgb], side: u16, quality: u8) -> io::Result<
     let mut bytes = Vec::with_capacity(usize::from(side) * usize::from(side) / 4);
     let mut encoder = Encoder::new(&mut bytes, quality);
     encoder.set_sampling_factor(SAMPLING);
-    // Not the optimised Huffman tables: with them and halved colour zune-jpeg 0.5.15 decodes stripes (ffmpeg and libjpeg
-    // read the same bytes well), and they save some per cent only.
+    // Not the optimised Huffman tables: with them and halved colour zune-jpeg 0.5.15 decodes
+    // stripes (ffmpeg and libjpeg read the same bytes well), and they save some per cent only.
     encoder.set_optimized_huffman_tables(false);
     encoder.encode(bytemuck::cast_slice(picture), side, side, ColorType::Rgb).map_err(io::Error::other)?;
     seal_color_tile(&mut bytes);
     Ok(bytes)
 }
 
-/// Colour differences at full resolution: at equal size that is 0.2 dB better than half the resolution at a higher
-/// quality (25 tiles of a synthetic orthophoto: 4:4:4 at 90 has 36.6 dB in 29.1 kB, 4:2:0 at 93 has 36.4 dB in 29.9 kB).
-/// Optimised Huffman tables would save 2.5 %, but make this encoder write a scan per component, which zune-jpeg 0.5.15
-/// decodes wrongly when the resolutions differ.
+/// Colour differences at full resolution: at equal size that is 0.2 dB better than half the
+/// resolution at a higher quality (25 tiles of a synthetic orthophoto: 4:4:4 at 90 has 36.6 dB in
+/// 29.1 kB, 4:2:0 at 93 has 36.4 dB in 29.9 kB). Optimised Huffman tables would save 2.5 %, but
+/// make this encoder write a scan per component, which zune-jpeg 0.5.15 decodes wrongly when the
+/// resolutions differ.
 const SAMPLING: SamplingFactor = SamplingFactor::R_4_4_4;
 
 #[cfg(test)]

@@ -18,7 +18,8 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub verb: Verb,
-    /// Log what is done to standard error: error, warn, info, debug, trace, or a filter [default: TERRAVISION_LOG]
+    /// Log what is done to standard error: error, warn, info, debug, trace, or a filter [default:
+    /// TERRAVISION_LOG]
     #[arg(long, global = true, value_name = "LEVEL|FILTER")]
     pub log: Option<String>,
 }
@@ -28,19 +29,22 @@ pub struct Cli {
 pub enum Verb {
     /// Make a terrain database from elevation and colour rasters.
     ///
-    /// Any raster that GDAL reads, one or many per layer. Where several have data the first one named is on top.
-    /// Elevation that is in a projected system in metres keeps its own posts; all else is resampled. Without --color
-    /// the ground shows a hypsometric tint with hill-shading. Nothing looks finished before it is: the manifest is
-    /// written last, and an interrupted ingest can simply be run again.
+    /// Any raster that GDAL reads, one or many per layer. Where several have data the first one
+    /// named is on top. Elevation that is in a projected system in metres keeps its own posts; all
+    /// else is resampled. Without --color the ground shows a hypsometric tint with hill-shading.
+    /// Nothing looks finished before it is: the manifest is written last, and an interrupted ingest
+    /// can simply be run again.
     #[command(after_help = "Examples:\n  terravision ingest --elevation dem.tif --color ortho.tif -o valley.tv\n  \
         terravision ingest --elevation N46W122.hgt.zip N46W123.hgt.zip -o cascades.tv --crs EPSG:32610\n  \
         terravision ingest --elevation dem.tif --color landsat.tif --bands 3,2,1 -o scene.tv\n  \
         terravision ingest --elevation globe.tif --bounds 6.6,35.5,18.6,47.1 -o italy.tv")]
     Ingest(Box<IngestArgs>),
-    /// Make a believable mountain world: dem.tif (float32) and ortho.tif (RGB, twice as fine), in UTM.
+    /// Make a believable mountain world: dem.tif (float32) and ortho.tif (RGB, twice as fine), in
+    /// UTM.
     ///
-    /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and seed give the same
-    /// files on every machine; any size that fits on disk is made in tiles, in little memory.
+    /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and
+    /// seed give the same files on every machine; any size that fits on disk is made in tiles, in
+    /// little memory.
     #[command(
         after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv"
     )]
@@ -65,8 +69,8 @@ pub struct SparseArgs {
     /// Every colour tile has the one colour that names its node
     #[arg(long)]
     pub named: bool,
-    /// For load tests, in place of the square: everywhere terrain and colours that take many bytes and little time, and no tile
-    /// equal to another. They are made to be read, not to be looked at
+    /// For load tests, in place of the square: everywhere terrain and colours that take many bytes
+    /// and little time, and no tile equal to another. They are made to be read, not to be looked at
     #[arg(long, conflicts_with = "named")]
     pub bulk: bool,
     /// Texels along the distance of two posts, a power of two
@@ -79,35 +83,39 @@ pub struct SparseArgs {
 pub struct IngestArgs {
     /// Elevation rasters; the first that has data at a place gives its height
     ///
-    /// Files, folders and archives (zip, tar) of tiles, https:// and s3:// addresses, and every other name that GDAL
-    /// opens, such as NETCDF:"a.nc":height.
+    /// Files, folders and archives (zip, tar) of tiles, https:// and s3:// addresses, and every
+    /// other name that GDAL opens, such as NETCDF:"a.nc":height.
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     elevation: Vec<PathBuf>,
-    /// Colour rasters (grey, palette, RGB, with alpha or not); without them a tint is made from the elevation
+    /// Colour rasters (grey, palette, RGB, with alpha or not); without them a tint is made from the
+    /// elevation
     #[arg(long, num_args = 1.., value_name = "FILE")]
     color: Vec<PathBuf>,
     /// Folder of the database to make, by custom NAME.tv
     #[arg(short, long, value_name = "WORLD")]
     output: PathBuf,
-    /// CRS of the database, projected and in metres: EPSG:N, WKT or a PROJ string. Default: that of the first
-    /// elevation file if it is such, else the UTM zone of the data, else (large areas, other bodies) a plane around them
+    /// CRS of the database, projected and in metres: EPSG:N, WKT or a PROJ string. Default: that of
+    /// the first elevation file if it is such, else the UTM zone of the data, else (large areas,
+    /// other bodies) a plane around them
     #[arg(long, value_name = "CRS")]
     crs: Option<String>,
     /// CRS of files that have none
     #[arg(long, value_name = "CRS")]
     source_crs: Option<String>,
-    /// Make a world of this part of the data alone: west, south, east, north, in degrees unless --bounds-crs tells. Across
-    /// the date line west is the greater one: 170,-20,-170,-10
+    /// Make a world of this part of the data alone: west, south, east, north, in degrees unless
+    /// --bounds-crs tells. Across the date line west is the greater one: 170,-20,-170,-10
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = parse_bounds)]
     bounds: Option<Bounds>,
     /// CRS of --bounds: EPSG:N, WKT or a PROJ string
     #[arg(long, value_name = "CRS", requires = "bounds")]
     bounds_crs: Option<String>,
-    /// Let files lead anywhere: sources of a VRT beyond its folder, and files that are lists of other files or
-    /// descriptions of services though their names do not say so. Only for files whose origin you know
+    /// Let files lead anywhere: sources of a VRT beyond its folder, and files that are lists of
+    /// other files or descriptions of services though their names do not say so. Only for files
+    /// whose origin you know
     #[arg(long)]
     trust_vrt: bool,
-    /// Print what was made as JSON on standard output: the database, its layers, their sizes, notes and warnings
+    /// Print what was made as JSON on standard output: the database, its layers, their sizes, notes
+    /// and warnings
     #[arg(long)]
     pub json: bool,
     /// Most memory to use: larger caches read badly laid out files faster
@@ -116,8 +124,8 @@ pub struct IngestArgs {
     /// Replace a finished database
     #[arg(long)]
     overwrite: bool,
-    /// Elevation value that means "no data", beside what files declare; "none": only what files declare, and values
-    /// that look like undeclared "no data" are heights
+    /// Elevation value that means "no data", beside what files declare; "none": only what files
+    /// declare, and values that look like undeclared "no data" are heights
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = parse_nodata)]
     nodata: Option<NodataChoice>,
     /// Unit of elevation when files do not say, or say it wrongly: m, ft, us-ft, …

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IngestError {
-    /// Something about the input is wrong; `reason` continues the sentence that begins with the file.
+    /// Something about the input is wrong; `reason` continues the sentence that begins with the
+    /// file.
     #[error("{} {reason}", file.display())]
     Source {
         /// The file.
@@ -77,7 +78,8 @@ impl IngestError {
         Self::Source { file: file.into(), reason: reason.into() }
     }
 
-    /// The exit code of a program that ends for this reason: 2 wrong input or usage, 1 failed, 130 interrupted.
+    /// The exit code of a program that ends for this reason: 2 wrong input or usage, 1 failed, 130
+    /// interrupted.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {

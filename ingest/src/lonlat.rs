@@ -1,7 +1,8 @@
 //! Where longitudes and latitudes lie in a database's CRS, for programs without PROJ.
 //!
-//! PROJ decides here, as it does for sources: with its datum shifts, its grids, and its choice among operations. What
-//! `proj4rs` misses of that is tabulated over the world, if it misses anything ([`LonLatTable`]).
+//! PROJ decides here, as it does for sources: with its datum shifts, its grids, and its choice
+//! among operations. What `proj4rs` misses of that is tabulated over the world, if it misses
+//! anything ([`LonLatTable`]).
 
 use crate::source::TargetCrs;
 use crate::source::raster::traditional;
@@ -11,7 +12,8 @@ use terravision_common::world::World;
 
 /// Where `proj4rs` alone is nearer to PROJ than this, metres, no table is needed.
 const TOLERANCE_M: f64 = 0.1;
-/// A table is refined until its error is below this, metres, or it has as many nodes as a table may have.
+/// A table is refined until its error is below this, metres, or it has as many nodes as a table may
+/// have.
 const WANTED_ERROR_M: f64 = 0.01;
 /// A table with a larger error, metres, is taken only if no other plane gives a better one.
 const FAIR_ERROR_M: f64 = 1.0;
@@ -43,7 +45,8 @@ fn grid(low: [f64; 2], high: [f64; 2], n: usize) -> Vec<[f64; 2]> {
     (0..n * n).map(|k| [at(0, k % n), at(1, k / n)]).collect()
 }
 
-/// The largest distance of places from where they should be; `None` when there are none to compare, or one has no place.
+/// The largest distance of places from where they should be; `None` when there are none to compare,
+/// or one has no place.
 fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Option<[f64; 2]>]) -> Option<f64> {
     let mut largest: Option<f64> = None;
     for (place, truth) in places.zip(truth) {
@@ -55,7 +58,8 @@ fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Opt
     largest
 }
 
-/// The table that a world needs; `None` when `proj4rs` finds the same places as PROJ without one, or PROJ finds none.
+/// The table that a world needs; `None` when `proj4rs` finds the same places as PROJ without one,
+/// or PROJ finds none.
 #[must_use]
 pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let srs = target.srs().ok()?;
@@ -80,8 +84,8 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     if shift_m.is_some_and(|shift| shift <= TOLERANCE_M) {
         return None;
     }
-    // The world's own projection leaves only the datum's shift to the table. Where `proj4rs` does not know the projection,
-    // or takes it for another, a plane around the world's middle does.
+    // The world's own projection leaves only the datum's shift to the table. Where `proj4rs` does
+    // not know the projection, or takes it for another, a plane around the world's middle does.
     let middle = checks.get(checks.len() / 2)?;
     let nearby = lonlat.replacen(
         "+proj=longlat",
@@ -177,7 +181,8 @@ fn table_error(
     Some(over_the_world.max(in_cells))
 }
 
-/// Gives nodes without an offset (outside of what a projection reaches) that of a neighbour; `None` when no node has one.
+/// Gives nodes without an offset (outside of what a projection reaches) that of a neighbour; `None`
+/// when no node has one.
 fn fill(offsets: &mut [Option<[f64; 2]>], side: usize) -> Option<()> {
     while offsets.iter().any(Option::is_none) {
         let before = offsets.to_vec();
@@ -217,7 +222,8 @@ mod tests {
 
     #[test]
     fn places_are_those_of_proj_on_every_datum() {
-        // From gdaltransform -s_srs EPSG:4326 -t_srs EPSG:N (GDAL 3.6, PROJ 9.1): places in the middle of each world.
+        // From gdaltransform -s_srs EPSG:4326 -t_srs EPSG:N (GDAL 3.6, PROJ 9.1): places in the
+        // middle of each world.
         for (crs, lonlat, place, spacing_m) in [
             ("EPSG:27700", [-3.15, 54.45], [325_530.597, 506_676.247], 40.0),
             ("EPSG:26717", [-81.0, 38.0], [499_982.879, 4_205_603.250], 40.0),
@@ -235,7 +241,8 @@ mod tests {
 
     #[test]
     fn a_table_is_as_good_as_it_says() {
-        // A projection that proj4rs does not know, over 3000 km; and one whose datum shifts by 170 m.
+        // A projection that proj4rs does not know, over 3000 km; and one whose datum shifts by 170
+        // m.
         for (crs, middle, spacing_m) in
             [("EPSG:27200", [2_600_000.0, 6_000_000.0], 3000.0), ("EPSG:23030", [500_000.0, 4_500_000.0], 3000.0)]
         {

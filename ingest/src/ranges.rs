@@ -122,8 +122,9 @@ pub(crate) fn compute_nested(
     NodeRanges::from_nodes(world, all).map_err(|e| fail(io::Error::other(e)))
 }
 
-/// Ranges of a block of nodes (first column and row, and how many) of level `q`, from their own posts and those of every coarser level over their area.
-/// (Posts of finer levels come from the children.)
+/// Ranges of a block of nodes (first column and row, and how many) of level `q`, from their own
+/// posts and those of every coarser level over their area. (Posts of finer levels come from the
+/// children.)
 fn block_ranges(
     world: &World,
     levels: &[Level<f32>],
@@ -135,7 +136,8 @@ fn block_ranges(
     let side = world.node_side(q);
     let mut ranges = vec![EMPTY; (count[0] * count[1]) as usize];
     for (level, posts) in (finest..).zip(levels).filter(|(level, _)| *level >= q) {
-        // Posts from the one at or before a lattice position to the one at or after another: whole cells.
+        // Posts from the one at or before a lattice position to the one at or after another: whole
+        // cells.
         let spacing = 1u64 << level;
         let before = |node: u64| node * side / spacing;
         let after = |node: u64| (node * side).div_ceil(spacing);

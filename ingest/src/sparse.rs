@@ -1,9 +1,11 @@
-//! Sparse worlds for tests: a detailed square in the south west of a plain that can be made as large as one likes, at
-//! next to no cost on disk, since all tiles of the plain are one tile.
+//! Sparse worlds for tests: a detailed square in the south west of a plain that can be made as
+//! large as one likes, at next to no cost on disk, since all tiles of the plain are one tile.
 //!
-//! The detailed square is the same in worlds of every size, level by level: only what is around it grows.
+//! The detailed square is the same in worlds of every size, level by level: only what is around it
+//! grows.
 //!
-//! Or, for load tests, worlds that have no plain and are full of bytes ([`SparseOptions::is_bulk`]).
+//! Or, for load tests, worlds that have no plain and are full of bytes
+//! ([`SparseOptions::is_bulk`]).
 
 use crate::archive::{self, ArchiveInfo, Place, Tile};
 use crate::bulk::Bulk;
@@ -29,11 +31,14 @@ use terravision_common::world::{COLOR_BORDER, World, WorldFields};
 pub struct SparseOptions {
     /// Level 0 nodes along a side of the detailed square.
     pub detailed_nodes: u32,
-    /// How often the side is doubled: 0 is the square alone, 2 is 16 times its area, 4 is 256 times.
+    /// How often the side is doubled: 0 is the square alone, 2 is 16 times its area, 4 is 256
+    /// times.
     pub doublings: u8,
-    /// Every colour tile, also of the plain, has the one colour that names its node ([`name_color`]).
+    /// Every colour tile, also of the plain, has the one colour that names its node
+    /// ([`name_color`]).
     pub is_named: bool,
-    /// No square in a plain, but terrain and colours everywhere that take many bytes and little time.
+    /// No square in a plain, but terrain and colours everywhere that take many bytes and little
+    /// time.
     pub is_bulk: bool,
     /// Texels of the finest colours along the distance of two posts, a power of two.
     pub texels_per_post: u32,
@@ -259,11 +264,12 @@ fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
     named.collect()
 }
 
-/// Ranges of all nodes: own posts, and those of coarser levels over the node's area; descendants' from below.
+/// Ranges of all nodes: own posts, and those of coarser levels over the node's area; descendants'
+/// from below.
 ///
-/// Posts of a coarser level that lie within the node are posts of its own level too, with the same heights, since those are a
-/// function of position; and own posts of all but the finest level are posts of descendants, where the node does not stick out of the
-/// world.
+/// Posts of a coarser level that lie within the node are posts of its own level too, with the same
+/// heights, since those are a function of position; and own posts of all but the finest level are
+/// posts of descendants, where the node does not stick out of the world.
 fn ranges(world: &World, content: &Content, work: &Work) -> Result<Vec<Vec<[f32; 2]>>, IngestError> {
     let mut all: Vec<Vec<[f32; 2]>> = Vec::new();
     for q in 0..world.levels() {

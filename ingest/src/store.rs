@@ -1,6 +1,8 @@
-//! Levels on disk: raw rasters in nameless temporary files, so that memory does not grow with the world.
+//! Levels on disk: raw rasters in nameless temporary files, so that memory does not grow with the
+//! world.
 //!
-//! Row 0 is the southernmost. A file has no name from the moment it exists: whatever ends the process, nothing is left.
+//! Row 0 is the southernmost. A file has no name from the moment it exists: whatever ends the
+//! process, nothing is left.
 
 use bytemuck::Pod;
 use std::fs::{self, File, OpenOptions};
@@ -10,7 +12,8 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A rectangle of samples, `size` `[columns, rows]` from the south west corner `origin`, which may lie outside a level.
+/// A rectangle of samples, `size` `[columns, rows]` from the south west corner `origin`, which may
+/// lie outside a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rect {
     /// Its first column and row.

@@ -1,10 +1,11 @@
-//! Colour from elevation where there is no picture: a hypsometric tint that fits the terrain's own range, hill-shaded
-//! from the north west, as relief maps are.
+//! Colour from elevation where there is no picture: a hypsometric tint that fits the terrain's own
+//! range, hill-shaded from the north west, as relief maps are.
 
 use crate::store::{Level, Rect, Rgb};
 use std::io;
 
-/// Slope (rise over run, root mean square) that shading makes of any terrain: flat land gets relief, too.
+/// Slope (rise over run, root mean square) that shading makes of any terrain: flat land gets
+/// relief, too.
 const SHADED_SLOPE: f64 = 0.3;
 
 /// Land on Earth: meadow, field, heath, rock.
@@ -17,15 +18,17 @@ const EARTH: [(f32, [f32; 3]); 6] = [
     (1.0, [186.0, 180.0, 176.0]),
 ];
 const SNOW: [f32; 3] = [244.0, 246.0, 248.0];
-/// Height of the climatic snow line on Earth at every tenth degree of latitude, metres: highest in the dry belts beside the tropics.
-/// Rounded from textbooks of physical geography; both hemispheres alike.
+/// Height of the climatic snow line on Earth at every tenth degree of latitude, metres: highest in
+/// the dry belts beside the tropics. Rounded from textbooks of physical geography; both hemispheres
+/// alike.
 const SNOW_LINE_M: [f32; 10] = [4800.0, 5000.0, 5300.0, 5000.0, 3600.0, 2300.0, 1300.0, 700.0, 200.0, 0.0];
 /// Snow begins so far below the line, in hollows, and is whole so far above it, metres.
 const SNOW_BAND_M: [f32; 2] = [-600.0, 200.0];
-/// Snow lies in the upper part of the terrain's range alone, or a plateau above the line would be blank: it begins and is whole
-/// at these shares of the range.
+/// Snow lies in the upper part of the terrain's range alone, or a plateau above the line would be
+/// blank: it begins and is whole at these shares of the range.
 const SNOW_SHARE: [f32; 2] = [0.35, 0.65];
-/// More than this share of all posts at exactly 0 m is water: elevation models give the sea so, where they have no depths.
+/// More than this share of all posts at exactly 0 m is water: elevation models give the sea so,
+/// where they have no depths.
 const FLAT_SEA_SHARE: f64 = 0.005;
 /// Half a step of stored heights, metres.
 const AT_ZERO_M: f32 = 1.0 / 256.0;
@@ -96,8 +99,9 @@ fn ramp(stops: &[(f32, [f32; 3])], t: f32) -> [f32; 3] {
 }
 
 impl<'a> Tint<'a> {
-    /// A tint for the terrain in `posts` (without voids, `spacing_m` apart), in texels of `texel_m`, for a place.
-    /// `overview` is a coarser level of it, small enough to be looked at as a whole.
+    /// A tint for the terrain in `posts` (without voids, `spacing_m` apart), in texels of
+    /// `texel_m`, for a place. `overview` is a coarser level of it, small enough to be looked at as
+    /// a whole.
     ///
     /// # Errors
     /// What the file system says.

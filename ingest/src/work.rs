@@ -1,8 +1,8 @@
 //! Threads, progress and interruption.
 //!
-//! Work is numbered; workers take the next number. What they make goes to its place at once ([`Work::each`]) or is
-//! handed to one consumer in order of the numbers ([`Work::in_order`]), with a bounded lead. So results never depend on
-//! the number of threads.
+//! Work is numbered; workers take the next number. What they make goes to its place at once
+//! ([`Work::each`]) or is handed to one consumer in order of the numbers ([`Work::in_order`]), with
+//! a bounded lead. So results never depend on the number of threads.
 
 use crate::IngestError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -38,8 +38,9 @@ impl Drop for PanicGuard<'_> {
 }
 
 impl Work {
-    /// Work with so many threads (at least one) for this output. When `stop` becomes true the work ends with
-    /// [`IngestError::Interrupted`]. Progress is shown only when standard error is a terminal.
+    /// Work with so many threads (at least one) for this output. When `stop` becomes true the work
+    /// ends with [`IngestError::Interrupted`]. Progress is shown only when standard error is a
+    /// terminal.
     #[must_use]
     pub fn new(threads: usize, stop: Arc<AtomicBool>, shows_progress: bool, output: PathBuf) -> Self {
         Self { threads: threads.max(1), stop, shows_progress, output }
@@ -82,7 +83,8 @@ impl Work {
         bar
     }
 
-    /// Calls `job` for every number below `count`, on all threads; each thread has a `state` of its own.
+    /// Calls `job` for every number below `count`, on all threads; each thread has a `state` of its
+    /// own.
     ///
     /// # Errors
     /// The first error of a job, or [`IngestError::Interrupted`].
@@ -96,8 +98,9 @@ impl Work {
         self.in_order(what, count, state, job, |()| Ok(()))
     }
 
-    /// Calls `job` for every number below `count`, on all threads, and `consume` on this thread with what the jobs
-    /// made, in order of their numbers. At most a few results per thread are kept at a time.
+    /// Calls `job` for every number below `count`, on all threads, and `consume` on this thread
+    /// with what the jobs made, in order of their numbers. At most a few results per thread are
+    /// kept at a time.
     ///
     /// # Errors
     /// The first error of a job or of `consume`, or [`IngestError::Interrupted`].

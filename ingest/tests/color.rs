@@ -30,7 +30,8 @@ fn bands(f: impl Fn(usize, usize) -> [u8; 3]) -> Vec<Vec<u8>> {
     (0..3).map(|c| (0..80 * 80).map(|k| f(k % 80, k / 80)[c]).collect()).collect()
 }
 
-/// Compares the finest level, which has the photo's own pixels, with what is expected, `[column, row]` from the north.
+/// Compares the finest level, which has the photo's own pixels, with what is expected, `[column,
+/// row]` from the north.
 fn assert_finest(database: &Database, expected: impl Fn(usize, usize) -> [u8; 3], by: u8) {
     assert_eq!(database.manifest().color.spacing_m, 5.0);
     let (texels, width) = colors(database, database.world().finest_color_level());
@@ -167,7 +168,8 @@ fn without_colour_there_is_a_tint_with_relief() {
     assert_eq!(database.manifest().color.spacing_m, 10.0);
     let (texels, width) = colors(&database, database.world().finest_color_level());
     let brightness = |i: usize, j: usize| texels[j * width + i].iter().map(|v| u32::from(*v)).sum::<u32>();
-    // Light from the north west: that side of the cone is brighter than the other, at the same height.
+    // Light from the north west: that side of the cone is brighter than the other, at the same
+    // height.
     assert!(brightness(24, 40) > brightness(40, 24) + 60, "{} {}", brightness(24, 40), brightness(40, 24));
 }
 

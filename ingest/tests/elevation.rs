@@ -101,7 +101,8 @@ fn ranges_bound_the_ground_of_every_level_under_a_node() {
 fn pixel_is_point_and_pixel_is_area_are_half_a_pixel_apart() {
     let folder = TestFolder::new();
     let area = Tiff::utm([20, 20], rough).write(&folder.path("area.tif"));
-    // What the user sees as the tie point differs by half a pixel; GDAL's geotransform is corner based in both.
+    // What the user sees as the tie point differs by half a pixel; GDAL's geotransform is corner
+    // based in both.
     let point = Tiff { is_point: true, ..Tiff::utm([20, 20], rough) }.write(&folder.path("point.tif"));
     let worlds =
         [("a.tv", area), ("p.tv", point)].map(|(name, dem)| run(&job(&[dem], &[], folder.path(name))).unwrap().0);

@@ -24,7 +24,8 @@ fn tile(folder: &TestFolder, name: &str, east: f64) -> PathBuf {
     Tiff { transform, ..Tiff::utm([60, 50], hills) }.write(&folder.path(name))
 }
 
-/// An ingest of one name by the program; what it says in the end (or its error), and whether it made a world.
+/// An ingest of one name by the program; what it says in the end (or its error), and whether it
+/// made a world.
 fn ingest(folder: &TestFolder, elevation: &str, more: &[&str]) -> (String, bool) {
     let world = folder.path("out.tv");
     let all = [&["ingest", "--elevation", elevation, "-o", world.to_str().unwrap(), "--overwrite"], more].concat();

@@ -1,4 +1,5 @@
-//! Sources of different spacings in one world: the finest levels are only where the data are as fine.
+//! Sources of different spacings in one world: the finest levels are only where the data are as
+//! fine.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -92,7 +93,8 @@ fn fine_data_in_coarse_data_cost_what_both_hold_and_no_step_shows() {
     assert_whole(&both);
     let found = tiles(&both);
     for (layer, found) in found.into_iter().enumerate() {
-        // The rim of each level, the levels between the two spacings, and 64 nodes that are cut differently.
+        // The rim of each level, the levels between the two spacings, and 64 nodes that are cut
+        // differently.
         let most = 2 * (alone[0].0[layer] + alone[1].0[layer]) + 400;
         assert!(found <= most, "{found} tiles, expected at most {most}");
         assert!(found > alone[0].0[layer]);

@@ -1,4 +1,5 @@
-//! Real rasters, good and bad. `TERRAVISION_DATA` names their folder; without it these tests say so and pass.
+//! Real rasters, good and bad. `TERRAVISION_DATA` names their folder; without it these tests say so
+//! and pass.
 
 #![allow(
     clippy::unwrap_used,

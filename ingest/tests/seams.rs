@@ -1,4 +1,5 @@
-//! Sheets that lie side by side without overlap, resampled: what comes out is what one file of them all gives.
+//! Sheets that lie side by side without overlap, resampled: what comes out is what one file of them
+//! all gives.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -1,5 +1,5 @@
-//! Files as people have them: undeclared fill and units, alpha, distances from the centre, impossible places, pictures of
-//! more than eight bits.
+//! Files as people have them: undeclared fill and units, alpha, distances from the centre,
+//! impossible places, pictures of more than eight bits.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -70,7 +70,8 @@ fn a_globe_from_0_to_360_degrees_has_the_posts_of_one_from_180_west() {
     assert_eq!(west.manifest().elevation.spacing_m, 111_000.0);
     let band = globe(0.0, -60.0, 1.0, "band.tif");
     assert_eq!(band.manifest().elevation.spacing_m, 111_000.0);
-    // The same ground, too; where the file of longitudes 0 to 360 ends, its last samples are repeated.
+    // The same ground, too; where the file of longitudes 0 to 360 ends, its last samples are
+    // repeated.
     let [a, b] = [&west, &east].map(|d| heights(d, 0).0);
     assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 10.0));
 }

@@ -40,7 +40,8 @@ fn files_that_are_there_are_replaced_only_when_told() {
     assert!(Dataset::open(folder.path("w").join("dem.tif")).is_ok());
 }
 
-/// A disk that fills up, as a limit on the size of files: GDAL writes blocks late, when no call is there to fail.
+/// A disk that fills up, as a limit on the size of files: GDAL writes blocks late, when no call is
+/// there to fail.
 #[test]
 fn a_full_disk_is_told_and_leaves_nothing() {
     let folder = TestFolder::new();

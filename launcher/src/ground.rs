@@ -13,12 +13,14 @@ use terravision_common::world::World;
 
 /// The camera stays at least this high above ground, metres.
 pub const CLEARANCE_M: f64 = 2.0;
-/// A camera that is farther from the world than this many times the world's longer side sees nothing of it.
+/// A camera that is farther from the world than this many times the world's longer side sees
+/// nothing of it.
 pub const FAR_FROM_WORLD: f64 = 2.0;
 /// Tiles that are kept; a flight goes on from the tile where it was.
 const KEPT_TILES: usize = 512;
 
-/// Heights of a world's ground, exaggerated as it is drawn, at positions in its CRS. For one thread; blocks on storage.
+/// Heights of a world's ground, exaggerated as it is drawn, at positions in its CRS. For one
+/// thread; blocks on storage.
 pub struct WorldGround<'a> {
     source: &'a dyn TileSource,
     world: &'a World,
@@ -56,13 +58,15 @@ impl<'a> WorldGround<'a> {
         }
     }
 
-    /// With the ranges of height of the same world, which tell of most places that the ground is far below.
+    /// With the ranges of height of the same world, which tell of most places that the ground is
+    /// far below.
     #[must_use]
     pub fn bounded(self, ranges: &'a NodeRanges) -> Self {
         Self { ranges: Some(ranges), ..self }
     }
 
-    /// The ground at the coarsest level whose posts are not farther apart than `spacing_m` (or the finest level).
+    /// The ground at the coarsest level whose posts are not farther apart than `spacing_m` (or the
+    /// finest level).
     #[must_use]
     pub fn coarse(source: &'a dyn TileSource, world: &'a World, exaggeration: f64, spacing_m: f64) -> Self {
         let finest = world.finest_elevation_level();
@@ -97,7 +101,8 @@ impl<'a> WorldGround<'a> {
         Some(node_ground(&self.world.surface(), node, tile.as_ref()?, foot))
     }
 
-    /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile can be had.
+    /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile
+    /// can be had.
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
         let foot = self.foot(x, y)?;
@@ -151,7 +156,8 @@ mod tests {
     use terravision_common::world::WorldFields;
     use terravision_testkit::worlds::fields;
 
-    /// Height = easting + 3 * northing at every level, but the finest tiles of the first column are missing.
+    /// Height = easting + 3 * northing at every level, but the finest tiles of the first column are
+    /// missing.
     struct Slope(World);
 
     impl TileSource for Slope {

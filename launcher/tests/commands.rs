@@ -1,4 +1,5 @@
-//! The program itself, as far as it goes without a world: help, usage errors, commands that are other programs.
+//! The program itself, as far as it goes without a world: help, usage errors, commands that are
+//! other programs.
 #![expect(clippy::unwrap_used, reason = "a test that finds nothing to unwrap has failed")]
 
 use std::fs;

@@ -1,4 +1,5 @@
-//! What a stage has started and left behind is ended. A test program of its own: it ends all children of its process.
+//! What a stage has started and left behind is ended. A test program of its own: it ends all
+//! children of its process.
 
 use std::process::Command;
 use std::time::{Duration, Instant};

@@ -1,4 +1,5 @@
-//! What foreign path files cost: memory and looks at the ground grow with their size alone, and no bytes make the program panic.
+//! What foreign path files cost: memory and looks at the ground grow with their size alone, and no
+//! bytes make the program panic.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -111,7 +112,8 @@ fn the_cost_of_a_path_grows_with_its_size_alone() {
         let (few, many) = (cost(small), cost(large));
         let growth = large.len() as f64 / small.len() as f64;
         for (what, (few, many)) in ["allocations", "bytes", "looks"].iter().zip(few.into_iter().zip(many)) {
-            // Vectors double, so that the memory at most may grow by twice as much as what is in it.
+            // Vectors double, so that the memory at most may grow by twice as much as what is in
+            // it.
             let most = 2.2 * growth * few as f64 + 4096.0;
             assert!(many as f64 <= most, "{name}: {few} {what}, and {many} for {growth:.1} times the size");
         }

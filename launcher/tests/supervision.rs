@@ -244,7 +244,8 @@ fn a_stage_that_is_not_there_is_named() {
 
 const RULES: RestartRules = RestartRules { limit: 5, hang: HangRules::NEVER };
 
-/// A flight of these scripts by these rules: its ending, what was said of restarts, and how many there were.
+/// A flight of these scripts by these rules: its ending, what was said of restarts, and how many
+/// there were.
 fn fly_again(rules: RestartRules, scripts: [(Stage, &str); 4], flight: &Flight) -> (Ending, Vec<String>, u32) {
     let programs = Programs::new(scripts);
     let mut said = Vec::new();
@@ -308,8 +309,8 @@ fn what_would_happen_again_is_not_tried_again() {
     assert!(said.iter().all(told), "{said:?}");
 }
 
-/// Who is killed when the stages wait so, all of them being well, and what is said of it. Nobody, when they still wait after a
-/// multiple of the time in which a stage hangs.
+/// Who is killed when the stages wait so, all of them being well, and what is said of it. Nobody,
+/// when they still wait after a multiple of the time in which a stage hangs.
 fn blamed(rules: HangRules, waits: [(Stage, Activity); 4]) -> Option<(Stage, String)> {
     let flight = Flight::new();
     let handles = waits.map(|(stage, activity)| {

@@ -1,4 +1,4 @@
-//! Who does the work: requests run on an async runtime, decoding on threads of its own, straight into pool slots.
+//! Requests run on an async runtime; dedicated threads decode tiles directly into pool slots.
 
 use crate::source::PayloadSource;
 use bytes::Bytes;
@@ -20,21 +20,21 @@ use terravision_common::world::World;
 use tokio::runtime::Runtime;
 use tokio::task::AbortHandle;
 
-/// Threads that requests run on: they wait, mostly.
+/// Threads for requests, which mostly wait.
 const REQUEST_THREADS: usize = 2;
-/// Threads that wait for files.
+/// Threads for blocking reads of files.
 const FILE_THREADS: usize = 8;
-/// How long requests that do not end with the run are waited for.
+/// How long to wait for requests that do not end with the run.
 const PATIENCE_AT_END: Duration = Duration::from_millis(200);
 
-/// A payload to be decoded, and the slot that it goes into.
+/// A payload to be decoded, and its slot.
 #[derive(Debug)]
 pub struct DecodeJob {
     /// The tile.
     pub tile: Tile,
     /// As it is stored.
     pub payload: Bytes,
-    /// Where it goes.
+    /// Its slot.
     pub guard: FillGuard,
 }
 
@@ -45,9 +45,9 @@ pub enum Ended {
     Fetched {
         /// Which.
         ticket: u64,
-        /// The payload, or why there is none.
+        /// The payload, or why the request failed.
         result: Result<Bytes, TileFailure>,
-        /// When the request was made that was answered, if the source made it anew.
+        /// When the answered request was made, if the source repeated the request.
         resent_at_nanos: Option<u64>,
         /// When, nanoseconds of the monotonic clock.
         at_nanos: u64,
@@ -56,7 +56,7 @@ pub enum Ended {
     Decoded {
         /// The tile.
         tile: Tile,
-        /// Where it lies, or why it does not.
+        /// Its slot, or why decoding failed.
         result: Result<SlotKey, TileFailure>,
         /// The thread, from 1.
         thread: u32,
@@ -67,21 +67,21 @@ pub enum Ended {
     },
 }
 
-/// Does what the scheduler decides. Nothing here blocks.
+/// Carries out the decisions of the scheduler. No method blocks.
 pub trait Executor {
     /// Begins a request.
     fn fetch(&mut self, ticket: u64, tile: Tile);
-    /// Gives a request up. It may have ended just now.
+    /// Cancels a request, which may have ended already.
     fn cancel(&mut self, ticket: u64);
-    /// Begins to decode.
+    /// Begins to decode a payload.
     fn decode(&mut self, job: DecodeJob);
-    /// Gives what has ended since the last call.
+    /// Takes out the work that has ended since the last call.
     fn drain(&mut self, ended: &mut Vec<Ended>);
-    /// Why a tile is not to be asked for at this moment ([`PayloadSource::recent_failure`]).
+    /// Why a tile must not be requested at this moment ([`PayloadSource::recent_failure`]).
     fn recent_failure(&self, tile: Tile) -> Option<TileFailure>;
 }
 
-/// Buffers of a thread that decodes.
+/// Buffers of a decoding thread.
 #[derive(Debug, Default)]
 pub struct DecodeScratch {
     tile: TileScratch,
@@ -89,7 +89,7 @@ pub struct DecodeScratch {
     texels: Vec<u8>,
 }
 
-/// Decodes a tile into its slot and publishes it. Colours get the format of the pool.
+/// Decodes a tile into its slot and publishes it. Colours are converted to the format of the pool.
 ///
 /// # Errors
 /// The payload is damaged.
@@ -131,7 +131,7 @@ struct Queue {
 
 struct Shared {
     queue: Mutex<Queue>,
-    /// There are jobs, or the queue is closed.
+    /// Signals that there are jobs, or that the queue is closed.
     work: Condvar,
     ended: Mutex<Vec<Ended>>,
     bell: WantBell,
@@ -158,7 +158,8 @@ pub struct ExecutorError {
     source: std::io::Error,
 }
 
-/// The executor of a run. Dropped, it gives up all requests, lets the threads finish their tile and joins them.
+/// The executor of a run. When dropped, it cancels all requests, lets the threads finish their
+/// current tile, and joins them.
 pub struct Workers<S> {
     source: Arc<S>,
     runtime: Option<Runtime>,
@@ -177,8 +178,8 @@ impl<S> std::fmt::Debug for Workers<S> {
 }
 
 impl<S: PayloadSource> Workers<S> {
-    /// Workers with `threads` threads (at least one) that decode tiles of `world`, colours as `texels`. They ring `bell`
-    /// when work has ended.
+    /// Starts `threads` threads (at least one) that decode tiles of `world`, with colours in the
+    /// format `texels`. They ring `bell` when work has ended.
     ///
     /// # Errors
     /// [`ExecutorError`].
@@ -189,7 +190,7 @@ impl<S: PayloadSource> Workers<S> {
         threads: u32,
         bell: WantBell,
     ) -> Result<Self, ExecutorError> {
-        // The runtime panics without them.
+        // Without threads the runtime panics.
         ensure(REQUEST_THREADS + FILE_THREADS + threads.max(1) as usize)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(REQUEST_THREADS)
@@ -215,19 +216,20 @@ impl<S: PayloadSource> Workers<S> {
 }
 
 impl<S> Workers<S> {
-    /// Whether all threads live: one that panicked has said so on standard error.
+    /// Whether all threads are alive: a thread that panicked has printed a message on standard
+    /// error.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         !self.threads.iter().any(JoinHandle::is_finished)
     }
 
-    /// Where payloads come from.
+    /// The source of payloads.
     #[must_use]
     pub fn source(&self) -> &S {
         &self.source
     }
 
-    /// What tells whether work has ended that was not drained.
+    /// A function that tells whether ended work waits to be drained.
     pub fn has_ended(&self) -> impl Fn() -> bool + use<S> {
         let shared = Arc::clone(&self.shared);
         move || !lock(&shared.ended).is_empty()
@@ -292,7 +294,7 @@ impl<S> Drop for Workers<S> {
     }
 }
 
-/// What a thread does: tile after tile, until the queue is closed.
+/// The loop of a decoding thread, until the queue is closed.
 fn decode_tiles(source: &impl PayloadSource, shared: &Shared, world: &World, texels: TexelFormat, thread: u32) {
     let mut scratch = DecodeScratch::default();
     loop {
@@ -310,13 +312,14 @@ fn decode_tiles(source: &impl PayloadSource, shared: &Shared, world: &World, tex
         };
         let tile = job.tile;
         let start_nanos = monotonic_nanos();
-        // A decoder that fails on foreign bytes costs its tile, not the flight.
+        // If a decoder panics on foreign bytes, only its tile is lost, not the flight.
         let result = contained(|| decode(world, texels, job, &mut scratch)).unwrap_or_else(|_panic| {
             scratch = DecodeScratch::default();
             Err(TileFailure::Damaged)
         });
         if result.is_err() {
-            // Before it is told: whoever hears of it must not ask again at once.
+            // Before the failure is reported: the scheduler must not request the tile again at
+            // once.
             source.reject(tile);
         }
         let duration_nanos = monotonic_nanos().saturating_sub(start_nanos);

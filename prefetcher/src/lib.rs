@@ -1,13 +1,16 @@
-//! The prefetcher: brings tiles into the pools, those that frames want and those that they are going to want.
+//! The prefetcher: brings tiles into the pools, both those that frames want and those that
+//! predicted views will want.
 //!
-//! * [`stage`] serves a run through its [`ports`]: it reads want lists, answers with outcomes, and sleeps in between.
-//! * [`scheduler`] decides: what is asked for, in which order, what is given up, where tiles go and what they replace. It
-//!   knows no clock, no thread and no network, so that tests drive it step by step. [`request_window`] is how much it may
-//!   ask for at a time (N of design §9).
-//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`] is where payloads come from,
-//!   and what decides when a tile is asked for again.
-//! * [`prediction`] says which view is going to be, and which tiles it will want.
-//! * [`store_usage`]: what the launcher is told of the database.
+//! * [`stage`] serves a run through its [`ports`]: it reads want lists, writes outcomes, and sleeps
+//!   in between.
+//! * [`scheduler`] decides which tiles are requested, in which order, which requests are cancelled,
+//!   and which slots are reused. It uses no clock, no thread and no network, so that tests drive it
+//!   step by step. [`request_window`] limits the number of requests in flight (N in
+//!   docs/prefetch.md).
+//! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`]
+//!   provides payloads, and decides when a tile may be requested again.
+//! * [`prediction`] predicts the view, and finds the tiles that it will want.
+//! * [`store_usage`] reports the use of the database to the launcher.
 
 pub mod executor;
 pub mod ports;

@@ -15,15 +15,15 @@ pub struct Ports {
     pub control: Arc<Control>,
     /// What frames want.
     pub wants: WantListReader,
-    /// What becomes of it.
+    /// Outcomes of wanted tiles.
     pub outcomes: Producer<TileOutcome>,
     /// The elevation pool.
     pub elevation: PoolWriter,
     /// The colour pool.
     pub color: PoolWriter,
-    /// The cameras to come, where they are told.
+    /// The future cameras, if the launcher sends them.
     pub path: Option<Consumer<CameraRecord>>,
-    /// What the launcher is told.
+    /// Events for the launcher.
     pub events: Events,
 }
 

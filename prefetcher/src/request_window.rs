@@ -1,35 +1,38 @@
-//! How much is asked for at a time: N of design §9.
+//! The window: how many requests may be in flight (N in docs/prefetch.md).
 //!
-//! Requests are counted by the cycle in which they were made. A while after its end a cycle is judged by the share of
-//! its requests that came. While that share is low N goes down; it goes up only when N were asked for and N came. What
-//! N bounds is requests on their way: more would only wait in line somewhere on the wire, where nothing can overtake.
+//! Requests are counted by the cycle in which they were made. Some time after its end, a cycle is
+//! judged by the share of its requests that were answered. If that share is low, N is multiplied by
+//! it. N grows only when N requests were in flight and all of them were answered. More requests
+//! than N would only queue in the network, where urgent ones cannot overtake.
 
 use std::collections::VecDeque;
 
-/// N is never less, or nothing would be learnt of the link any more.
+/// Lower bound of N: with fewer requests the link could no longer be measured.
 const LEAST: f64 = 8.0;
-/// N is never more: no link has more of our tiles on its way at a time.
+/// Upper bound of N: no link carries more tiles at a time.
 const MOST: f64 = 512.0;
-/// N at first; and N is not less while what comes, comes as fast as on an idle link: then it is not N that loses the rest.
+/// The initial N. N does not fall below it while answers are as fast as on an idle link: then
+/// losses have another cause than N.
 const FIRST: f64 = 32.0;
-/// Below this share of requests that came N goes down.
+/// Below this share of answered requests, N is reduced.
 const LOW_SHARE: f64 = 0.9;
-/// From this share on all of them came.
+/// From this share on, all requests count as answered.
 const FULL_SHARE: f64 = 0.99;
-/// N grows by this share of itself.
+/// Relative growth of N.
 const GROWTH: f64 = 0.125;
-/// Fewer requests than this are no sample.
+/// A cycle with fewer requests is not judged.
 const FEWEST: u32 = 4;
-/// Cycles over which the shortest latency is taken for that of the empty link: 10 s at 5 a second.
+/// The shortest latency of this many cycles counts as that of the idle link: 10 s at 5 cycles a
+/// second.
 const LATENCIES: usize = 50;
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Cycle {
     asked: u32,
     came: u32,
-    /// Given up by us: says nothing about the link.
+    /// Requests cancelled by us, which say nothing about the link.
     cancelled: u32,
-    /// N requests were on their way at some time.
+    /// Whether N requests were in flight at some time.
     is_full: bool,
 }
 
@@ -46,16 +49,16 @@ pub struct RequestWindow {
     cycle_nanos: u64,
     /// Number of the first of `cycles`.
     first: u64,
-    /// Those that are not judged yet; the last one is now.
+    /// Cycles that are not judged yet; the last one is the current one.
     cycles: VecDeque<Cycle>,
-    /// Cycles before this one were asked with another N.
+    /// Cycles before this one had another N.
     judge_from: u64,
     latencies: VecDeque<u64>,
     latency_nanos: Option<f64>,
     share: f64,
 }
 
-/// The cycle that a request was made in.
+/// The cycle in which a request was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CycleNumber(u64);
 
@@ -81,19 +84,19 @@ impl RequestWindow {
         self.n as u32
     }
 
-    /// Requests on their way. Those of cycles that were judged are taken for lost.
+    /// Requests in flight. Unanswered requests of judged cycles count as lost.
     #[must_use]
     pub fn in_flight(&self) -> u32 {
         self.cycles.iter().map(Cycle::open).sum()
     }
 
-    /// The share that came of the requests of the last cycle that was judged.
+    /// The share of answered requests of the cycle that was judged last.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.share
     }
 
-    /// How long a payload takes, smoothed; `None` before the first.
+    /// Latency of payloads, smoothed; `None` before the first.
     #[must_use]
     pub fn latency_nanos(&self) -> Option<u64> {
         self.latency_nanos.map(|nanos| nanos as u64)
@@ -103,7 +106,7 @@ impl RequestWindow {
         self.cycles.get_mut(usize::try_from(number.0.checked_sub(self.first)?).ok()?)
     }
 
-    /// Takes a place for a request, if there is one.
+    /// Takes a place in the window for a request, if one is free.
     pub fn ask(&mut self) -> Option<CycleNumber> {
         let is_full = self.in_flight() >= self.n();
         let number = CycleNumber(self.first + self.cycles.len() as u64 - 1);
@@ -116,8 +119,8 @@ impl RequestWindow {
         Some(number)
     }
 
-    /// A payload came (or the answer that there is none), so long after its request. Of a request that was made anew no
-    /// cycle is named: for the cycle that it was made in it is lost.
+    /// Records an answer (a payload, or that there is none), and its latency. For a repeated
+    /// request no cycle is given: in the cycle of the first attempt it counts as lost.
     pub fn came(&mut self, number: Option<CycleNumber>, latency_nanos: u64) {
         if let Some(cycle) = number.and_then(|number| self.cycle(number)) {
             cycle.came += 1;
@@ -129,16 +132,16 @@ impl RequestWindow {
         }
     }
 
-    /// A request was given up because nothing wants the tile any more.
+    /// Records that a request was cancelled because the tile is no longer wanted.
     pub fn cancelled(&mut self, number: CycleNumber) {
         if let Some(cycle) = self.cycle(number) {
             cycle.cancelled += 1;
         }
     }
 
-    /// A cycle is over: judges those before it that have had their time.
+    /// Ends a cycle, and judges earlier cycles that have had enough time.
     pub fn end_cycle(&mut self) {
-        // What was asked for at the end of a cycle has one cycle more, and what the empty link takes.
+        // Requests from the end of a cycle get one more cycle, plus the latency of the idle link.
         let time = 1 + self.shortest_latency().div_ceil(self.cycle_nanos).min(64) as usize;
         while self.cycles.len() > time {
             let number = self.first;
@@ -154,12 +157,12 @@ impl RequestWindow {
         }
     }
 
-    /// How long an answer takes when none is before it, as far as known.
+    /// Latency on an idle link, as far as known.
     fn shortest_latency(&self) -> u64 {
         self.latencies.iter().min().copied().filter(|nanos| *nanos < u64::MAX).unwrap_or(0)
     }
 
-    /// Whether answers do not wait in line.
+    /// Whether answers do not queue.
     fn is_idle(&self) -> bool {
         self.latency_nanos.is_some_and(|nanos| nanos <= 2.0 * self.shortest_latency() as f64)
     }

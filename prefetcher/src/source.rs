@@ -1,4 +1,4 @@
-//! Where tiles come from, as they are stored.
+//! The source of tiles in their stored form.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -6,25 +6,28 @@ use terravision_common::database::Tile;
 use terravision_common::outcome::TileFailure;
 use terravision_store::{ErrorLog, Payload, Store, StoreStats};
 
-/// A terrain database, wherever it is. It alone decides when a request is made again, and when a tile that could not be read
-/// is asked for again (docs/retries.md); deadlines and caches are its business, too.
+/// A terrain database, local or remote. Only the source decides when a request is repeated, and
+/// when a tile that could not be read may be requested again (docs/retries.md). It also handles
+/// deadlines and caches.
 pub trait PayloadSource: Send + Sync + 'static {
-    /// A tile as it is stored. The future is dropped when nothing wants the tile any more; that ends the request, on the
-    /// wire too.
+    /// Reads a tile in its stored form. The future is dropped when the tile is no longer wanted;
+    /// that cancels the request, on the network too.
     fn payload(&self, tile: Tile) -> impl Future<Output = Result<Payload, TileFailure>> + Send;
 
-    /// Why a tile is not to be asked for at this moment; `None` when it may be. Neither blocks nor asks anybody.
+    /// Why a tile must not be requested at this moment; `None` when it may be. Does not block, and
+    /// sends no request.
     fn recent_failure(&self, tile: Tile) -> Option<TileFailure>;
 
-    /// The tile's payload came, and cannot be decoded. Any thread may say so.
+    /// Reports that the tile's payload cannot be decoded. May be called by any thread.
     fn reject(&self, tile: Tile);
 
-    /// What reading has cost so far.
+    /// Statistics of all reads so far.
     fn stats(&self) -> StoreStats {
         StoreStats::default()
     }
 
-    /// What went wrong so far, those failures too that a later request made good; `None` for a source that keeps no log.
+    /// All failures so far, also those after which a repeated request succeeded; `None` for a
+    /// source without a log.
     fn errors(&self) -> Option<&ErrorLog> {
         None
     }

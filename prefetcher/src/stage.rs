@@ -23,7 +23,7 @@ use terravision_store::{FailedTiles, Location, LocationError, Store, StoreError,
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrefetcherError {
-    /// The database is nowhere.
+    /// The location of the database is not valid.
     #[error(transparent)]
     Location {
         /// Why.
@@ -37,7 +37,7 @@ pub enum PrefetcherError {
         #[from]
         source: StoreError,
     },
-    /// A segment cannot be opened, or has content that it cannot have.
+    /// A segment cannot be opened, or has invalid content.
     #[error(transparent)]
     Shm {
         /// Why.
@@ -58,7 +58,7 @@ pub enum PrefetcherError {
         #[from]
         source: ExecutorError,
     },
-    /// A thread has died.
+    /// A decoding thread has died.
     #[error("a thread that decodes tiles has died; this is a bug in the decoder of a tile")]
     ThreadDied,
 }
@@ -69,7 +69,7 @@ impl StageError for PrefetcherError {
     }
 }
 
-/// Serves the frames of a run until the last is prepared, with tiles from `source`.
+/// Serves the frames of a run with tiles from `source`, until the last one is prepared.
 ///
 /// # Errors
 /// [`PrefetcherError`].
@@ -94,7 +94,7 @@ pub fn serve<S: PayloadSource>(
     served
 }
 
-/// All that serves a run.
+/// State of a serving prefetcher.
 struct Service<S, R> {
     control: Arc<Control>,
     wants: WantListReader,
@@ -145,10 +145,10 @@ impl<S: PayloadSource, R: HeightRanges> Service<S, R> {
         if self.executor.is_whole() { Ok(()) } else { Err(PrefetcherError::ThreadDied) }
     }
 
-    /// Tells the preparer and the launcher what the scheduler has to say.
+    /// Sends the scheduler's outcomes to the preparer, and its events to the launcher.
     fn tell(&mut self) {
         for outcome in self.scheduler.outcomes.drain(..) {
-            // One that finds the ring full is told again for a later list.
+            // An outcome that finds the ring full is sent again for a later list.
             self.outcomes.try_push(outcome).ok();
         }
         if !self.scheduler.events.is_empty() {
@@ -160,7 +160,7 @@ impl<S: PayloadSource, R: HeightRanges> Service<S, R> {
     }
 }
 
-/// Ranges of height of a database that others read, too.
+/// The ranges of height of a shared database.
 #[derive(Debug)]
 struct SharedRanges(Arc<Store>);
 
@@ -186,7 +186,7 @@ pub fn run(run: &StageRun) -> Result<(), PrefetcherError> {
     serve(&world, SharedRanges(Arc::clone(&store)), config, store, ports)
 }
 
-/// The run's database: its index is here already, and checked.
+/// Opens the database of the run. The launcher has already fetched and checked its index.
 fn open_database(config: &RunConfig) -> Result<Store, PrefetcherError> {
     let location = Location::parse(&config.database.location)?;
     let options = StoreOptions {

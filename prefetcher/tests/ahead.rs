@@ -31,7 +31,8 @@ fn camera(north: f64, heading_rad: f64, time_secs: f64) -> Camera {
     }
 }
 
-/// A track that has seen two seconds of a flight at 30 frames a second, and the time of the last frame.
+/// A track that has seen two seconds of a flight at 30 frames a second, and the time of the last
+/// frame.
 fn track(north: impl Fn(f64) -> f64, heading: impl Fn(f64) -> f64) -> (CameraTrack, u64) {
     let mut track = CameraTrack::default();
     let mut last = 0;
@@ -116,7 +117,8 @@ fn a_view_wants_what_its_tree_wants_coarse_to_fine() {
         let distinct: HashSet<Tile> = tiles.iter().copied().collect();
         assert_eq!(distinct.len(), tiles.len(), "each once");
         assert!(tiles.iter().all(|tile| in_tree.contains(&tile.node)));
-        // Every leaf has a wanted colour tile at or above it, every elevation leaf its own elevation.
+        // Every leaf has a wanted colour tile at or above it, every elevation leaf its own
+        // elevation.
         for node in &nodes[..stats.node_count as usize] {
             let id = node.id().expect("an id");
             if node.flags & terravision_common::tree::ELEVATION_LEAF != 0 {

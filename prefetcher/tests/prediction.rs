@@ -1,4 +1,5 @@
-//! What prediction gains over a slow link: a fast straight flight, turns, and a stop, in simulated time.
+//! The gain of prediction over a slow link: a fast straight flight, turns, and a stop, in simulated
+//! time.
 #![allow(clippy::print_stdout, reason = "the figures are what one wants to see")]
 
 mod support;
@@ -14,7 +15,8 @@ const LINK: LinkFields = LinkFields { latency_nanos: 80 * MS, bytes_per_sec: 2_5
 
 const SECS: u64 = 60;
 
-/// 0 to 20 s straight ahead at 300 m/s, to 45 s turns of 20 degrees a second to either side, then a stop within 3 s.
+/// 0 to 20 s straight ahead at 300 m/s, to 45 s turns of 20 degrees a second to either side, then a
+/// stop within 3 s.
 fn path(time: f64) -> Camera {
     let speed = |t: f64| if t < 45.0 { 300.0 } else { 300.0 * ((48.0 - t) / 3.0).clamp(0.0, 1.0) };
     let rate = |t: f64| {
@@ -81,11 +83,11 @@ fn prediction_pays_over_a_slow_link() {
     let [(_, off), (_, linear), (_, quadratic), (_, oracle)] = &flown;
     for predicted in [linear, quadratic] {
         assert!(predicted.mean() >= 0.9 * oracle.mean());
-        // Half of what is not drawn as wanted without prediction is with it.
+        // Prediction at least halves the share that is not drawn as wanted.
         assert!(1.0 - predicted.mean() < 0.5 * (1.0 - off.mean()));
         assert!(predicted.bytes as f64 <= 1.5 * oracle.bytes as f64);
     }
-    // After the stop all that the picture wants comes, whatever was foreseen.
+    // After the stop all wanted tiles arrive, whatever was predicted.
     assert!(flown.iter().all(|(_, flight)| flight.missing_at_end == 0 && flight.sharp.last() == Some(&1.0)));
 }
 

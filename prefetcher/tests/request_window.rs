@@ -1,4 +1,5 @@
-//! N: down while less comes than is asked for, up only when N were asked for and N came.
+//! N falls while fewer requests are answered than made, and grows only when N were in flight and N
+//! were answered.
 
 use std::collections::VecDeque;
 use terravision_prefetcher::request_window::{CycleNumber, RequestWindow};
@@ -6,8 +7,8 @@ use terravision_prefetcher::request_window::{CycleNumber, RequestWindow};
 const MS: u64 = 1_000_000;
 const CYCLE: u64 = 200 * MS;
 
-/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms` after it was made;
-/// and loses one in `loses_one_in` (0: none).
+/// A link that answers requests in their order, one every `gap_ms`, each at the earliest `delay_ms`
+/// after it was made; and loses one in `loses_one_in` (0: none).
 struct Link {
     window: RequestWindow,
     open: VecDeque<(u64, CycleNumber)>,

@@ -1,4 +1,5 @@
-//! What the scheduler asks for, gives up, tells and evicts, step by step: no thread, no clock.
+//! What the scheduler requests, cancels, reports and evicts, step by step, without threads or
+//! clocks.
 
 mod support;
 
@@ -39,12 +40,12 @@ fn a_list_replaces_the_one_before_and_what_is_on_none_is_given_up_on_the_wire() 
     assert_eq!(fixture.executor.cancelled, tickets[..2], "the first two, each once");
     assert_eq!(fixture.executor.open(), [color(3), color(4)], "what stays on the list is not asked for again");
     assert_eq!(fixture.control.counter(Counter::TilesCancelled), 2);
-    // An answer that was on its way when it was given up changes nothing.
+    // An answer that was in flight when its request was cancelled changes nothing.
     fixture.executor.answer(color(1), fixture.now);
     fixture.executor.answer(color(3), fixture.now);
     fixture.step();
     assert!(!fixture.is_there(color(1)) && fixture.is_there(color(3)));
-    // Also what has arrived and waits for a slot is given up: nothing is held for it.
+    // A payload that has arrived and waits for a slot is given up too.
     fixture.want(3, &[]);
     assert_eq!(fixture.scheduler.priority_of(color(4)), None);
 }
@@ -57,7 +58,7 @@ fn a_predicted_tile_that_is_wanted_is_asked_for_once_and_then_urgent() {
     fixture.want(1, &[color(2), color(3)]);
     assert_eq!(fixture.scheduler.priority_of(color(2)), Some(Priority::Now));
     assert_eq!(fixture.executor.open(), [color(1), color(2), color(3)]);
-    // And the other way round: no longer wanted, still expected.
+    // And the reverse: no longer wanted, but still predicted.
     fixture.expect(&[color(2), color(3)]);
     fixture.want(2, &[]);
     assert_eq!(fixture.executor.open(), [color(2), color(3)]);
@@ -91,7 +92,7 @@ fn outcomes_are_told_when_a_tile_ends_and_again_for_every_list_that_names_it() {
     let resident = Outcome::Resident { key };
     let expected = [(color(1), resident), (color(2), Outcome::Unavailable { failure: TileFailure::Unreadable })];
     assert_eq!(told, HashMap::from(expected));
-    // For the launcher once, for the preparer with each list.
+    // Reported to the launcher once, to the preparer with each list.
     let of_two = |events: &TileEvent| matches!(events, TileEvent::Unavailable { tile, failure: TileFailure::Unreadable, frame, .. } if *tile == color(2) && *frame == FrameNumber::new(101));
     assert_eq!(fixture.scheduler.events.iter().filter(|events| of_two(events)).count(), 1);
     for sequence in 2..4 {
@@ -188,7 +189,8 @@ fn no_room_is_told_once_nothing_changes_it_and_a_completed_frame_does() {
     assert_eq!(told.iter().filter(|(_, o)| matches!(o, Outcome::Resident { .. })).count(), 3);
     fixture.step();
     assert!(fixture.told().is_empty(), "once");
-    // Frame 1 is drawn: its tiles make room for the payload that waits, which is not asked for again.
+    // Frame 1 is drawn: its tiles make room for the payload that waits, which is not asked for
+    // again.
     let requests = fixture.control.counter(Counter::TilesRequested);
     fixture.control.set_completed_sequence(Sequence::FIRST);
     fixture.want(2, &[color(3)]);
@@ -269,8 +271,8 @@ fn numbered(number: &u32) -> Tile {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever comes: the top levels stay, and so does every tile that a frame wanted and found there, until that frame
-    /// is completed. What is asked for is on a list, once.
+    /// Whatever comes: the top levels stay, and so does every tile that a frame wanted and found
+    /// there, until that frame is completed. What is asked for is on a list, once.
     #[test]
     fn neither_locked_nor_named_tiles_are_ever_evicted(steps in prop::collection::vec(step(), 1..120)) {
         let mut fixture = Fixture::warmed(27, FailedTiles::Rest);

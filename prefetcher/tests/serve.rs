@@ -1,4 +1,4 @@
-//! The prefetcher as a run has it: real segments' handles, real threads, tiles as they are stored.
+//! The prefetcher as in a run: handles of real segments, real threads, stored tiles.
 
 mod support;
 
@@ -100,7 +100,7 @@ fn config() -> RunConfig {
     .expect("valid")
 }
 
-/// Runs a prefetcher with `source` beside `peer`, which ends it. What it returned, and what it told.
+/// Runs a prefetcher with `source` beside `peer`, which ends it. Returns its result and its events.
 fn with_prefetcher(source: &Source, peer: impl FnOnce(&mut Peer) + Send + 'static) -> Result<Vec<Event>, String> {
     let source = source.clone();
     #[expect(clippy::disallowed_methods, reason = "a test sends a few")]

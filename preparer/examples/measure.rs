@@ -1,5 +1,5 @@
-//! Speed of search and preparation over a synthetic world, with no files and no other process, and how many triangles
-//! a frame has.
+//! Measures the speed of search and preparation over a synthetic world, without files or other
+//! processes, and counts the triangles of a frame.
 //!
 //! `cargo run --release -p terravision-preparer --example measure [-- ELEVATION_TILE [COLOR_TILE]]`
 #![allow(clippy::unwrap_used, reason = "an example")]
@@ -41,7 +41,7 @@ impl Tiles for All {
 
 fn world(nz: u32, nc: u32) -> World {
     World::new(WorldFields {
-        // Texels of 5 m, or as near as it gets.
+        // Texels of 5 m, or the nearest possible size.
         finest_color_level: (nc / nz / 2).ilog2() as u8,
         ..fields([4096; 2], 10.0, [nz, nc])
     })

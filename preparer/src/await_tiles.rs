@@ -1,4 +1,5 @@
-//! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be unavailable.
+//! Exact mode: a frame waits until every tile that it wants is in its pool, or known to be
+//! unavailable.
 
 use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
@@ -11,7 +12,7 @@ use terravision_common::texels::TexelFormat;
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
-/// Why a frame cannot have its tiles.
+/// Why waiting for a frame's tiles failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AwaitError {
@@ -23,12 +24,12 @@ pub enum AwaitError {
     TooLittleMemory {
         /// The frame.
         frame: FrameNumber,
-        /// What `--memory` would have to be.
+        /// The value that `--memory` would need.
         needed_mib: u64,
-        /// What the pools are.
+        /// The size of the pools.
         given_mib: u64,
     },
-    /// The pools are as large as they can be.
+    /// The pools have their maximum size.
     #[error(
         "frame {frame} needs {needed} {layer} tiles at once and a pool holds {capacity} at most: \
          ask for less with a larger --texel-px or --facet-px"
@@ -60,22 +61,23 @@ pub struct TileWait {
     world: World,
     texels: TexelFormat,
     pending: Vec<Tile>,
-    /// The top levels, which are in the pools whatever a frame wants.
+    /// The top levels, which are always in the pools.
     locked: Vec<Tile>,
-    /// The coarsest level that is not locked; none when all are.
+    /// The coarsest level that is not locked; `None` when all are.
     first_unlocked: Option<u8>,
 }
 
 impl TileWait {
-    /// Buffers for frames that want up to `wanted` tiles, whose colours the pool holds in this format.
+    /// Buffers for frames that want up to `wanted` tiles, whose colours the pool holds in this
+    /// format.
     #[must_use]
     pub fn new(world: &World, texels: TexelFormat, wanted: usize) -> Self {
         let (locked, first_unlocked) = top_levels(world);
         Self { world: *world, texels, pending: Vec::with_capacity(wanted.max(locked.len())), locked, first_unlocked }
     }
 
-    /// Waits until the top levels of both pyramids, which the prefetcher keeps for ever, are there: from then on there
-    /// always is a picture.
+    /// Waits until the top levels of both pyramids are resident. The prefetcher never evicts them,
+    /// so that from then on there is always a picture.
     ///
     /// # Errors
     /// [`AwaitError`].
@@ -86,9 +88,10 @@ impl TileWait {
         Ok(())
     }
 
-    /// Waits for as long as `patience` until the top levels are there, also when some of them could not be read at first: a server
-    /// may be away for longer than one read may take. What it refuses is not waited for, but for the root, without which
-    /// there is no picture. Whether the root is there.
+    /// Waits up to `patience` until the top levels are resident, also when some of them could not
+    /// be read at first: a server may be down for longer than a single read may take. Tiles that
+    /// the server refuses are not waited for, except for the root, without which there is no
+    /// picture. Returns whether the root is resident.
     ///
     /// # Errors
     /// [`AwaitError`].
@@ -102,10 +105,10 @@ impl TileWait {
         let root = self.world.root();
         loop {
             loader.drain()?;
-            // Its own clock ends this wait.
+            // This wait is ended by its own clock.
             control.progress();
             let (mut is_root_there, mut is_over) = (true, true);
-            // All of them are wanted, whatever the first is.
+            // All of them are wanted, whatever the state of the first.
             for tile in &self.locked {
                 let (is_there, is_awaited) = match loader.want(*tile, FrameNumber::default(), Sequence::NONE, control) {
                     TileState::Resident => (true, false),
@@ -123,8 +126,8 @@ impl TileWait {
         }
     }
 
-    /// The first of the root's tiles that is not there: without them there is no picture. Called when the top levels are
-    /// settled; does not block.
+    /// The first of the root's tiles that is missing: without them there is no picture. To be
+    /// called when the top levels are settled; does not block.
     pub fn missing_of_root(&mut self, loader: &mut impl TileLoader, control: &Control) -> Option<Tile> {
         let root = self.world.root();
         let mut of_root = self.locked.iter().filter(|tile| tile.node == root);
@@ -189,7 +192,8 @@ impl TileWait {
                         let capacity = u64::from(loader.capacity(layer));
                         return Err(self.too_small(layer, capacity + 1, capacity, frame));
                     }
-                    // Earlier frames hold the slots; all of them are in the ring, so one will be completed.
+                    // Earlier frames hold the slots; all of these frames are in the ring, so that
+                    // one of them will be completed.
                     control.wait_completed(completed.next())?;
                 }
                 _ => loader.wait(control)?,
@@ -213,13 +217,14 @@ impl TileWait {
         Ok(())
     }
 
-    /// What memory would do, if any.
+    /// The error for pools that are too small, with the memory that would suffice, if any.
     fn too_small(&self, layer: Layer, needed: u64, capacity: u64, frame: FrameNumber) -> AwaitError {
         let slots = |memory: u64| {
             let layout = Layout::for_run(&self.world, memory, self.texels).ok()?;
             Some(u64::from(if layer == Layer::Color { layout.color_slots() } else { layout.elevation_slots() }))
         };
-        // Pools grow with memory in steps of a MiB and less; the smallest that suffices, by halving.
+        // Pools grow with memory in steps of at most a MiB: find the smallest that suffices by
+        // bisection.
         let least = |wanted: u64| {
             let (mut low, mut high) = (0u64, 1 << 20);
             while low < high {
@@ -242,7 +247,7 @@ mod tests {
     use terravision_common::shm::memory;
     use terravision_testkit::worlds;
 
-    /// Answers by a script: `states(tile, round)`; a round ends with each wait.
+    /// Answers from a script: `states(tile, round)`; each wait ends a round.
     struct Scripted<F> {
         round: usize,
         states: F,
@@ -285,7 +290,7 @@ mod tests {
         fn close(&mut self) {}
     }
 
-    /// Rounds that are waited, and whether the root is there then.
+    /// The number of rounds waited, and whether the root is resident afterwards.
     fn rounds(patience: Duration, states: impl Fn(Tile, NodeId, usize) -> TileState) -> (usize, bool) {
         let world = worlds::world([64; 2], 1.0, [4, 16]);
         let control = memory::control().expect("a control block");
@@ -305,7 +310,7 @@ mod tests {
             if round >= at { TileState::Resident } else { before }
         };
         let not_root = |tile: Tile, root: NodeId| tile.node != root;
-        // A tile beside the root that failed is waited for.
+        // A tile other than the root that failed is waited for.
         assert_eq!(
             rounds(FOREVER, |tile, root, round| resident_from(
                 if not_root(tile, root) { 7 } else { 0 },
@@ -314,7 +319,7 @@ mod tests {
             )),
             (7, true)
         );
-        // One that is refused is not, the root is.
+        // A refused tile is not waited for, unless it is the root's.
         assert_eq!(
             rounds(FOREVER, |t, root, _| if not_root(t, root) { REFUSED } else { TileState::Resident }),
             (0, true)

@@ -1,9 +1,10 @@
 //! Block culling: the part of a colour leaf's block that is seen.
 //!
-//! The generator culls by node; at the border of the picture most of a node may be outside, and ground behind a ridge is
-//! hidden. Here every vertex is known, so rows and columns of facets of which all vertices are outside of one frustum plane,
-//! or which lie below the [`horizon`](crate::horizon), are not drawn at all. What is culled would not have produced a
-//! pixel. With several views that holds for all of them: what one of them may see stays.
+//! The generator culls by node; at the border of the picture most of a node may be outside, and
+//! ground behind a ridge is hidden. Here every vertex is known. So rows and columns of facets are
+//! culled if all their vertices are outside of one frustum plane, or if they lie below the
+//! [`horizon`](crate::horizon). Culled facets would not have produced a pixel. With several views,
+//! only facets that no view can see are culled.
 
 use crate::horizon::Horizon;
 use glam::Vec3;
@@ -14,8 +15,9 @@ use terravision_common::surface::{EyeFrame, Surface, Vertices};
 use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
-/// A vertex counts as inside of a plane when it is outside by less than this share of its distance from the eye, plus
-/// a millimetre: the renderer works in single precision, and so does this.
+/// A vertex counts as inside a plane when it is outside by less than this share of its distance
+/// from the eye, plus a millimetre: the renderer computes in single precision, and so does this
+/// module.
 const MARGIN: f32 = 1e-4;
 const MARGIN_M: f32 = 1e-3;
 const PLANES: usize = 5;
@@ -25,8 +27,8 @@ const PLANES: usize = 5;
 pub struct Sight<'a> {
     /// Its camera.
     pub camera: &'a Camera,
-    /// Height of the ground under its eye, metres, of any level; `None` where leaves do not come near to far for it, so that
-    /// nothing is hidden from it.
+    /// Height of the ground under its eye, metres, at any level; `None` when leaves are not in
+    /// near-to-far order for this eye, so that nothing may be hidden from it.
     pub ground_m: Option<f64>,
 }
 
@@ -34,10 +36,10 @@ pub struct Sight<'a> {
 #[derive(Debug)]
 pub struct BlockCulling {
     world: World,
-    /// Of each view of the frame, and those of frames before that had more.
+    /// One for each view of the frame; earlier frames with more views may have left more.
     eyes: Vec<Eye>,
     view_count: usize,
-    /// Whether anything of the entered leaf is seen.
+    /// Whether any part of the entered leaf is seen.
     is_seen: bool,
 }
 
@@ -47,16 +49,16 @@ struct Eye {
     surface: Surface,
     posts: usize,
     normals: [Vec3; PLANES],
-    /// Of the view's camera.
+    /// The frame of the view's camera.
     frame: Option<EyeFrame>,
-    /// What heights are above, metres above this eye.
+    /// The datum of heights, metres above this eye.
     datum_m: f32,
-    /// Columns and rows of the entered leaf from the eye.
+    /// Columns and rows of the entered leaf, relative to the eye.
     columns: Vec<f32>,
     rows: Vec<f32>,
-    /// Heights from the eye, where it is not as high as the datum.
+    /// Heights relative to the eye, if it is not at the height of the datum.
     heights: Vec<f32>,
-    /// A bit per plane that the vertex is outside of; as wide as a coordinate, for SIMD.
+    /// For each vertex a bit per plane that it is outside of; as wide as a coordinate, for SIMD.
     outside: Vec<u32>,
     horizon: Horizon,
 }
@@ -68,7 +70,7 @@ impl BlockCulling {
         Self { world: *world, eyes: vec![Eye::new(world)], view_count: 0, is_seen: false }
     }
 
-    /// Takes the views of a frame, whose heights are above the eye of `pose`.
+    /// Takes the views of a frame, whose heights are relative to the eye of `pose`.
     pub fn look<'a>(&mut self, pose: &Camera, views: impl Iterator<Item = Sight<'a>>) {
         self.view_count = 0;
         for view in views {
@@ -84,10 +86,10 @@ impl BlockCulling {
         &mut self.eyes[..self.view_count]
     }
 
-    /// Takes the array of an elevation leaf, near to far: heights relative to the pose's eye, as the slots of its blocks have it,
-    /// and behind them the shares of ground of a world with validity.
-    /// `snaps`: log2 of the steps between vertices that are drawn, inside and on its west, east, south and north edge. Rows
-    /// between them are not looked at.
+    /// Takes the array of an elevation leaf, near to far: heights relative to the pose's eye, as in
+    /// the slots of its blocks, followed by the shares of ground of a world with validity. `snaps`:
+    /// log2 of the steps between drawn vertices, in the interior and on the west, east, south and
+    /// north edge. Rows in between are ignored.
     pub fn enter(&mut self, node: NodeId, array: &[f32], snaps: (u8, [u8; 4])) {
         let posts = self.world.elevation_posts() as usize;
         let heights = &array[..posts * posts];
@@ -104,15 +106,16 @@ impl BlockCulling {
         self.is_seen = false;
     }
 
-    /// All blocks of the entered leaf were culled: what is seen of it hides what comes after it.
+    /// To be called when all blocks of the entered leaf have been culled: what is seen of it hides
+    /// what comes after it.
     pub fn leave(&mut self) {
         if self.is_seen {
             self.eyes().iter_mut().for_each(|eye| eye.horizon.leave());
         }
     }
 
-    /// Cuts a block of the entered leaf down to what is seen, or marks it as hidden; `false` when nothing of it is in any
-    /// view.
+    /// Shrinks a block of the entered leaf to the part that is seen, or marks it as hidden. Returns
+    /// `false` when no part of it is in any view.
     pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
         let eyes = &self.eyes[..self.view_count];
         if !cull_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
@@ -167,7 +170,7 @@ impl Eye {
         };
         let grid = 1 << snaps.0;
         if grid > 1 {
-            // Rows that are not drawn have no say in what is outside.
+            // Rows that are not drawn do not matter for what is outside.
             self.outside.fill(u32::MAX);
         }
         let vertices = Vertices { columns: &self.columns, rows: &self.rows, heights };
@@ -185,7 +188,7 @@ impl Eye {
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
     }
 
-    /// Where the columns and rows of a leaf lie from the eye.
+    /// Computes the positions of a leaf's columns and rows relative to the eye.
     fn place(&mut self, node: NodeId) {
         let surface = self.surface;
         let Some(frame) = self.frame else { return };
@@ -197,7 +200,7 @@ impl Eye {
         }
     }
 
-    /// Whether all vertices of a closed range of the array are outside of the same plane.
+    /// Whether all vertices of a closed range of the array are outside the same plane.
     fn is_outside(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
         let mut all = u32::MAX;
         for row in self.outside.chunks_exact(self.posts).take(y1 + 1).skip(y0) {
@@ -210,7 +213,8 @@ impl Eye {
     }
 }
 
-/// Takes strips off a block while they are unseen; `false`, and the block as it was, when nothing is left.
+/// Removes strips from a block while they are unseen. Returns `false`, with the block unchanged,
+/// when nothing is left.
 fn cull_by(slot: &mut TileSlot, is_unseen: impl Fn([usize; 2], [usize; 2]) -> bool) -> bool {
     // Vertices on an edge that snaps move within such steps, so strips of them are culled whole.
     let step = 1u16 << slot.edge_snap.into_iter().max().unwrap_or(0);

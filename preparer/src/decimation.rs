@@ -1,14 +1,18 @@
-//! Vertex decimation: how finely each elevation leaf is drawn.
+//! Vertex decimation: at which resolution each elevation leaf is drawn.
 //!
-//! The search splits a node for the part of it that wants most, and the restriction of the tree splits some for a
-//! neighbour; so of many leaves every vertex wants a coarser level than the leaf's own. Heights there are taken from
-//! coarser levels (design §5), whose facets are larger: the vertices between lie on those facets, and are left out.
-//! A leaf of level q that is drawn at level e has every `2^(e - q)`-th vertex, and on an edge as few as the neighbour.
+//! The search splits a node for the part of it that needs the finest level, and the restriction of
+//! the tree splits some nodes for a neighbour. So there are many leaves of which every vertex needs
+//! a coarser level than the leaf's own. Heights there are taken from coarser levels
+//! ([`crate::heights`]), whose facets are larger: the vertices in between lie on those facets, and
+//! are omitted. A leaf of level q that is drawn at level e has every `2^(e - q)`-th vertex, and on
+//! an edge as few as the neighbour.
 //!
-//! Two leaves agree on an edge because each has one drawn level, and the coarser of the two holds on the edge. That takes
-//! two rules:
-//! * a leaf is drawn at most so coarse that its neighbours' edges, and the blocks of their colour leaves, can follow;
-//! * a leaf beside a coarser one is drawn no coarser than that: along one edge there is one step.
+//! Two leaves agree on an edge because each has one drawn level, and the coarser of the two applies
+//! on the edge. This needs two rules:
+//! * a leaf is drawn no coarser than its neighbours' edges, and the blocks of their colour leaves,
+//!   can follow;
+//! * a leaf beside a coarser one is drawn no coarser than that one: along an edge there is one
+//!   step.
 
 use crate::heights::{Heights, TileVanished};
 use crate::truncation::{ElevationLeaf, Tiles, Truncation};
@@ -20,7 +24,7 @@ use terravision_common::world::World;
 #[derive(Debug)]
 pub struct Decimation {
     most: u8,
-    /// Of each elevation leaf, in their order.
+    /// The drawn level of each elevation leaf, in their order.
     drawn: Vec<u8>,
     /// Leaves, coarse to fine.
     order: Vec<u32>,
@@ -43,7 +47,7 @@ impl Decimation {
     /// Finds the drawn level of each leaf of a truncated tree.
     ///
     /// # Errors
-    /// [`TileVanished`] when a tile that the smooth elevation is taken from is not there.
+    /// [`TileVanished`] when a tile of the smooth elevation is missing.
     pub fn choose(
         &mut self,
         truncation: &Truncation,
@@ -77,7 +81,8 @@ impl Decimation {
         Ok(())
     }
 
-    /// log2 of the steps between vertices that a leaf is drawn with, in it and on its west, east, south and north edge.
+    /// log2 of the steps between the drawn vertices of a leaf, in its interior and on its west,
+    /// east, south and north edge.
     #[must_use]
     pub fn snaps(&self, at: usize, leaf: &ElevationLeaf) -> (u8, [u8; 4]) {
         let (own, q) = (self.drawn[at], leaf.node.q());
@@ -85,8 +90,8 @@ impl Decimation {
         (own - q, edges)
     }
 
-    /// The coarsest level at which vertices may follow each other on a leaf's edges: a block of its colour leaves is no
-    /// narrower.
+    /// The coarsest level for the steps between vertices on a leaf's edges: no block of its colour
+    /// leaves may be narrower.
     fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
         let colors = &truncation.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize];
         let finest = colors.iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());

@@ -1,4 +1,4 @@
-//! Detail coverage: how much of what is seen is drawn as finely as wanted.
+//! Detail coverage: the share of the visible ground that is drawn at the wanted resolution.
 
 use crate::frame_tree::FrameTree;
 use crate::truncation::{ColorLeaf, Tiles, Truncation};
@@ -9,16 +9,16 @@ use terravision_common::rig::Views;
 use terravision_common::surface::tile::CellPosition;
 use terravision_common::world::World;
 
-/// Samples along a side of a leaf ...
+/// Samples along a side of a leaf, ...
 const SAMPLES: u32 = 4;
 /// ... and of one that is coarser than wanted, which may be large on screen.
 const COARSE_SAMPLES: u32 = 16;
-/// Level ground counts as if it were seen at this sine of an angle at least, as for the level functions.
+/// Lower bound of the sine of the angle at which level ground is seen, as for the level functions.
 const LEAST_SLANT: f64 = 0.15;
 
-/// The share of the ground's area on screen that a truncated tree draws as finely as wanted: leaves of the whole tree
-/// against those that stand for nodes below them, all views of the frame together. Ground that other ground hides counts too.
-/// 1 when no ground is seen.
+/// The share of the ground's area on screen that a truncated tree draws at the wanted resolution:
+/// leaves of the full tree, against leaves that stand for nodes below them; over all views of the
+/// frame. Ground that is hidden by other ground counts too. 1 when no ground is seen.
 #[must_use]
 pub fn detail_coverage(
     world: &World,
@@ -43,12 +43,12 @@ pub fn detail_coverage(
     if all > 0.0 { fine / all } else { 1.0 }
 }
 
-/// Whether the tree itself ends with this leaf.
+/// Whether this is a leaf of the full tree.
 fn is_as_wanted(tree: &FrameTree, leaf: &ColorLeaf) -> bool {
     tree.nodes[leaf.index()].children().is_empty()
 }
 
-/// The elevation tile of a node, or of the nearest one above that has one.
+/// The elevation tile of a node, or of its nearest ancestor that has one.
 fn heights_of<'t>(world: &World, tiles: &'t impl Tiles, node: NodeId) -> Option<(NodeId, &'t [f32])> {
     let posts = (world.elevation_posts() as usize).pow(2);
     (node.q()..world.levels()).map(|q| node.ancestor(q)).find_map(|above| {
@@ -65,7 +65,7 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// The area on screen of a node's ground, which has these heights, from `n` times `n` samples.
+    /// The area on screen of a node's ground with these heights, from `n` times `n` samples.
     fn area_px(&self, node: NodeId, tile: NodeId, posts: &[f32], n: u32) -> f64 {
         let corner = |node| DVec2::from_array(self.world.node_origin(node).map(|v| v as f64));
         let (corner, tile_corner) = (corner(node), corner(tile));
@@ -83,7 +83,7 @@ impl View<'_> {
             if at.cmpge(extent).any() {
                 continue;
             }
-            // The post south west of it is near enough.
+            // The post to the south west is close enough.
             let place = (at - tile_corner) / spacing;
             let [i, j] = [place.x, place.y].map(|v| CellPosition::within(v, cells).cell as usize);
             let height = posts.get(j * row + i).copied().unwrap_or(0.0);

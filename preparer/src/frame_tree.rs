@@ -1,4 +1,4 @@
-//! One frame's tree, checked: what the generator wrote, copied out of shared memory and believed from here on.
+//! One frame's tree, copied out of shared memory and checked. The rest of the preparer trusts it.
 
 use glam::DVec3;
 use terravision_common::database::Layer;
@@ -8,7 +8,8 @@ use terravision_common::node::NodeId;
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 
-/// What is wrong with a tree. The generator never writes such a tree: it is of another build, or memory is damaged.
+/// What is wrong with a tree. The generator never writes such a tree: it comes from another build,
+/// or memory is damaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TreeError {
@@ -23,7 +24,7 @@ pub enum TreeError {
     /// The first node is not the root.
     #[error("the tree begins with node {found}, expected the root {expected}")]
     NotTheRoot {
-        /// What it begins with.
+        /// The node that it begins with.
         found: NodeId,
         /// The root.
         expected: NodeId,
@@ -35,10 +36,10 @@ pub enum TreeError {
         index: u32,
         /// Where they begin.
         found: u32,
-        /// Where they should.
+        /// Where they should begin.
         expected: u32,
     },
-    /// A child's id is not one of its parent's children, or is there twice.
+    /// A child's id does not belong to its parent, or occurs twice.
     #[error("node {child} of the tree is listed as child of {parent}")]
     NotAChild {
         /// The parent.
@@ -54,7 +55,7 @@ pub enum TreeError {
         /// Its flags.
         flags: u8,
     },
-    /// There are nodes that are nobody's children.
+    /// Some nodes cannot be reached from the root.
     #[error("the tree has {found} nodes, but only {reached} can be reached from its root")]
     Unreached {
         /// Nodes.
@@ -118,8 +119,9 @@ impl FrameTree {
         }
     }
 
-    /// Whether the tree, whose nodes come near to far as seen from `eye`, is in that order for another eye, too: no two children
-    /// of a node lie between them.
+    /// Whether the tree, whose nodes are in near-to-far order as seen from `eye`, is in that order
+    /// for another eye too. It is if both eyes are on the same sides of all borders between
+    /// children.
     #[must_use]
     pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
         let surface = self.world.surface();
@@ -128,10 +130,10 @@ impl FrameTree {
         surface.foot(eye) == surface.foot(other) || split.all(|node| nearest(node, eye) == nearest(node, other))
     }
 
-    /// Reads and checks a tree. An empty one is a frame in which nothing is visible.
+    /// Reads and checks a tree. An empty tree is a frame in which nothing is visible.
     ///
     /// # Errors
-    /// [`TreeError`]; the frame before is gone then.
+    /// [`TreeError`]; the previous tree is lost then.
     pub fn read(&mut self, tree: &[TreeNode]) -> Result<(), TreeError> {
         self.nodes.clear();
         self.wanted.clear();
@@ -141,7 +143,8 @@ impl FrameTree {
         if found != expected {
             return Err(TreeError::NotTheRoot { found, expected });
         }
-        // Nodes are first copied in their order, then walked, so that parents are known before their children.
+        // Nodes are first copied in order, then walked, so that parents are known before their
+        // children.
         for (index, node) in (0u32..).zip(tree) {
             let id = self.id(index, node)?;
             self.nodes.push(FrameNode {
@@ -235,7 +238,8 @@ impl FrameTree {
         node.id.q() - q
     }
 
-    /// Every tile that the frame wants, in the order of the tree: a tile comes after those of its ancestors.
+    /// Every tile that the frame wants, in the order of the tree: a tile comes after those of its
+    /// ancestors.
     #[must_use]
     pub fn wanted(&self) -> &[Tile] {
         &self.wanted

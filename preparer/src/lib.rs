@@ -1,14 +1,15 @@
-//! The preparer: from the truncated quad tree to what the renderer draws.
+//! The preparer: turns the truncated quad tree into the tiles that the renderer draws.
 //!
-//! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles that it wants, which a
-//!   [`loader`] has brought into the pools by the prefetcher.
-//! * [`resident_tiles`] pins the tiles that are there, where a flight does not wait.
-//! * [`truncation`] decides what is drawn with those tiles. [`heights`] makes elevation arrays of them, with no cracks between
-//!   leaves. [`decimation`] leaves out vertices that are finer than wanted, [`block_culling`] what is beside the picture or
-//!   behind the [`horizon`] of what is nearer. [`frame`] writes it all into the rings. [`detail_coverage`] measures how much
-//!   of what is seen is as fine as wanted.
-//! * [`stage`] goes through a run's frames, by its [`ports`]: takes a tree, waits for its tiles, hands the frame over
-//!   (`rings`).
+//! * [`frame_tree`] checks a tree that the generator wrote. [`await_tiles`] waits for the tiles
+//!   that it wants; a [`loader`] asks the prefetcher to bring them into the pools.
+//! * [`resident_tiles`] pins the resident tiles, when a flight does not wait.
+//! * [`truncation`] decides what is drawn with those tiles. [`heights`] computes elevation arrays,
+//!   without cracks between leaves. [`decimation`] omits vertices that are finer than wanted, and
+//!   [`block_culling`] omits facets that are outside of the picture or behind the [`horizon`] of
+//!   nearer ground. [`frame`] writes all of it to the rings. [`detail_coverage`] measures the share
+//!   of visible ground that has the wanted resolution.
+//! * [`stage`] handles the frames of a run through its [`ports`]: it takes a tree, waits for its
+//!   tiles, and hands the frame over (`rings`).
 
 pub mod await_tiles;
 pub mod block_culling;

@@ -1,11 +1,11 @@
-//! The preparer's ends of a run's segments, but for the loader's.
+//! The preparer's ends of a run's segments, except for those of the loader.
 
 use std::sync::Arc;
 use terravision_common::shm::{Control, ElevationWriter, Producer, SegmentKind, ShmError, Stage, TreeReader};
 use terravision_common::slot::Slot;
 use terravision_common::stage::{Events, StageRun};
 
-/// The preparer's ends of the segments, but for the loader's.
+/// The preparer's ends of the segments, except for those of the loader.
 #[derive(Debug)]
 pub struct Ports {
     /// The control block.
@@ -16,7 +16,7 @@ pub struct Ports {
     pub ring: Producer<Slot>,
     /// The elevation ring.
     pub elevation: ElevationWriter,
-    /// What the launcher is told.
+    /// Events for the launcher.
     pub events: Events,
 }
 

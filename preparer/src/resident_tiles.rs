@@ -1,16 +1,16 @@
 //! Realtime mode: a frame uses the tiles that are resident, and does not wait for others.
 //!
 //! Each tile is looked up once a frame. The frame does not use a tile that arrives a moment later,
-//! although it is in the pool by then: the frame has not pinned it, so its slot could be reused before
-//! the frame is completed.
+//! although it is in the pool by then: the frame has not pinned it, so its slot could be reused
+//! before the frame is completed.
 
 use crate::frame_tree::Tile;
 use crate::loader::{LoadError, TileLoader, TileState};
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::shm::Control;
 
-/// Pins the wanted tiles that are resident for a frame, and asks for the others. Returns how many are missing. Does not
-/// block.
+/// Pins the wanted tiles that are resident for a frame, and asks for the others. Returns how many
+/// are missing. Does not block.
 ///
 /// # Errors
 /// [`LoadError`].

@@ -1,4 +1,4 @@
-//! Where a frame goes: slots into the ring, elevation arrays into theirs.
+//! The output of frames: slots go to the ring, elevation arrays to the elevation ring.
 
 use crate::frame::{FrameError, FrameOutput};
 use crate::heights::TileVanished;
@@ -7,7 +7,7 @@ use terravision_common::ids::Sequence;
 use terravision_common::shm::{Control, ElevationWriter, Producer, WaitError};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent};
 
-/// Slots that are kept before they go into the ring together.
+/// Slots that are collected before they are written to the ring together.
 pub(crate) const SLOTS_AT_ONCE: usize = 1024;
 
 /// The rings as a frame's output.
@@ -19,14 +19,15 @@ pub(crate) struct Rings<'a> {
     pub(crate) slots: &'a mut Vec<Slot>,
     pub(crate) sequence: Sequence,
     pub(crate) maker: u64,
-    /// Time without room in one of them.
+    /// Time spent waiting for room in one of them.
     pub(crate) waited_nanos: u64,
 }
 
 impl FrameOutput for Rings<'_> {
     fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError> {
         if !self.elevation.has_room().map_err(WaitError::from)? {
-            // Arrays that a killed preparer or renderer has left are given back when the frame's marker is seen.
+            // Arrays left by a killed preparer or renderer are given back when the frame's marker
+            // is read.
             self.finish()?;
             let started = monotonic_nanos();
             drop(self.elevation.begin(self.control)?);

@@ -1,4 +1,4 @@
-//! The preparer as a stage of a run: segments on both sides, frame after frame.
+//! The preparer as a stage of a run: for each frame, a tree in and tiles to draw out.
 
 use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
@@ -23,7 +23,7 @@ use terravision_common::stage::{StageError, StageRun};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
 
-/// A flight against the clock waits for the root of a database on a server for so long at least.
+/// A real-time flight waits at least this long for the root of a database on a server.
 const START_PATIENCE: Duration = Duration::from_secs(60);
 
 /// Why the preparer gave up.
@@ -56,10 +56,10 @@ pub enum PreparerError {
     RootMissing {
         /// The frame.
         frame: u64,
-        /// What is missing.
+        /// The missing tile.
         #[source]
         source: RootMissing,
-        /// What a person can do, behind a semicolon; may be empty.
+        /// What the user can do, after a semicolon; may be empty.
         advice: &'static str,
     },
     /// The generator wrote a header that does not fit the run.
@@ -70,7 +70,7 @@ pub enum PreparerError {
         /// What is wrong with it.
         what: &'static str,
     },
-    /// The elevation ring is not of this world.
+    /// The elevation ring does not fit the world.
     #[error("the elevation ring has arrays of {found} numbers, expected {expected}")]
     WrongArrays {
         /// What the ring has.
@@ -97,7 +97,7 @@ impl StageError for PreparerError {
     }
 }
 
-/// Prepares frames in their order. Once the buffers have their sizes a frame allocates nothing.
+/// Prepares frames in order. Once the buffers have grown to their sizes, a frame allocates nothing.
 #[derive(Debug)]
 pub struct Preparer<L> {
     world: World,
@@ -130,7 +130,7 @@ impl<L: TileLoader> Preparer<L> {
             tree: FrameTree::new(world, nodes, ports.elevation.capacity()),
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
-            // Frames may have been left out, but none has come twice.
+            // Frames may have been skipped, but none came twice.
             next_frame: config.frames[0].saturating_add(ports.trees.returned()),
         };
         preparer.resume(ports)?;
@@ -139,7 +139,7 @@ impl<L: TileLoader> Preparer<L> {
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
         }
-        // Also of frames that show nothing but sky: where no height is known, the camera itself may be anywhere.
+        // Also for frames that show only sky: where no height is known, the camera may be anywhere.
         if let Some(tile) = preparer.wait.missing_of_root(&mut preparer.loader, &ports.control) {
             let (frame, source) = (preparer.next_frame, RootMissing { tile });
             return Err(PreparerError::RootMissing { frame, source, advice: advice(config) });
@@ -147,12 +147,12 @@ impl<L: TileLoader> Preparer<L> {
         Ok(preparer)
     }
 
-    /// Goes on behind the frames that preparers before this one have made whole. One that was begun is made again: its
-    /// tree was not given back.
+    /// Continues after the frames that earlier preparers of the run have completed. A frame that
+    /// was begun is made again: its tree was not given back.
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
         let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
-            // What is not a frame of the run says nothing about where to go on.
+            // Something that is not a frame of the run does not tell where to continue.
             Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
                 // Killed between the frame and giving back its tree?
                 ports.trees.return_tree_of(last.frame)?;
@@ -163,15 +163,16 @@ impl<L: TileLoader> Preparer<L> {
         }
     }
 
-    /// Waits for the next tree, then for its tiles, and hands the frame over. The tree is given back when the frame is in
-    /// the ring.
+    /// Waits for the next tree, then for its tiles, and hands the frame over. Gives the tree back
+    /// when the frame is in the ring.
     ///
     /// # Errors
     /// [`PreparerError`].
     pub fn frame(&mut self, ports: &mut Ports) -> Result<FrameCounts, PreparerError> {
         let Ports { control, trees, ring, elevation, events } = ports;
         let expected = self.next_frame;
-        // Trees and frames are counted alike, so that all stages mean the same by the sequence of a frame.
+        // Trees and frames are counted in the same way, so that the sequence of a frame is the same
+        // in all stages.
         let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
@@ -196,7 +197,7 @@ impl<L: TileLoader> Preparer<L> {
         let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let request = FrameRequest { header: &header, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
-        // Of a frame that could not be made.
+        // Left by a frame that could not be made.
         self.slots.clear();
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
         let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
@@ -208,7 +209,7 @@ impl<L: TileLoader> Preparer<L> {
             source => PreparerError::Frame { frame, source },
         })?;
         drop(half);
-        // Room in the rings is the renderer's to give.
+        // The renderer makes room in the rings.
         let finished = events.span(control, SpanName::Prepare, frame, settled + waited_nanos);
         control.set_prepare_nanos(finished.saturating_sub(started + waited_nanos));
         if is_realtime {
@@ -240,19 +241,20 @@ impl<L: TileLoader> Preparer<L> {
     }
 }
 
-/// How long a flight against the clock waits for the top levels at its start, although they could not be read: a server may be away for
-/// longer than one read may take. In exact mode what is drawn must not depend on when a tile came.
+/// How long a real-time flight waits for the top levels at its start, although they could not be
+/// read: a server may be down for longer than a single read may take. `None` in exact mode, where
+/// the picture must not depend on when a tile arrives.
 fn start_patience(config: &RunConfig) -> Option<Duration> {
     let DatabaseConfig { is_offline, request_timeout_ms, .. } = config.database;
     let may_come = config.realtime.is_some() && config.database.is_remote() && !is_offline;
     may_come.then(|| START_PATIENCE.max(Duration::from_millis(request_timeout_ms).saturating_mul(3)))
 }
 
-/// What a person can do when not even the root can be had.
+/// What the user can do when not even the root can be read.
 fn advice(config: &RunConfig) -> &'static str {
     match (config.database.is_remote(), config.database.is_offline) {
         (true, true) => "; fly once without --offline, so that the cache has it",
-        // What the server answered is told by the launcher.
+        // The launcher reports what the server answered.
         (true, false) => "",
         (false, _) => "; ingest the world again",
     }

@@ -1,11 +1,13 @@
-//! Truncation: what of a frame's tree is drawn, given the tiles that are there (design §6), and where its elevation
-//! leaves meet (design §5).
+//! Truncation: which part of a frame's tree is drawn, given the resident tiles, and how its
+//! elevation leaves meet.
 //!
-//! A node is expanded when the tiles of all its visible children are there; else it is drawn itself, with the tiles that
-//! it has. After that a leaf may lie beside one that is coarser by any number of levels. Edges can bridge up to
-//! `log2 Nz` levels, where the coarser leaf's facets still have a vertex at both ends of the finer leaf's edge; a leaf
-//! that would need more is drawn coarser, too. So are colour leaves whose block is narrower than what an edge of their
-//! elevation leaf collapses: facets at the edge would reach into the next block, and beyond their colour tile.
+//! A node is expanded when the tiles of all its visible children are resident; otherwise it is
+//! drawn itself, with the tiles that it has. After that, a leaf may lie beside a leaf that is
+//! coarser by any number of levels. Edges can bridge up to `log2 Nz` levels, where the coarser
+//! leaf's facets still have a vertex at both ends of the finer leaf's edge; a leaf that would need
+//! more is drawn coarser. The same holds for colour leaves whose block is narrower than the steps
+//! to which an edge of their elevation leaf collapses: facets at the edge would reach into the next
+//! block, and beyond their colour tile.
 
 use crate::frame_tree::{FrameTree, Tile};
 use terravision_common::database::Layer;
@@ -15,7 +17,7 @@ use terravision_common::node_table::NodeTable;
 use terravision_common::surface::SIDES;
 use terravision_common::world::World;
 
-/// Where a tile lies in the colour pool.
+/// The place of a tile in the colour pool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColorPlace {
     /// The node whose tile it is.
@@ -24,7 +26,7 @@ pub struct ColorPlace {
     pub key: SlotKey,
 }
 
-/// The tiles that are there. They stay while a frame is made.
+/// The resident tiles. They stay resident while a frame is made.
 pub trait Tiles {
     /// Where a node's colour tile lies in its pool.
     fn color(&self, node: NodeId) -> Option<SlotKey>;
@@ -32,7 +34,7 @@ pub trait Tiles {
     fn elevation(&self, node: NodeId) -> Option<&[f32]>;
 }
 
-/// The root's tiles are not there: nothing can be drawn.
+/// The root's tiles are missing: nothing can be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("no picture can be drawn without the {} tile of the root node {}, which cannot be read", tile.layer, tile.node)]
 pub struct RootMissing {
@@ -40,8 +42,8 @@ pub struct RootMissing {
     pub tile: Tile,
 }
 
-/// How a leaf meets its neighbours: for each place on its border, the level of the coarsest leaf that touches there,
-/// the leaf itself included.
+/// How a leaf meets its neighbours: for each part of its border, the level of the coarsest leaf
+/// that touches it, the leaf itself included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Seams {
     /// Inside the west, east, south and north edge.
@@ -65,7 +67,7 @@ pub struct ElevationLeaf {
 }
 
 impl ElevationLeaf {
-    /// log2 of the vertices that collapse on its edges, the most of the four.
+    /// log2 of the longest step of its four edges.
     fn most_snap(&self) -> u8 {
         self.seams.edges.into_iter().max().unwrap_or(0).saturating_sub(self.node.q())
     }
@@ -76,19 +78,19 @@ impl ElevationLeaf {
 pub struct ColorLeaf {
     /// The node: the area that is drawn.
     pub node: NodeId,
-    /// The tile that it is drawn with: its own, or the nearest ancestor's that has one.
+    /// The tile with which it is drawn: its own, or that of the nearest ancestor that has one.
     pub color: ColorPlace,
     index: u32,
 }
 
 impl ColorLeaf {
-    /// Its place in the whole tree.
+    /// Its index in the full tree.
     pub(crate) fn index(&self) -> usize {
         self.index as usize
     }
 }
 
-/// What is drawn of one frame's tree, near to far; keeps its buffers from frame to frame.
+/// The drawn part of one frame's tree, near to far; keeps its buffers from frame to frame.
 #[derive(Debug)]
 pub struct Truncation {
     world: World,
@@ -144,8 +146,8 @@ impl Truncation {
         self.node_count
     }
 
-    /// Truncates a frame's tree to the tiles that are there. Each tile is looked at once, so that all of the frame
-    /// agrees.
+    /// Truncates a frame's tree to the resident tiles. Each tile is looked up once, so that the
+    /// whole frame is consistent.
     ///
     /// # Errors
     /// [`RootMissing`] when not even the root can be drawn.
@@ -193,7 +195,7 @@ impl Truncation {
             let is_expanded = !children.is_empty()
                 && !self.is_blocked[index as usize]
                 && self.is_there[children.clone()].iter().all(|is_there| *is_there);
-            // Cut above its elevation leaves, a node becomes one.
+            // A node that is cut above its elevation leaves becomes one.
             if node.is_elevation_leaf || (!is_expanded && node.wants_elevation) {
                 let first = self.color_leaves.len() as u32;
                 let seams = Seams { edges: [node.id.q(); 4], corners: [node.id.q(); 4] };
@@ -218,8 +220,8 @@ impl Truncation {
         }
     }
 
-    /// Finds every elevation leaf's neighbours. `false` when some are too coarse for it: the nodes above that are coarse
-    /// enough have been marked to be drawn in their place.
+    /// Finds the neighbours of every elevation leaf. Returns `false` when some neighbours are too
+    /// coarse: then the ancestors that are coarse enough have been marked to be drawn instead.
     fn meet(&mut self, tree: &FrameTree) -> bool {
         let most = self.world.elevation_tile().ilog2() as u8;
         let mut is_bridged = true;
@@ -233,7 +235,7 @@ impl Truncation {
                 is_bridged = false;
                 continue;
             }
-            // Blocks of 2^snap cells lie this far below.
+            // Blocks of 2^snap cells are this many levels below.
             let finest = (leaf.node.q() + snap).saturating_sub(most);
             for color in leaf.first_color_leaf..leaf.end_color_leaf {
                 let ColorLeaf { node, index, .. } = self.color_leaves[color as usize];
@@ -246,7 +248,7 @@ impl Truncation {
         is_bridged
     }
 
-    /// Marks the node of level `q` above a node (or itself) to be drawn as it is.
+    /// Marks the ancestor at level `q` of a node (or the node itself) to be drawn unsplit.
     fn block(&mut self, tree: &FrameTree, index: u32, q: u8) {
         let mut index = index as usize;
         while tree.nodes[index].id.q() < q {
@@ -255,8 +257,8 @@ impl Truncation {
         self.is_blocked[index] = true;
     }
 
-    /// The elevation leaves across the west, east, south and north edge of one, by index, where they are no finer than
-    /// it is.
+    /// The elevation leaves across the west, east, south and north edge of a leaf, by index, where
+    /// they are not finer than the leaf.
     #[must_use]
     pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
         SIDES.map(|(east, north)| self.leaf_at(node, east, north))
@@ -276,7 +278,8 @@ impl Truncation {
         Seams { edges, corners }
     }
 
-    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer ones do, or none.
+    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer
+    /// leaves cover it, or none.
     fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
         let mut id = self.world.neighbor(node, east, north)?;
         loop {

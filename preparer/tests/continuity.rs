@@ -1,5 +1,5 @@
-//! Nothing pops (design §5): while the camera moves a little, the drawn surface moves a little, also where a node is
-//! split or merged between two frames.
+//! Nothing pops (design §5): while the camera moves a little, the drawn surface moves a little,
+//! also where a node is split or merged between two frames.
 
 mod support;
 
@@ -89,10 +89,12 @@ fn the_surface_moves_no_faster_than_the_camera_lets_it() {
     }
     println!("worst step {worst_px:.3} px, over all {worst_total_px:.2} px, {changes} trees of {FRAMES} differ");
     assert!(changes > 30, "the path splits and merges nodes, found {changes} changes");
-    // Over the flight the surface moves by much more than in any step: without morphing a split would show it at once.
+    // Over the flight the surface moves by much more than in any step: without morphing a split
+    // would show it at once.
     assert!(worst_total_px > 0.5, "the path changes the surface, found {worst_total_px} px");
-    // A step of 8 m at some 2 km is 0.006 levels. At a split the levels between old vertices were interpolated and are
-    // now taken at new ones: level and height both vary over a facet of 10 px, by little. Measured: 0.11 px.
+    // A step of 8 m at some 2 km is 0.006 levels. At a split the levels between old vertices were
+    // interpolated and are now taken at new ones: level and height both vary over a facet of 10 px,
+    // by little. Measured: 0.11 px.
     assert!(worst_px < 0.2, "the surface jumped by {worst_px} px");
 }
 

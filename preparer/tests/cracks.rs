@@ -1,5 +1,6 @@
-//! No cracks, ever (design §5): whatever the camera, the resolutions and the tiles that are there, the drawn mesh is one
-//! surface. Every edge inside of the drawn area belongs to two triangles with the same two vertices, bit for bit.
+//! No cracks, ever (design §5): whatever the camera, the resolutions and the tiles that are there,
+//! the drawn mesh is one surface. Every edge inside of the drawn area belongs to two triangles with
+//! the same two vertices, bit for bit.
 
 mod support;
 
@@ -104,7 +105,8 @@ fn is_before([a, b, c]: [DVec3; 3], to: DVec3) -> bool {
     inside(a, b) && inside(b, c) && inside(c, a)
 }
 
-/// Triangles that were culled and are not wholly outside of one plane of a view's frustum: those that are hidden.
+/// Triangles that were culled and are not wholly outside of one plane of a view's frustum: those
+/// that are hidden.
 fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], culled: &[[Vertex; 3]]) -> Vec<[Vertex; 3]> {
     let left: HashSet<_> = culled.iter().collect();
     let [a, b, c, d] = view.frustum_normals_in_world();
@@ -113,7 +115,8 @@ fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], culled: &[[
     all.iter().filter(|t| !left.contains(t) && !is_outside(t)).copied().collect()
 }
 
-/// Culling takes away only triangles that are, in every view, outside of one plane of its frustum, or hidden by those that are left.
+/// Culling takes away only triangles that are, in every view, outside of one plane of its frustum,
+/// or hidden by those that are left.
 fn check_culling(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
     let tiles = case.tiles(tree);
     let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));

@@ -1,4 +1,5 @@
-//! Trees come from shared memory and are not trusted: whatever bytes are in them, they are refused or they are drawn.
+//! Trees come from shared memory and are not trusted: whatever bytes are in them, they are refused
+//! or they are drawn.
 
 mod support;
 

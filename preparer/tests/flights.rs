@@ -1,5 +1,5 @@
-//! Whole flights through the preparer: the same frames for any number of threads and any memory that suffices, missing
-//! tiles drawn from their parents, and errors that end it.
+//! Whole flights through the preparer: the same frames for any number of threads and any memory
+//! that suffices, missing tiles drawn from their parents, and errors that end it.
 
 mod support;
 
@@ -35,7 +35,8 @@ fn frames_are_the_same_for_any_order_of_tiles_and_any_memory_that_suffices() {
 #[test]
 fn a_flight_in_two_parts_has_the_frames_of_the_whole() {
     let whole = frames_of(&Flight { frames: 12, ..Flight::new() });
-    // The path begins with the first frame of a flight, so this is the first part, with a cold start of its own.
+    // The path begins with the first frame of a flight, so this is the first part, with a cold
+    // start of its own.
     let part = frames_of(&Flight { frames: 5, ..Flight::new() });
     assert!(whole[..5] == part[..]);
 }
@@ -45,7 +46,8 @@ fn missing_tiles_are_counted_in_each_frame_and_drawn_from_their_parents() {
     let flight = Flight { source: Source::new(20), ..Flight::new() };
     let frames = frames_of(&flight);
     assert!(frames.iter().any(|f| f.end.unavailable_count > 0));
-    // That the slots name resident tiles of the right nodes is what the renderer of these flights checks.
+    // That the slots name resident tiles of the right nodes is what the renderer of these flights
+    // checks.
     let other = Flight { rotation: 5, in_flight: 1, ..flight };
     assert!(frames_of(&other) == frames);
 }

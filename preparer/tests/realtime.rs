@@ -13,7 +13,8 @@ fn realtime() -> Flight {
 fn frames_are_made_of_what_is_there_and_may_be_left_out() {
     let held = 30;
     let flight = Flight { held: Some(held), ..realtime() };
-    // Every slot that is named holds the right tile until the frame is completed: the flight's renderer looks.
+    // Every slot that is named holds the right tile until the frame is completed: the flight's
+    // renderer looks.
     let (frames, events) = flight.fly().expect("a flight");
     let numbers: Vec<u64> = frames.iter().map(|frame| frame.marker.frame).collect();
     assert_eq!(numbers, (0..60).map(|k| 100 + 3 * k).collect::<Vec<_>>());
@@ -31,7 +32,8 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
             .zip(&lacked)
             .all(|(share, (_, count))| (0.0..=1.0).contains(share) && (*count > 0 || *share == 1.0))
     );
-    // With the top levels alone none is as fine as wanted; later each lacks what has just come into view, at most.
+    // With the top levels alone none is as fine as wanted; later each lacks what has just come into
+    // view, at most.
     let (before, after) = sharp.split_at(held as usize);
     assert!(before.iter().all(|share| *share < 0.1), "{before:?}");
     assert!(after[1..].iter().all(|share| *share > 0.8), "{after:?}");

@@ -1,5 +1,6 @@
-//! Shares of ground and of measured ground are interpolated as heights are, at every vertex: so two leaves agree on them along
-//! their common edge wherever they agree on heights (tests of cracks), and holes grow and shrink as smoothly as heights do.
+//! Shares of ground and of measured ground are interpolated as heights are, at every vertex: so two
+//! leaves agree on them along their common edge wherever they agree on heights (tests of cracks),
+//! and holes grow and shrink as smoothly as heights do.
 
 mod support;
 

@@ -1,8 +1,10 @@
-//! The sampler, the walk along columns and the models of tiles: `cargo bench -p terravision-raycast`.
+//! The sampler, the walk along columns and the models of tiles: `cargo bench -p
+//! terravision-raycast`.
 //!
-//! Without a framework: what is wanted are rays and samples per second and bytes against the machine's memory rate, of processor
-//! time, which other load disturbs least. Each line is the least of several rounds. Run without `--bench` (by `cargo test
-//! --benches`) it does one round.
+//! Without a framework: it reports rays and samples per second, and bytes against the machine's
+//! memory bandwidth. All times are processor times, because other load disturbs these least. Each
+//! line is the minimum of several rounds. Without `--bench` (in `cargo test --benches`) it does one
+//! round.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "its output is the table")]
 
@@ -16,13 +18,13 @@ const CELLS: usize = 512;
 /// Cells along a side of a tile, as the preparer makes them.
 const TILE: usize = 16;
 
-/// Seconds that this thread has had on a processor.
+/// Processor time of this thread, seconds.
 fn processor_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok()).map_or(0.0, |nanos| 1e-9 * nanos)
 }
 
-/// The least processor time of several rounds, seconds.
+/// The minimum processor time of several rounds, seconds.
 fn least(rounds: u32, mut work: impl FnMut()) -> f64 {
     work();
     let round = |_| {

@@ -1,7 +1,8 @@
-//! Times of world views, straight from a database: `cargo run -p terravision-raycast --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`,
-//! the last for exact rays alone.
+//! Times to draw views of a world, read directly from a database: `cargo run -p terravision-raycast
+//! --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`. With `exact` only exact rays are timed.
 //!
-//! The views are those of docs/quality.md. Medians of processor time of one worker, which other load disturbs least.
+//! The views are those of docs/quality.md. Results are medians of the processor time of one worker,
+//! because other load disturbs this least.
 
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 
@@ -23,7 +24,7 @@ const VIEWS: [(&str, [f64; 2], f64, f64, f64); 3] = [
     ("far", [0.20, 0.15], 2500.0, 45.0, -25.0),
 ];
 
-/// Time that this thread has had on a processor.
+/// Processor time of this thread.
 fn processor_millis() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok()).map_or(0.0, |nanos| 1e-6 * nanos)

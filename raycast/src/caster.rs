@@ -24,8 +24,8 @@ pub enum Method {
     /// Lines of voxel samples, each ray starting where the one below it hit.
     #[default]
     Coherent,
-    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption on lines. What a
-    /// ground without voxels is always drawn with.
+    /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption about lines. A
+    /// ground without voxels is always drawn with this method.
     Mipmap,
 }
 
@@ -34,17 +34,17 @@ pub enum Method {
 pub struct CastOptions {
     /// How rays are cast.
     pub method: Method,
-    /// Whether tiles with voxels are drawn as if they had none, and no ray looks between its samples: the
-    /// paper's approximate mode.
+    /// The paper's approximate mode: tiles with voxels are drawn as if they had none, and no ray
+    /// looks between its samples.
     pub is_approximate: bool,
-    /// Whether rays look between samples for hills that are narrower than a sampling interval. The paper's
-    /// do not.
+    /// Whether rays look between samples for hills that are narrower than a sampling interval. The
+    /// rays of the paper do not.
     pub looks_between: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,
-    /// Color where no ground is.
+    /// Colour where no ground is.
     pub sky_rgb: [u8; 3],
-    /// Whether the ground is seen from below by an eye over it, too: through holes.
+    /// Whether an eye above the ground also sees its underside, through holes.
     pub has_undersides: bool,
 }
 
@@ -68,11 +68,11 @@ pub struct Caster {
     lines: Lines,
     placed: Vec<Placed>,
     steepness: Steepness,
-    /// Of coherent rays.
+    /// For coherent rays.
     planes: Planes,
-    /// Of exact rays that follow the ground.
+    /// For exact rays that follow the ground.
     projected: Projected,
-    /// Of exact rays, one for each worker.
+    /// For exact rays, one for each worker.
     exact: Vec<Mutex<ExactMemory>>,
 }
 
@@ -102,10 +102,11 @@ impl Caster {
         })
     }
 
-    /// Draws the ground as a camera sees it, which is valid and has the picture's size. The picture does not
-    /// depend on the number of workers. Heights are as they are in the ground: whoever fills it exaggerates
-    /// them. `colors`: RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that
-    /// is not there, or is too short, is drawn black.
+    /// Draws the ground as seen by `camera`, which must be valid and have the picture's size. The
+    /// picture does not depend on the number of workers. Heights are drawn as stored: apply
+    /// vertical exaggeration when filling the ground. `colors`: RGBA8 of each layer, mip levels
+    /// back to back, row 0 of each in the north; a layer that is missing or too short is drawn
+    /// black.
     ///
     /// # Panics
     /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
@@ -132,7 +133,7 @@ impl Caster {
         counts
     }
 
-    /// The same by another rule of where rays start, to compare with.
+    /// The same with another start rule, for comparisons.
     ///
     /// # Panics
     /// As [`Caster::draw`].
@@ -170,9 +171,9 @@ impl Caster {
         counts
     }
 
-    /// Draws the outlines of tiles over the picture that was drawn last, which must be of this ground and
-    /// camera. `outlines`: color of each tile, RGBA8, red in the lowest byte; a tile without one has no
-    /// outline. Does not depend on the number of workers.
+    /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
+    /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
+    /// tile without a colour has no outline. The result does not depend on the number of workers.
     pub fn outline(&mut self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
         let scene = Scene::new(ground, View::new(camera), &mut self.placed, false);
         outline::draw(&scene, outlines, picture, &self.workers);
@@ -185,7 +186,7 @@ impl Caster {
     }
 }
 
-/// The method that a ground can be drawn with: without voxels there are heights alone.
+/// The method that a ground can be drawn with: a ground without voxels has only heights.
 fn method_for(ground: &Ground, options: &CastOptions) -> Method {
     if ground.has_voxels() { options.method } else { Method::Mipmap }
 }
@@ -224,7 +225,7 @@ fn draw_exact<R: StartRule>(
     let follower = rule.slopes().map(|slopes| Follower { scene, projected, slopes });
     let rays = ExactRays { scene, rule, follower };
     share_lines(workers, lines.count(), |worker, block| {
-        // A worker's own. What a panic has left in it is not looked at.
+        // Used by one worker only. Contents left by a panic are overwritten before they are read.
         let mut memory = memory[worker].lock().unwrap_or_else(PoisonError::into_inner);
         let ExactMemory { strips, footprints, seen } = &mut *memory;
         let longest = lines.size()[0].max(lines.size()[1]) as usize;
@@ -244,21 +245,23 @@ fn draw_exact<R: StartRule>(
     })
 }
 
-/// Parts of what is left, one of which is taken.
+/// The share of the remaining lines that a worker takes: one in this many.
 const SHARES: usize = 16;
 /// Fewest lines at a time: 4 pixels of 8 bytes, half a cache line.
 const FEWEST_LINES: usize = 4;
 
-/// Neighboring lines that one worker takes at a time, of so many that are left. Neighbors share facets and
-/// cache lines, so that many at once cost less; few at the end keep others from waiting for the last one:
-/// guided self-scheduling (Polychronopoulos and Kuck, 1987), for up to about sixteen workers. Not by how many
-/// there really are: neighbors of a block share footprints, and the picture must not depend on workers. The
-/// paper's interleave, worked out beforehand, lets all wait for a core that something else uses as well.
+/// How many neighbouring lines a worker takes at a time when `left` lines remain. Neighbours share
+/// facets and cache lines, so large blocks cost less; small blocks at the end keep other workers
+/// from waiting for the last one. This is guided self-scheduling (Polychronopoulos and Kuck, 1987),
+/// for up to about sixteen workers. It does not use the real number of workers: lines of a block
+/// share footprints, and the picture must not depend on workers. The paper interleaves lines
+/// statically, so that all workers wait for a core that another process uses too.
 fn lines_at_a_time(left: usize) -> usize {
     (left / SHARES).clamp(FEWEST_LINES, Strips::MOST).min(left)
 }
 
-/// Has workers draw blocks of neighboring lines until none is left; `draw` is given the worker's number.
+/// Lets workers draw blocks of neighbouring lines until all are drawn; `draw` gets the number of
+/// the worker.
 fn share_lines(workers: &Workers, count: usize, draw: impl Fn(usize, Range<usize>) -> Counts + Sync) -> Counts {
     let next = AtomicUsize::new(0);
     workers.run(|worker| {
@@ -266,7 +269,8 @@ fn share_lines(workers: &Workers, count: usize, draw: impl Fn(usize, Range<usize
         loop {
             let after = |first: usize| first + lines_at_a_time(count - first);
             let take = |first: usize| (first < count).then(|| after(first));
-            // Relaxed: whoever is free takes the next lines; which ones it gets shows nowhere.
+            // Relaxed: any free worker takes the next lines, and the result does not depend on
+            // which worker it is.
             let Ok(first) = next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) else { return counts };
             counts = counts + draw(worker, first..after(first));
         }
@@ -280,7 +284,7 @@ mod tests {
     #[test]
     fn no_worker_of_sixteen_waits_long_for_the_last() {
         for lines in [1, 3, 500, 1280, 3840] {
-            // Each line takes as long as any other; whoever is free first takes the next block.
+            // Each line takes equally long; the first free worker takes the next block.
             let mut busy_until = [0usize; 16];
             let mut first = 0;
             while first < lines {

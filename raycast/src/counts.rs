@@ -7,19 +7,19 @@ use std::ops::Add;
 pub struct Counts {
     /// Rays.
     pub rays: u64,
-    /// Points of rays that were looked at.
+    /// Samples along rays.
     pub samples: u64,
-    /// Those of them whose density was interpolated.
+    /// Samples whose density was interpolated.
     pub densities: u64,
-    /// Rays without a witness: no ray below them proved any of their way.
+    /// Rays without a witness: no ray below them proved that any part of them is in the air.
     pub without_witness: u64,
-    /// Rays that had to look at unproven intervals of the way that their witness had come.
+    /// Rays that had to check unproven intervals before the start that their witness gave them.
     pub partly_proven: u64,
     /// Steps back out of the ground.
     pub steps_back: u64,
-    /// Rays that met ground.
+    /// Rays that hit ground.
     pub hits: u64,
-    /// How often rays came under the ground's edge.
+    /// How often rays passed below the ground's edge.
     pub under: u64,
 }
 

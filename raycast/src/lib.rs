@@ -1,5 +1,6 @@
-//! Voxel ray casting on the processor (voxel-flythrough-1999): a second way to draw the ground, whose cost does
-//! not depend on how rough it is. No polygon, no graphics device, no other process.
+//! Voxel ray casting on the processor (voxel-flythrough-1999): a second way to draw the ground,
+//! whose cost does not depend on its roughness. It needs no polygons, no graphics device and no
+//! other process.
 //!
 //! ```text
 //! heights, tile by tile ─▶ Ground: densities · boundary array · maxima       (model/)
@@ -13,13 +14,13 @@
 //!          Canvas: picture of color and depth ─▶ outlines of tiles, if wanted (shade/)
 //! ```
 //!
-//! A technique fills lines of pixels; it gets a `Scene` and puts what pixels see onto a `Canvas`, and knows
-//! nothing of the other one. What imports what: `model` ← `scene` ← `proof`, `shade` ← `exact` ← `coherent` ←
-//! `caster`.
+//! A technique fills lines of pixels: it gets a `Scene`, writes what pixels see to a `Canvas`, and
+//! does not depend on the other technique. Imports: `model` ← `scene` ← `proof`, `shade` ← `exact`
+//! ← `coherent` ← `caster`.
 //!
-//! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a frame's slots,
-//! or tiles of a database. Colors stay where they are. [`Caster::draw`] allocates nothing from the second frame
-//! of a size on.
+//! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a
+//! frame's slots, or tiles of a database. Colours are not copied. From the second frame of a size
+//! on, [`Caster::draw`] allocates nothing.
 
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,5 @@
-//! The lines that a picture is cast by: its columns, or, when the camera rolls, parallel scan-converted lines that stay
-//! perpendicular to the horizon (voxel-flythrough-1999 §5).
+//! The lines of pixels in which a picture is cast: its columns, or, when the camera rolls, parallel
+//! scan-converted lines that stay perpendicular to the horizon (voxel-flythrough-1999 §5).
 //!
 //! ```text
 //!    roll 0          rolled: every line is the same one, moved sideways
@@ -9,7 +9,8 @@
 //!    0 1 2 3         1 2 3 4        bottom: where lines begin
 //! ```
 //!
-//! A pixel belongs to the line `minor - offset(major)`: exactly one, so that lines are a partition of the picture.
+//! A pixel belongs to the line `minor - offset(major)`: exactly one, so that lines are a partition
+//! of the picture.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -25,7 +26,7 @@ pub struct Lines {
     is_minor_down: bool,
     /// Whether the line shifts between step k and step k + 1: the bit array.
     shifts: Vec<bool>,
-    /// The steps after which it does.
+    /// The steps after which it shifts.
     shift_steps: Vec<u32>,
 }
 
@@ -38,10 +39,10 @@ impl Lines {
         lines
     }
 
-    /// The same, in memory that is there already: nothing is allocated when the size is as before.
+    /// The same in place: allocates nothing when the size is unchanged.
     pub fn set(&mut self, size: [u32; 2], roll_rad: f64) {
         let (sin, cos) = roll_rad.sin_cos();
-        // Where the world's up points in the picture, y downwards.
+        // The direction of the world's up axis in the picture, y downwards.
         let up = [-sin, -cos];
         self.size = size;
         self.is_x_major = cos.abs() < FRAC_1_SQRT_2;
@@ -54,7 +55,7 @@ impl Lines {
         let steps = u64::from(size[major]);
         self.shifts.clear();
         self.shift_steps.clear();
-        // The most shifts that any roll gives, so that turning does not allocate either.
+        // The largest number of shifts for any roll, so that turning does not allocate either.
         let longest = size[0].max(size[1]) as usize;
         self.shifts.reserve(longest);
         self.shift_steps.reserve(longest);
@@ -83,7 +84,8 @@ impl Lines {
         self.minor_size() + self.shift_steps.len()
     }
 
-    /// The pixels of line `n < count()`, bottom up: columns and rows from the picture's upper left corner.
+    /// The pixels of line `n < count()`, bottom up: columns and rows from the picture's upper left
+    /// corner.
     pub fn pixels(&self, n: usize) -> impl Iterator<Item = [u32; 2]> + '_ {
         let left = self.shift_steps.len();
         // Lines of the left part begin at the edge, one step after a shift.
@@ -102,7 +104,7 @@ impl Lines {
         })
     }
 
-    /// The same into a list, in place of what is there.
+    /// The same into a list, whose contents are replaced.
     pub(crate) fn fill(&self, n: usize, pixels: &mut Vec<[u16; 2]>) {
         pixels.clear();
         let narrow = |pixel: [u32; 2]| pixel.map(|at| at as u16);

@@ -1,15 +1,15 @@
-//! What rays are drawn into: colour and depth, row by row from the top.
+//! The picture that rays draw: colour and depth, row by row from the top.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A picture that any number of threads draw disjoint pixels of. Plain stores: on every processor that Rust knows a
-/// relaxed store is one, and whoever joins the threads sees what they wrote.
+/// A picture of which any number of threads draw disjoint pixels. Stores are relaxed, which are
+/// plain stores on every processor that Rust supports; who joins the threads sees what they wrote.
 #[derive(Debug, Default)]
 pub struct Picture {
     size: [u32; 2],
-    /// Colour in the lower half, the bits of depth in the upper one: one store a pixel, since lines cross rows, and each store is
-    /// in another page than the last.
+    /// Colour in the lower half, the bits of depth in the upper half: a single store per pixel,
+    /// because lines cross rows, so that each store is in another page than the one before.
     pixels: Vec<AtomicU64>,
 }
 
@@ -37,7 +37,7 @@ impl Picture {
         self.pixels.iter().map(|pixel| f32::from_bits((pixel.load(Ordering::Relaxed) >> 32) as u32))
     }
 
-    /// Both, of some rows.
+    /// Colours and depths of some rows.
     pub fn rows(&self, rows: Range<usize>) -> impl ExactSizeIterator<Item = (u32, f32)> + '_ {
         let width = self.size[0] as usize;
         self.pixels[rows.start * width..rows.end * width].iter().map(|pixel| {
@@ -51,7 +51,7 @@ impl Picture {
         self.put_row(pixel, &[(rgba, depth)]);
     }
 
-    /// Puts pixels beside each other, from this one to the right.
+    /// Writes pixels of a row, from this one to the right.
     #[inline(always)]
     pub(crate) fn put_row(&self, [x, y]: [u32; 2], row: &[(u32, f32)]) {
         let at = y as usize * self.size[0] as usize + x as usize;

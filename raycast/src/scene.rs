@@ -1,4 +1,4 @@
-//! A frame's ground as seen from its eye: what the rays of every technique share.
+//! A frame's ground as seen from its eye: shared by the rays of all techniques.
 
 use crate::model::{Found, Ground};
 use crate::view::{Ray, View};
@@ -11,7 +11,7 @@ pub(crate) struct Placed {
     pub(crate) corner: Vec3,
     /// Voxels per metre.
     pub(crate) per_m: f32,
-    /// North west corner of its colors, metres from the eye.
+    /// North west corner of its colours, metres from the eye.
     pub(crate) color_corner: Vec2,
     pub(crate) texels_per_m: f32,
 }
@@ -23,43 +23,43 @@ pub(crate) struct Bounds {
     pub(crate) max: Vec2,
 }
 
-/// Where everything lies, seen from the eye.
+/// The ground of a frame, relative to the eye.
 #[derive(Debug)]
 pub(crate) struct Scene<'a> {
     pub(crate) ground: &'a Ground,
     /// Its tiles.
     pub(crate) placed: &'a [Placed],
-    /// Of all tiles.
+    /// Bounds of all tiles.
     pub(crate) bounds: Bounds,
     pub(crate) view: View,
     /// The eye, metres above the ground's datum.
     pub(crate) eye_height: f32,
     /// Highest ground, metres above the eye; minus infinity without ground.
     pub(crate) highest: f32,
-    /// No ground is further away, metres; 0 without ground.
+    /// Upper bound of the distance of ground, metres; 0 without ground.
     pub(crate) far: f32,
-    /// Whether facets are seen from below: an eye beside the world may look under its edge.
+    /// Whether facets are seen from below: an eye beside the world may look below its edge.
     pub(crate) has_undersides: bool,
 }
 
-/// What lies at a point of a ray.
+/// What is at a point of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Place {
     Tile(u32),
-    /// Nothing here before this parameter of the ray.
+    /// No tile before this parameter of the ray.
     HoleUntil(f32),
-    /// Nothing here or further on.
+    /// No tile here or farther on.
     Left,
 }
 
-/// A point that is no further outside of the ground's bounds than this share of a lattice unit is on
-/// them: rounding of metres from the eye, which is an eighth of a millimetre per kilometre.
+/// A point outside of the ground's bounds by no more than this share of a lattice unit counts as on
+/// them, for the rounding of metres from the eye: an eighth of a millimetre per kilometre.
 const NEAR_BOUNDS: f32 = 0.01;
-/// A point on the outer border belongs to the cell before it: so many lattice units are taken off,
-/// which a double of any lattice coordinate still tells apart.
+/// A point on the outer border belongs to the cell before it: this many lattice units are
+/// subtracted, a difference that a double has room for at any lattice coordinate.
 const JUST_INSIDE: f64 = 1e-3;
 
-/// Places all tiles; returns their bounds.
+/// Computes the positions of all tiles; returns their bounds.
 pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> Bounds {
     let eye = view.eye_in_world();
     let surface = &ground.shape().surface;
@@ -86,11 +86,12 @@ pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> B
 }
 
 impl<'a> Scene<'a> {
-    /// Places a ground before an eye. `placed`: memory for its tiles.
+    /// A ground relative to the eye of a view. `placed`: memory for its tiles.
     pub(crate) fn new(ground: &'a Ground, view: View, placed: &'a mut Vec<Placed>, has_undersides: bool) -> Self {
         let bounds = place(ground, &view, placed);
         let eye_height = ground.shape().surface.height_above(view.eye_in_world(), ground.datum_m()) as f32;
-        // No ground is further off than the furthest corner of its bounds, at its lowest or highest.
+        // The farthest ground is at most as far as the farthest corner of its bounds, at the lowest
+        // or highest height.
         let [lowest, highest] = ground.range_m().map(|height| (height - eye_height).abs());
         let far = bounds.min.abs().max(bounds.max.abs()).length().hypot(lowest.max(highest));
         let has_ground = ground.tile_count() > 0 && far.is_finite();
@@ -149,7 +150,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The tile at a point of the ground, metres from the eye; a point outside is taken to the border.
+    /// The tile at a point of the ground, metres from the eye; a point outside is moved to the
+    /// border.
     pub(crate) fn tile_at_point(&self, point: Vec2) -> Option<u32> {
         match self.ground.tree().find(self.lattice_point(point)) {
             Found::Tile(tile) => Some(tile),
@@ -157,16 +159,16 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// A point, metres from the eye, in lattice units, within the ground's end.
+    /// Converts a point from metres from the eye to lattice units, clamped to the ground's end.
     #[inline]
     fn lattice_point(&self, point: Vec2) -> [f64; 2] {
-        // Rounding takes a point on the outer border out of it.
+        // Rounding may move a point on the outer border out of the bounds.
         let end = self.ground.end().map(|end| f64::from(end) - JUST_INSIDE);
         let at = self.ground.shape().surface.lattice_of_way(point.as_dvec2(), self.view.eye_in_world());
         [0, 1].map(|axis| at[axis].clamp(0.0, end[axis]))
     }
 
-    /// The parameter at which a ray comes over the ground's bounds.
+    /// The parameter at which a ray enters the ground's bounds.
     #[inline]
     pub(crate) fn entry(&self, ray: &Ray) -> f32 {
         let mut entry = 0.0f32;
@@ -181,13 +183,13 @@ impl<'a> Scene<'a> {
         entry
     }
 
-    /// The parameter at which a ray leaves the ground's bounds, 0 when it never comes over them.
+    /// The parameter at which a ray leaves the ground's bounds; 0 when it never enters them.
     #[inline]
     pub(crate) fn departure(&self, ray: &Ray) -> f32 {
         exit(ray.direction.truncate(), self.bounds.min, self.bounds.max).max(0.0)
     }
 
-    /// A parameter at which no ray between two is over the ground's bounds any more.
+    /// A parameter at which all rays between two have left the ground's bounds.
     #[inline]
     pub(crate) fn last_departure(&self, rays: [&Ray; 2]) -> f32 {
         let of = |axis: usize| {
@@ -196,7 +198,7 @@ impl<'a> Scene<'a> {
                 d if d < 0.0 => [self.bounds.min[axis] / d, -1.0],
                 _ => [f32::INFINITY, 0.0],
             });
-            // Between east and west there is a ray that goes neither way.
+            // Between a ray to the east and one to the west there is a ray that goes neither way.
             if exits[0][1] == exits[1][1] { exits[0][0].max(exits[1][0]) } else { f32::INFINITY }
         };
         of(0).min(of(1))

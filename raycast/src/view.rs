@@ -1,28 +1,31 @@
 //! From a camera to rays.
 //!
-//! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along a *guide*, a direction
-//! in the vertical plane of the view axis that is as level as the picture allows: samples of one `s` lie in a nearly
-//! vertical plane, and a ray that is higher in the picture passes it nearly above the lower one. That is what makes
-//! coherence provable (see [`crate::proof`]).
+//! Every ray of a frame is `eye + s·D`, sampled at the same parameters `s`. `D` has length 1 along
+//! a *guide*, a direction in the vertical plane of the view axis that is as level as the picture
+//! allows. So samples of one `s` lie in a nearly vertical plane, and a ray that is higher in the
+//! picture crosses that plane nearly above the lower one. This makes coherence provable (see
+//! [`crate::proof`]).
 
 use glam::{DVec3, Vec3};
 use terravision_common::camera::Camera;
 
-/// Rays are at most this far from the guide, as long as the field of view allows.
+/// The largest angle between rays and guide, if the field of view allows it.
 const WIDEST_RAD: f64 = 60.0 / 180.0 * std::f64::consts::PI;
-/// Beyond, rays are sampled more coarsely instead: `D` is never longer than one over this.
+/// At larger angles rays are sampled more coarsely instead: `D` is never longer than one over this.
 const LEAST_ALONG_GUIDE: f32 = 0.25;
 
 /// A frame's rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     eye_in_world: DVec3,
-    /// Direction through the centre of the upper left pixel, of depth 1, and its change per column and row.
+    /// Direction through the centre of the upper left pixel, of depth 1, and its change per column
+    /// and row.
     first: Vec3,
     per_column: Vec3,
     per_row: Vec3,
     guide: Vec3,
-    /// Of a point relative to the eye: column times depth, row times depth, and depth.
+    /// Rows of the matrix from a point relative to the eye to column times depth, row times depth,
+    /// and depth.
     inverse: [Vec3; 3],
     /// Depth of a sample at s = 1 on the view axis.
     forward_along_guide: f32,
@@ -47,10 +50,12 @@ impl View {
         let first = at(0.0, 0.0);
         let [tan_x, tan_y] = camera.half_tangents();
         let half_diagonal = tan_x.hypot(tan_y).atan();
-        // The steepest ray, whichever way the camera rolls, decides how far the guide tips down (or up).
+        // The steepest ray, for any roll of the camera, decides how far the guide tilts down (or
+        // up).
         let steepest = camera.pitch_rad.sin().asin();
         let tip = (steepest.abs() + half_diagonal - WIDEST_RAD).clamp(0.0, steepest.abs()).copysign(steepest);
-        // A camera past the vertical looks over its back: the guide lies on the view axis' side.
+        // A camera that is pitched past the vertical looks backwards: the guide lies on the side of
+        // the view axis.
         let side = if camera.pitch_rad.cos() < 0.0 { -1.0 } else { 1.0 };
         let (sin, cos) = camera.heading_rad.sin_cos();
         let guide = DVec3::new(side * sin * tip.cos(), side * cos * tip.cos(), tip.sin());
@@ -88,7 +93,7 @@ impl View {
         self.focal_px
     }
 
-    /// What a length on the view axis is in s.
+    /// The change of s per metre on the view axis.
     #[must_use]
     pub fn s_per_depth(&self) -> f32 {
         self.forward_along_guide
@@ -101,15 +106,16 @@ impl View {
         self.direction_at(x as f32, y as f32)
     }
 
-    /// Direction of depth 1 through any point of the picture, in pixels from the centre of the upper left one.
+    /// Direction of depth 1 through any point of the picture, in pixels from the centre of the
+    /// upper left one.
     #[inline(always)]
     #[must_use]
     pub fn direction_at(&self, x: f32, y: f32) -> Vec3 {
         self.first + self.per_column * x + self.per_row * y
     }
 
-    /// What a point relative to the eye is multiplied with to get its column times its depth, its row times its depth, and its
-    /// depth. Columns and rows count from the centre of the upper left pixel.
+    /// Rows of the matrix from a point relative to the eye to column times depth, row times depth,
+    /// and depth. Columns and rows count from the centre of the upper left pixel.
     #[must_use]
     #[inline]
     pub fn inverse(&self) -> [Vec3; 3] {
@@ -123,7 +129,7 @@ impl View {
         self.guide
     }
 
-    /// Directions of depth 1 change by this from column to column and from row to row.
+    /// The change of a direction of depth 1 from column to column, and from row to row.
     #[must_use]
     #[inline]
     pub fn steps(&self) -> [Vec3; 2] {
@@ -139,7 +145,8 @@ impl View {
         Ray { direction: direction * depth, depth }
     }
 
-    /// The ray through any point of the picture; `None` where rays advance by another length along the guide than others.
+    /// The ray through any point of the picture; `None` where its length along the guide had to be
+    /// clamped.
     #[inline(always)]
     #[must_use]
     pub(crate) fn ray_along(&self, x: f32, y: f32) -> Option<Ray> {
@@ -148,7 +155,8 @@ impl View {
         Some(Ray { direction: direction * depth, depth })
     }
 
-    /// How far a direction goes along the guide, or as an error the least that is taken in its place.
+    /// The component of a direction along the guide; if that is too small, an error with the value
+    /// to be used instead.
     #[inline(always)]
     fn along(&self, direction: Vec3) -> Result<f32, f32> {
         let along = direction.dot(self.guide);

@@ -1,8 +1,8 @@
-//! Threads that share a frame's lines.
+//! A pool of threads that share the lines of a frame.
 
 use std::ops::{Add, Range};
 
-/// Why there are no threads.
+/// Threads could not be started.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[error("cannot start {count} threads for rays: {source}")]
@@ -14,8 +14,8 @@ pub struct WorkersError {
     source: rayon::ThreadPoolBuildError,
 }
 
-/// A fixed number of threads, the calling one being the first of them. They live until this is dropped; a frame that is
-/// shared between them allocates nothing.
+/// A fixed number of threads; the calling thread is the first of them. They live until this is
+/// dropped. To share a frame between them allocates nothing.
 #[derive(Debug)]
 pub struct Workers {
     count: usize,
@@ -34,8 +34,9 @@ impl Workers {
         }
         let name = |index| format!("rays-{index}");
         let builder = || rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(name);
-        // As a member of the pool the calling thread works instead of waiting, and hands work over without a queue that
-        // allocates. A thread is a member of one pool for ever; a second pool gets threads of its own.
+        // As a member of the pool, the calling thread works instead of waiting, and hands over work
+        // without a queue that allocates. A thread can be a member of only one pool; a second pool
+        // gets threads of its own.
         let pool = builder().use_current_thread().build().or_else(|_| builder().build());
         Ok(Self { count, pool: Some(pool.map_err(|source| WorkersError { count, source })?) })
     }
@@ -46,7 +47,7 @@ impl Workers {
         self.count
     }
 
-    /// Has each worker do `work(its number)`, waits for all, adds up what they return.
+    /// Lets each worker do `work(its number)`, waits for all, and adds up the results.
     pub fn run<T: Add<Output = T> + Send>(&self, work: impl Fn(usize) -> T + Sync) -> T {
         match &self.pool {
             None => work(0),
@@ -54,8 +55,8 @@ impl Workers {
         }
     }
 
-    /// Has workers fill what belongs to `count` items, that of item `i` beginning at `at(i)` in `out`: each gets
-    /// neighbouring items, and what is theirs.
+    /// Lets workers fill the parts of `out` that belong to `count` items; the part of item `i`
+    /// begins at `at(i)`. Each worker gets neighbouring items and their parts.
     pub fn split<T: Send>(
         &self,
         count: usize,
@@ -70,7 +71,7 @@ impl Workers {
     }
 }
 
-/// Halves items and what belongs to them until there are so many parts.
+/// Halves items and their parts of `out` until there are this many tasks.
 fn split<T: Send>(
     range: Range<usize>,
     parts: usize,
@@ -89,7 +90,7 @@ fn split<T: Send>(
     );
 }
 
-/// Halves until one worker's part is left: joins live on the stack.
+/// Halves the range of workers until one is left: joins live on the stack.
 fn share<T: Add<Output = T> + Send>(work: &(impl Fn(usize) -> T + Sync), first: usize, end: usize) -> T {
     if end - first == 1 {
         return work(first);

@@ -1,4 +1,5 @@
-//! Coherent rays find what plain rays find: on ground and in poses where forward-only rays do not, too.
+//! Coherent rays find what plain rays find: on ground and in poses where forward-only rays do not,
+//! too.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -54,7 +55,8 @@ fn modes() -> impl Strategy<Value = Modes> {
     prop_oneof![Just(Modes::Accurate), Just(Modes::Approximate), Just(Modes::SideBySide)]
 }
 
-/// The longest sampling interval of a picture along the view axis: rays are sampled on common planes.
+/// The longest sampling interval of a picture along the view axis: rays are sampled on common
+/// planes.
 fn interval_m(camera: &Camera) -> f32 {
     let [tx, ty] = camera.half_tangents();
     // The guide is at most 60 degrees from a ray and the view axis at most that far from the guide.
@@ -67,8 +69,9 @@ fn count_different(a: &[f32], b: &[f32], limit: f32) -> usize {
     a.iter().zip(b).filter(|(a, b)| is_other(**a, **b)).count()
 }
 
-/// The same, but for a ray that grazes a silhouette within rounding: it may hit or miss, so at one pixel, or two, of a picture one of
-/// the pictures has sky and the other ground, beside which both have sky and ground.
+/// The same, but for a ray that grazes a silhouette within rounding: it may hit or miss, so at one
+/// pixel, or two, of a picture one of the pictures has sky and the other ground, beside which both
+/// have sky and ground.
 fn count_beyond_silhouettes(a: &[f32], b: &[f32], limit: f32) -> usize {
     let width = SIZE[0] as usize;
     let around = |picture: &[f32], k: usize| -> [bool; 2] {

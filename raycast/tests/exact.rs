@@ -10,7 +10,8 @@ use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [80, 60];
 
-/// Depth at which the ray through a pixel's centre first lies on or below the ground, to a thousandth of a cell.
+/// Depth at which the ray through a pixel's centre first lies on or below the ground, to a
+/// thousandth of a cell.
 fn marched(field: &Field, camera: &Camera, x: u32, y: u32) -> Option<f64> {
     let direction = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let eye = DVec3::from_array(camera.eye_in_world);

@@ -1,4 +1,4 @@
-//! Request coalescing: who wants what another one is already reading waits for the same answer.
+//! Request coalescing: concurrent reads of the same thing share one request.
 
 use crate::error::FetchError;
 use crate::lock;
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, Weak};
 
 type Read<T> = BoxFuture<'static, Result<T, FetchError>>;
 
-/// Reads under way, by what they read. A read is dropped when the last one that waits for it is.
+/// Reads in flight, by key. A read is dropped together with the last future that waits for it.
 pub(crate) struct RequestCoalescer<K, T: Clone> {
     entries: Arc<Mutex<Entries<K, T>>>,
 }
@@ -34,7 +34,7 @@ impl<K, T: Clone> Default for RequestCoalescer<K, T> {
     }
 }
 
-/// Takes a read's entry away when it ends or is dropped.
+/// Removes the entry of a read when it ends or is dropped.
 struct Removal<K: Eq + Hash, T: Clone> {
     entries: Weak<Mutex<Entries<K, T>>>,
     key: K,
@@ -45,7 +45,7 @@ impl<K: Eq + Hash, T: Clone> Drop for Removal<K, T> {
     fn drop(&mut self) {
         let Some(entries) = self.entries.upgrade() else { return };
         let mut entries = lock(&entries);
-        // Another one may have begun since.
+        // Another read may have begun since then.
         if entries.reads.get(&self.key).is_some_and(|(number, _)| *number == self.number) {
             entries.reads.remove(&self.key);
         }
@@ -57,12 +57,12 @@ where
     K: Clone + Eq + Hash + Send + 'static,
     T: Clone + Send + Sync + 'static,
 {
-    /// Number of reads under way.
+    /// Number of reads in flight.
     pub(crate) fn under_way(&self) -> usize {
         lock(&self.entries).reads.len()
     }
 
-    /// Joins the read of `key`, or begins it.
+    /// Joins the read of `key`, or starts it.
     pub(crate) fn join<F>(&self, key: &K, read: impl FnOnce() -> F) -> Shared<Read<T>>
     where
         F: Future<Output = Result<T, FetchError>> + Send + 'static,

@@ -1,4 +1,4 @@
-//! Why a database does not open, and why a tile does not come.
+//! Why a database cannot be opened, and why a tile cannot be read.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,13 +7,13 @@ use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
 use terravision_common::world::WorldError;
 
-/// What kind of failure it was: what metrics count by.
+/// The kind of a failure, by which metrics count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Cause {
     /// The server has no such file (404, 410).
     NotFound,
-    /// The server does not let us read it (401, 403, 407).
+    /// The server denies access (401, 403, 407).
     Denied,
     /// No credentials, or they cannot be read.
     Credentials,
@@ -25,7 +25,7 @@ pub enum Cause {
     Refused,
     /// The server does not honour byte ranges.
     NoRanges,
-    /// It sent other bytes than were asked for: fewer, more, another range.
+    /// The server sent other bytes than requested: fewer, more, or another range.
     BadAnswer,
     /// Redirected without end.
     Redirects,
@@ -43,9 +43,9 @@ pub enum Cause {
     Damaged,
     /// The database changed while it was read.
     Changed,
-    /// A file was replaced by an equal one: no failure, but worth telling.
+    /// A file was replaced by an equal one: not a failure, but worth reporting.
     Touched,
-    /// It is not in the cache, and the network is not to be asked.
+    /// It is not in the cache, and the network must not be used.
     Offline,
     /// The disk cache does not work.
     Cache,
@@ -53,7 +53,7 @@ pub enum Cause {
     Disk,
     /// The store was closed while it was read.
     Closed,
-    /// The server sent a page for people in place of the file.
+    /// The server sent a web page instead of the file.
     WebPage,
 }
 
@@ -84,7 +84,7 @@ impl Cause {
         Self::WebPage,
     ];
 
-    /// Its number, by which other processes are told of it.
+    /// Its number, as sent to other processes.
     #[must_use]
     pub fn number(self) -> usize {
         self as usize
@@ -125,7 +125,7 @@ impl Cause {
         }
     }
 
-    /// Whether the server has answered, or was not to be trusted, and will answer the same next time.
+    /// Whether the server answered, or is not trusted, and would answer the same next time.
     #[must_use]
     pub fn is_refusal(self) -> bool {
         matches!(
@@ -141,7 +141,7 @@ impl Cause {
         )
     }
 
-    /// Whether a failure of this kind may be gone at the next request.
+    /// Whether the next request may succeed after a failure of this kind.
     #[must_use]
     pub fn is_passing(self) -> bool {
         matches!(
@@ -158,26 +158,26 @@ impl Cause {
     }
 }
 
-/// A request or a read that failed, told: what kind, of what, why.
+/// A failed request or read: its kind, the file, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{why}: {place}")]
 pub struct Fault {
-    /// What kind it was.
+    /// Its kind.
     pub cause: Cause,
     /// Why, a clause.
     pub why: String,
-    /// Of what: a file of the database, without secrets.
+    /// The file of the database, without secrets.
     pub place: String,
 }
 
-/// Why a tile does not come. Cheap to clone: several readers may wait for the same bytes.
+/// Why a tile cannot be read. Cheap to clone: several readers may wait for the same bytes.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum FetchError {
-    /// The database has no such tile; it never will.
+    /// The database does not contain this tile.
     #[error("the database has no such tile")]
     Absent,
-    /// Its bytes are not those that were written, however often they are read.
+    /// Its bytes are damaged, also after repeated reads.
     #[error("it is damaged: {reason}")]
     Damaged {
         /// What is wrong with it.
@@ -196,12 +196,12 @@ impl FetchError {
         Self::failed_as(Arc::new(Fault { cause, why: why.into(), place: place.into() }))
     }
 
-    /// One that others have found out.
+    /// A failure that another read has found.
     pub(crate) fn failed_as(fault: Arc<Fault>) -> Self {
         Self::Failed { fault }
     }
 
-    /// What kind of failure it is; `None` for a tile that the database does not have.
+    /// The kind of failure; `None` for a tile that the database does not contain.
     #[must_use]
     pub fn cause(&self) -> Option<Cause> {
         match self {
@@ -211,26 +211,26 @@ impl FetchError {
         }
     }
 
-    /// Whether asking again later may help.
+    /// Whether a later request may succeed.
     #[must_use]
     pub fn is_passing(&self) -> bool {
         self.cause().is_some_and(Cause::is_passing)
     }
 
-    /// As outcomes, reports and metrics know it.
+    /// The failure as used in outcomes, reports and metrics.
     #[must_use]
     pub fn failure(&self) -> TileFailure {
         match self.cause() {
             None => TileFailure::Missing,
             Some(Cause::Damaged) => TileFailure::Damaged,
             Some(Cause::Offline) => TileFailure::NotCached,
-            // That the disk fails is nobody's refusal.
+            // A failing disk is not a refusal.
             Some(cause) if cause.is_refusal() => TileFailure::Refused,
             Some(_) => TileFailure::Unreadable,
         }
     }
 
-    /// As readers of tiles know it.
+    /// The failure as an error of a tile reader.
     #[must_use]
     pub fn into_tile_error(self, layer: Layer, node: NodeId) -> TileError {
         match self {
@@ -243,18 +243,18 @@ impl FetchError {
     }
 }
 
-/// Why a database does not open.
+/// Why a database cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// One in a folder of this machine, or a mirrored index.
+    /// A local database, or a mirrored index.
     #[error(transparent)]
     Database {
         /// What is wrong with it.
         #[from]
         source: DatabaseError,
     },
-    /// The server has no manifest there.
+    /// The server has no manifest at this place.
     #[error("there is no finished terrain database ({why}): {location}")]
     NotADatabase {
         /// What the server said.
@@ -262,7 +262,7 @@ pub enum StoreError {
         /// Where it was looked for.
         location: String,
     },
-    /// The file is not a manifest that we can read.
+    /// The manifest cannot be parsed.
     #[error("the manifest cannot be used: {source}, at {location}")]
     Manifest {
         /// What is wrong.
@@ -271,7 +271,7 @@ pub enum StoreError {
         /// Where.
         location: String,
     },
-    /// Its world cannot be.
+    /// The manifest's world is not valid.
     #[error("the manifest's world is wrong: {source}, at {location}")]
     World {
         /// What is wrong.
@@ -280,7 +280,7 @@ pub enum StoreError {
         /// Where.
         location: String,
     },
-    /// A web page came where the manifest should be.
+    /// The server sent a web page instead of the manifest.
     #[error("the server sent a web page in place of the manifest (a log-in, or a wrong path?), from {location}")]
     WebPage {
         /// Where.
@@ -293,15 +293,15 @@ pub enum StoreError {
         #[from]
         source: FetchError,
     },
-    /// The location and the environment give no client.
+    /// No client can be created from the location and the environment.
     #[error("cannot make a client for {location}: {why}")]
     Client {
         /// Why.
         why: String,
-        /// Where it should lead.
+        /// The location.
         location: String,
     },
-    /// The index cannot be kept anywhere on this machine.
+    /// The index cannot be stored on this machine.
     #[error("cannot keep the index of the database: {source}: {}", path.display())]
     Mirror {
         /// Why.
@@ -320,7 +320,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether what was named cannot be opened, for whatever reason, rather than this machine failed.
+    /// Whether the named database cannot be opened, as opposed to a failure of this machine.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         !matches!(self, Self::Mirror { .. } | Self::Threads { .. })

@@ -1,4 +1,4 @@
-//! Failures, folded: each cause is told once, with a count.
+//! The log of failures, folded: each cause is reported once, with a count.
 
 use crate::error::{Cause, Fault};
 use std::collections::BTreeMap;
@@ -8,22 +8,23 @@ use terravision_common::terminal::cut;
 /// Failures of one kind at one place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folded {
-    /// The last of them.
+    /// The last failure.
     pub fault: Fault,
     /// How many there were.
     pub count: u64,
     is_told: bool,
 }
 
-/// What went wrong, folded by cause and place. Any thread may add to it and read it.
+/// Failures, folded by cause and place. May be read and written by any thread.
 #[derive(Debug, Default)]
 pub struct ErrorLog {
     entries: Mutex<BTreeMap<(Cause, String), Folded>>,
 }
 
-/// No more places are kept apart: a server that names each failure anew must not fill the memory.
+/// At most this many places are distinguished: a server that words each failure differently must
+/// not fill the memory.
 pub(crate) const MOST_ENTRIES: usize = 256;
-/// A failure is told in at most so many bytes: what a server says may be a part of it.
+/// The reason of a failure is cut to this many bytes, because it may contain text from a server.
 pub(crate) const MOST_WORDS_BYTES: usize = 1024;
 
 fn told(text: &str) -> String {
@@ -35,7 +36,7 @@ impl ErrorLog {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Notes a failure.
+    /// Adds a failure.
     pub fn note(&self, fault: &Fault) {
         tracing::debug!(cause = fault.cause.name(), "{fault}");
         let mut entries = self.lock();
@@ -58,19 +59,19 @@ impl ErrorLog {
         counts
     }
 
-    /// All of it.
+    /// All failures.
     #[must_use]
     pub fn folded(&self) -> Vec<Folded> {
         self.lock().values().cloned().collect()
     }
 
-    /// What has not been taken before, a sentence for each cause and place.
+    /// Failures that have not been taken before, one sentence for each cause and place.
     #[must_use]
     pub fn take_news(&self) -> Vec<String> {
         self.take_untold().iter().map(Folded::to_string).collect()
     }
 
-    /// What has not been taken before, each cause and place once.
+    /// Failures that have not been taken before, one for each cause and place.
     #[must_use]
     pub fn take_untold(&self) -> Vec<Folded> {
         let mut entries = self.lock();

@@ -1,22 +1,24 @@
-//! The marks (ETags) that a server gives the content of one file.
+//! The ETags that a server gives the content of one file.
 
 use terravision_common::terminal::cut;
 
-/// Marks of one content that are remembered; a server that changes them more often than that does not mean the content by them.
+/// Upper bound of the ETags of one content; the ETags of a server that uses more do not identify
+/// content.
 pub(crate) const MOST_ETAGS: usize = 16;
-/// A mark is remembered up to so many bytes.
+/// ETags are stored up to this many bytes.
 pub(crate) const MOST_ETAG_BYTES: usize = 256;
 
-/// The marks that one content was seen with.
+/// The ETags seen with one content.
 #[derive(Debug, Default)]
 pub(crate) struct Etags {
     known: Vec<String>,
-    /// There were too many: they tell nothing. Checksums of tiles, and the manifest, still do.
+    /// There were too many, so that they mean nothing. Checksums of tiles and the manifest still
+    /// detect a change.
     is_meaningless: bool,
 }
 
 impl Etags {
-    /// Whether a mark is one of this content: the first of all is.
+    /// Whether an ETag belongs to this content. The very first one does.
     pub(crate) fn is_known(&mut self, etag: &str) -> bool {
         if self.known.is_empty() {
             self.learn(etag);
@@ -24,7 +26,7 @@ impl Etags {
         self.is_meaningless || self.known.iter().any(|known| known == cut(etag, MOST_ETAG_BYTES))
     }
 
-    /// Notes that this content has this mark, too.
+    /// Adds another ETag of this content.
     pub(crate) fn learn(&mut self, etag: &str) {
         if self.known.len() < MOST_ETAGS {
             self.known.push(cut(etag, MOST_ETAG_BYTES).to_owned());

@@ -1,9 +1,12 @@
-//! A terrain database anywhere: in a folder, in an archive, on a web server that honours byte ranges, in an S3 bucket.
+//! A terrain database anywhere: in a folder, in an archive, on a web server that honours byte
+//! ranges, in an S3 bucket.
 //!
-//! [`Store::open`] makes a [`Location`] a database; [`Store::payload`] gives tiles as they are stored, to async readers, and
-//! the store is a [`TileSource`](terravision_common::database::TileSource) for threads that may block. What comes over a
-//! network passes a disk cache and is checked by the checksums of manifest and tiles. The module `retry` alone decides what is
-//! asked for again, and when ([`StoreOptions`], [`Store::recent_failure`]). Failures are folded by cause ([`ErrorLog`]).
+//! [`Store::open`] opens the database at a [`Location`]. [`Store::payload`] reads stored tiles for
+//! async readers; for threads that may block, the store is a
+//! [`TileSource`](terravision_common::database::TileSource). Data from a network goes through a
+//! disk cache, and is verified by the checksums of manifest and tiles. Only the module `retry`
+//! decides what is requested again, and when ([`StoreOptions`], [`Store::recent_failure`]).
+//! Failures are folded by cause ([`ErrorLog`]).
 //!
 //! ```no_run
 //! use terravision_common::database::Layer;
@@ -51,7 +54,8 @@ pub use store::{Store, StoreStats};
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks. What a panicking thread leaves is still whole: nothing in this crate panics between two writes that belong together.
+/// Locks a mutex, also after a panic of its holder: no code of this crate panics between two writes
+/// that belong together.
 fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

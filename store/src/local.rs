@@ -1,4 +1,4 @@
-//! A database in a folder of this machine.
+//! A database in a local folder.
 
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
@@ -9,13 +9,13 @@ use terravision_common::database::{
 };
 use terravision_common::files::read_bounded;
 
-/// A tile of a folder, as it is stored, its checksum verified; blocks on the disk.
+/// A stored tile of a local database, its checksum verified. Blocks on the disk.
 pub(crate) fn local_payload(database: &Database, tile: Tile, log: &ErrorLog) -> Result<Bytes, FetchError> {
     let read = read_local(database, tile);
     match read {
         Err(FetchError::Damaged { .. } | FetchError::Failed { .. }) if has_changed(database) => {
             let why =
-                "the database is not the one that was opened (its manifest is another one); open it anew".to_owned();
+                "the database was replaced while it was open (its manifest has changed); open it again".to_owned();
             let fault = Fault { cause: Cause::Changed, why, place: database.path().display().to_string() };
             log.note(&fault);
             Err(FetchError::failed_as(Arc::new(fault)))
@@ -24,7 +24,7 @@ pub(crate) fn local_payload(database: &Database, tile: Tile, log: &ErrorLog) -> 
     }
 }
 
-/// Whether another database lies in the folder by now.
+/// Whether the folder now contains another database.
 fn has_changed(database: &Database) -> bool {
     let text = read_bounded(&database.path().join(MANIFEST_FILE), MOST_MANIFEST_BYTES).ok();
     let manifest = text.and_then(|text| Manifest::parse(std::str::from_utf8(&text).ok()?).ok());

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use terravision_common::database::MANIFEST_FILE;
 use url::Url;
 
-/// Why a text is no location.
+/// Why a text is not a location.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LocationError {
-    /// It begins like a URL of a kind that is not read.
+    /// A URL with a scheme that is not supported.
     #[error(
         "the scheme of a database is {found}://, expected a folder, http://, https:// or s3://bucket/prefix: {text}"
     )]
@@ -20,7 +20,7 @@ pub enum LocationError {
         /// The location.
         text: String,
     },
-    /// It is no URL.
+    /// It is not a URL.
     #[error("the database's URL cannot be read: {reason}: {text}")]
     Url {
         /// What is wrong with it.
@@ -30,7 +30,8 @@ pub enum LocationError {
     },
 }
 
-/// Where a terrain database is. Shown without what may be secret: user, password and query of a URL.
+/// Where a terrain database is. `Display` leaves out what may be secret: user, password and query
+/// of a URL.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Location(Kind);
 
@@ -46,15 +47,15 @@ pub(crate) enum Kind {
     S3 {
         /// The bucket.
         bucket: String,
-        /// The folder in it, without slashes at its ends; may be empty.
+        /// The folder in the bucket, without slashes at its ends; may be empty.
         prefix: String,
     },
 }
 
 impl Location {
-    /// Reads a location: `world.tv`, `file:///data/world.tv`, `http://host/world.tv`, `https://…`,
-    /// `s3://bucket/prefix`. The manifest in a folder stands for the folder. What ends with `.tar` is an archive with the files
-    /// of a database in it.
+    /// Parses a location: `world.tv`, `file:///data/world.tv`, `http://host/world.tv`, `https://…`,
+    /// `s3://bucket/prefix`. The path of a manifest stands for its folder. A name that ends in
+    /// `.tar` is an archive that contains the files of a database.
     ///
     /// # Errors
     /// [`LocationError`].
@@ -84,7 +85,7 @@ impl Location {
         Ok(Self(kind))
     }
 
-    /// Reads a location from a command line, where names of folders need not be Unicode.
+    /// Parses a location of a command line, where names of folders need not be Unicode.
     ///
     /// # Errors
     /// [`LocationError`].
@@ -95,13 +96,13 @@ impl Location {
         }
     }
 
-    /// A folder of this machine, or an archive when its name says so and it is not a folder.
+    /// A local folder, or an archive when its name says so and it is not a folder.
     fn path(path: &Path) -> Self {
         let has_name = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("tar"));
         if has_name && !path.is_dir() { Self(Kind::Archive(path.to_owned())) } else { Self::folder(path) }
     }
 
-    /// A folder of this machine.
+    /// A local folder.
     #[must_use]
     pub fn folder(path: &Path) -> Self {
         Self(Kind::Folder(path.to_owned()))
@@ -111,7 +112,7 @@ impl Location {
         &self.0
     }
 
-    /// The folder, if it is one of this machine.
+    /// The folder, if it is local.
     #[must_use]
     pub fn as_folder(&self) -> Option<&Path> {
         match &self.0 {
@@ -120,7 +121,7 @@ impl Location {
         }
     }
 
-    /// The folder or the archive, if it is one of this machine.
+    /// The folder or the archive, if it is local.
     #[must_use]
     pub fn as_path(&self) -> Option<&Path> {
         match &self.0 {
@@ -129,7 +130,7 @@ impl Location {
         }
     }
 
-    /// Whether it is an archive, here or elsewhere.
+    /// Whether it is an archive, local or remote.
     #[must_use]
     pub fn is_archive(&self) -> bool {
         let is_tar = |name: &str| {
@@ -143,7 +144,8 @@ impl Location {
         }
     }
 
-    /// The location as [`Location::parse`] reads it, secrets and all: for another process, never for a person.
+    /// The location in the form that [`Location::parse`] reads, including secrets: for other
+    /// processes only, never for display.
     #[must_use]
     pub fn to_argument(&self) -> String {
         match &self.0 {
@@ -170,7 +172,8 @@ fn is_scheme(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(is_part)
 }
 
-/// The URL of a folder: without a slash at its end, without fragment; its query goes with every request.
+/// The URL of a folder: without a slash at its end, without fragment; its query goes with every
+/// request.
 fn http_folder(text: &str) -> Result<Url, url::ParseError> {
     let mut url = Url::parse(text)?;
     url.set_fragment(None);
@@ -181,11 +184,11 @@ fn http_folder(text: &str) -> Result<Url, url::ParseError> {
     Ok(url)
 }
 
-/// A URL for people: its user, password and query may be secret.
+/// A URL for display: its user, password and query may be secret.
 fn without_secrets(text: &str) -> String {
     match Url::parse(text) {
         Ok(mut url) => {
-            // A URL that has no host has no user either.
+            // A URL without a host has no user either.
             url.set_username("").unwrap_or_default();
             url.set_password(None).unwrap_or_default();
             url.set_query(None);

@@ -1,4 +1,4 @@
-//! Pieces of archives that were read, and the few that are kept in memory: extents of small tiles, which have neighbours.
+//! Pieces of archives, and the few of them that are kept in memory: extents of small tiles.
 
 use crate::cache::Key;
 use bytes::Bytes;
@@ -11,9 +11,10 @@ use std::time::Instant;
 #[derive(Debug)]
 pub(crate) struct Piece {
     pub(crate) bytes: Bytes,
-    /// When it was asked for, if it was asked for anew because the request before took much longer than usual.
+    /// When it was requested, if the request was repeated because the first one took much longer
+    /// than usual.
     pub(crate) resent_at: Option<Instant>,
-    /// Whether the disk cache has it, or is about to.
+    /// Whether it is in the disk cache, or about to be written to it.
     is_on_disk: AtomicBool,
 }
 
@@ -22,19 +23,19 @@ impl Piece {
         Self { bytes, resent_at: None, is_on_disk: AtomicBool::new(is_on_disk) }
     }
 
-    /// One that came over the network.
+    /// A piece that was read over the network.
     pub(crate) fn fetched(bytes: Bytes, resent_at: Option<Instant>) -> Self {
         Self { resent_at, ..Self::new(bytes, false) }
     }
 
-    /// Whether it was not on disk yet: true for one caller alone.
+    /// Whether it has yet to be written to disk: true for only one caller.
     pub(crate) fn begin_keeping(&self) -> bool {
-        // Relaxed: nothing else is told by it; each caller sees one value in one order.
+        // Relaxed: it publishes no other data; exactly one caller sees the change.
         !self.is_on_disk.swap(true, Ordering::Relaxed)
     }
 }
 
-/// The pieces that were used last, up to a number of bytes.
+/// The most recently used pieces, up to a number of bytes.
 #[derive(Debug)]
 pub(crate) struct Memory {
     most_bytes: usize,
@@ -75,7 +76,7 @@ impl Memory {
             pieces.bytes -= old.bytes.len();
         }
         while pieces.bytes > self.most_bytes {
-            // A few hundred pieces: a walk costs less than keeping them in order.
+            // There are a few hundred pieces: a linear search costs less than to keep them sorted.
             let oldest = pieces.by_key.iter().min_by_key(|(_, (used, _))| *used).map(|(key, _)| key.clone());
             let Some((_, old)) = oldest.and_then(|key| pieces.by_key.remove(&key)) else { break };
             pieces.bytes -= old.bytes.len();

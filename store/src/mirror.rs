@@ -1,4 +1,5 @@
-//! The index of a remote database, mirrored into a folder: the generator needs it whole, on this machine.
+//! Mirrors the index of a remote database into a local folder, because the generator needs all of
+//! it.
 
 use crate::error::{Cause, FetchError, StoreError};
 use crate::location::Location;
@@ -21,23 +22,23 @@ use terravision_common::world::World;
 const PART_BYTES: u64 = 1 << 20;
 const PARTS_AT_ONCE: usize = 4;
 
-/// Called with the bytes of the index that have come, and with all that will.
+/// Called with the number of bytes of the index that have been read, and with their total.
 pub type OnProgress<'a> = &'a mut dyn FnMut(u64, u64);
 
-/// A manifest, as text and read.
+/// A manifest, as text and parsed.
 pub(crate) struct OpenManifest {
     pub(crate) text: Bytes,
     pub(crate) manifest: Manifest,
     pub(crate) world: World,
 }
 
-/// A folder that goes away with this value.
+/// A folder that is removed when this value is dropped.
 #[derive(Debug)]
 pub(crate) struct TemporaryFolder(PathBuf);
 
 impl Drop for TemporaryFolder {
     fn drop(&mut self) {
-        // What cannot be removed is left to the system, like all in the folder of temporary files.
+        // If it cannot be removed, the system will clean it up with its other temporary files.
         drop(fs::remove_dir_all(&self.0));
     }
 }
@@ -45,7 +46,7 @@ impl Drop for TemporaryFolder {
 /// Length of a name in the cache.
 const NAME_BYTES: u64 = 32;
 
-/// Whether a text is a name that [`name_of`] gives.
+/// Whether a text has the form of a name made by [`name_of`].
 pub(crate) fn is_name(text: &str) -> bool {
     text.len() as u64 == NAME_BYTES && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
@@ -56,7 +57,8 @@ fn name_of(parts: &[&[u8]]) -> String {
     digest.as_ref()[..16].iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The name of a database in the cache: where it is, and what its manifest says (which has the checksums of the rest).
+/// The name of a database in the cache: a hash of its location and its manifest (which contains the
+/// checksums of the rest).
 pub(crate) fn database_name(location: &Location, manifest: &[u8]) -> String {
     name_of(&[location.to_string().as_bytes(), manifest])
 }
@@ -69,19 +71,19 @@ fn index_folder(cache: &Path, database: &str) -> PathBuf {
     cache.join("index").join(database)
 }
 
-/// Reads a manifest's text.
+/// Parses the text of a manifest.
 pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, StoreError> {
     if text.trim_ascii_start().starts_with(b"<") {
         return Err(StoreError::WebPage { location: location.to_string() });
     }
-    // What is no Unicode is no JSON either: the parser says so.
+    // Invalid Unicode is invalid JSON too: the parser reports it.
     let manifest = Manifest::parse(&String::from_utf8_lossy(&text))
         .map_err(|source| StoreError::Manifest { source, location: location.to_string() })?;
     let world = manifest.geometry().map_err(|source| StoreError::World { source, location: location.to_string() })?;
     Ok(OpenManifest { text, manifest, world })
 }
 
-/// The manifest on the server.
+/// Reads the manifest from the server.
 pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Result<OpenManifest, StoreError> {
     let request = Request {
         file: MANIFEST_FILE,
@@ -98,7 +100,7 @@ pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Res
             }
             Err(error) => return Err(error.into()),
         };
-        // A manifest that was damaged on its way is whole the next time.
+        // A manifest that was damaged in transit may arrive undamaged the next time.
         let is_damaged =
             |source: &ManifestError| matches!(source, ManifestError::Checksum { .. } | ManifestError::Content { .. });
         let is_repeated = match &parsed {
@@ -114,7 +116,7 @@ pub(crate) async fn read_manifest(network: &Network, location: &Location) -> Res
     }
 }
 
-/// The manifest that this location had last, from the cache.
+/// Reads the last known manifest of this location from the cache.
 pub(crate) fn cached_manifest(cache: &Path, location: &Location) -> Result<OpenManifest, StoreError> {
     let name = cached_name(cache, location);
     let text = name.map(|name| read_bounded(&index_folder(cache, &name).join(MANIFEST_FILE), MOST_MANIFEST_BYTES));
@@ -127,23 +129,24 @@ pub(crate) fn cached_manifest(cache: &Path, location: &Location) -> Result<OpenM
     }
 }
 
-/// Name of the database that a location had last. A file of the cache says so; only what is such a name is one.
+/// Name of the database that was last at a location, from a file in the cache. Anything but a valid
+/// name is ignored.
 fn cached_name(cache: &Path, location: &Location) -> Option<String> {
     let name = read_bounded(&location_file(cache, location), 2 * NAME_BYTES).ok()?;
     String::from_utf8(name).ok().map(|name| name.trim().to_owned()).filter(|name| is_name(name))
 }
 
-/// A folder with the index: the one in the cache, filled if need be.
+/// A folder with the index: the one in the cache, filled if necessary.
 pub(crate) struct Mirror {
     pub(crate) index: Index,
-    /// When the cache takes nothing, the index is here.
+    /// The folder of the index, when the cache cannot be written.
     pub(crate) temporary: Option<TemporaryFolder>,
     /// Bytes that were added to the cache.
     pub(crate) added: Vec<u64>,
 }
 
-/// Finds the index in the cache, or reads it from the server into the cache; where that cannot be written to, into a
-/// folder that goes away again, as it does without a cache. `note` is told why.
+/// Finds the index in the cache, or reads it from the server into the cache. Without a cache, or if
+/// it cannot be written, uses a temporary folder; `note` then gets the reason.
 pub(crate) async fn mirror(
     open: &OpenManifest,
     location: &Location,
@@ -186,7 +189,7 @@ pub(crate) async fn mirror(
     }
 }
 
-/// Why a folder did not get an index.
+/// Why an index could not be written to a folder.
 enum Unfilled {
     Disk(io::Error),
     Network(FetchError),
@@ -198,7 +201,7 @@ impl From<io::Error> for Unfilled {
     }
 }
 
-/// Reads the index into a folder, the manifest last: a folder that has one is whole.
+/// Reads the index into a folder, the manifest last: a folder with a manifest is complete.
 async fn fill(
     network: &Network,
     open: &OpenManifest,
@@ -213,17 +216,17 @@ async fn fill(
     Ok(write_whole(&folder.join(MANIFEST_FILE), &open.text)?)
 }
 
-/// The index in a folder, if it is all there, undamaged and of this manifest.
+/// The index in a folder, if it is complete, undamaged, and belongs to this manifest.
 fn whole_index(folder: &Path, manifest: &[u8]) -> Option<Index> {
     let text = read_bounded(&folder.join(MANIFEST_FILE), MOST_MANIFEST_BYTES).ok()?;
     (text == manifest).then(|| Index::open(folder).ok()).flatten()
 }
 
-/// Marks an index as used now, so that it is not the next to make room.
+/// Marks an index as used now, so that a sweep does not remove it next.
 fn touch(folder: &Path) {
     for name in [MANIFEST_FILE, NODES_FILE] {
         let times = fs::FileTimes::new().set_modified(std::time::SystemTime::now());
-        // A cache that is read only needs no marks.
+        // In a read-only cache nothing has to be marked.
         File::open(folder.join(name)).and_then(|file| file.set_times(times)).unwrap_or_default();
     }
 }
@@ -238,8 +241,8 @@ fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::
     write_whole(&path, name.as_bytes())
 }
 
-/// Bytes of the file of height ranges: what the world needs, if that is what the manifest says and no more than can be held. Nothing is read
-/// or allocated before.
+/// Size of the file of height ranges, if the manifest's number is what the world needs, and within
+/// the bound. Checked before anything is read or allocated.
 fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
     NodeRanges::checked_bytes(&open.world, &open.manifest.nodes, open.manifest.is_sparse()).map_err(|error| {
         let why = match error {
@@ -252,7 +255,8 @@ fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchErr
     })
 }
 
-/// Reads the height ranges into a file, a few pieces at a time: what is in memory does not depend on how long they are.
+/// Reads the height ranges into a file, a few pieces at a time: memory use does not depend on their
+/// length.
 async fn read_nodes(
     network: &Network,
     open: &OpenManifest,
@@ -299,7 +303,7 @@ async fn read_nodes(
     }
 }
 
-/// A file that appears whole, or not at all.
+/// A file that appears complete, or not at all.
 struct NewFile {
     file: File,
     temporary: PathBuf,
@@ -309,11 +313,11 @@ struct NewFile {
 impl NewFile {
     fn create(path: &Path) -> io::Result<Self> {
         let temporary = path.with_extension(unique());
-        // A name that is there, a link too, is not taken.
+        // An existing name, including a link, is never reused.
         Ok(Self { file: File::create_new(&temporary)?, temporary, path: path.to_owned() })
     }
 
-    /// Forgets what was written.
+    /// Discards what was written.
     fn restart(&mut self) -> io::Result<()> {
         self.file.set_len(0)?;
         self.file.rewind()
@@ -324,7 +328,7 @@ impl NewFile {
     }
 
     fn finish(self) -> io::Result<()> {
-        // A sweep takes its room by age; a power failure must not leave a whole name with half a content.
+        // Synced: after a power failure there must not be a final name with half of the content.
         self.file.sync_all()?;
         fs::rename(&self.temporary, &self.path)
     }
@@ -332,7 +336,7 @@ impl NewFile {
 
 impl Drop for NewFile {
     fn drop(&mut self) {
-        // After a rename no file has this name.
+        // After the rename no file has the temporary name.
         drop(fs::remove_file(&self.temporary));
     }
 }
@@ -345,7 +349,7 @@ fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
 
 fn unique() -> String {
     static COUNT: AtomicU64 = AtomicU64::new(0);
-    // Relaxed: the count orders nothing, it only has to differ.
+    // Relaxed: numbers only have to differ.
     format!("new-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed))
 }
 

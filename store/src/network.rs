@@ -1,4 +1,4 @@
-//! Reading over a network that loses, delays and lies: requests are asked again, within limits.
+//! Reads over a network that loses, delays and damages data: requests are repeated, within limits.
 //!
 //! ```text
 //!            ┌────────────── wait: backoff with jitter, not before Retry-After ◀──┐
@@ -8,7 +8,7 @@
 //!                    └─ failure ───────┴───────────────────────┴───────────────────┴─▶ error
 //! ```
 //!
-//! When and how often is for [`crate::retry`] to say; here it is done.
+//! [`crate::retry`] decides when and how often; this module does it.
 
 use crate::error::{Cause, Fault, FetchError};
 use crate::error_log::ErrorLog;
@@ -22,23 +22,23 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-/// Why nobody is asked when `Retry-After` ends later than the read.
+/// The reason for sending no request when `Retry-After` ends later than the read.
 const LONG_PAUSE: &str = "the server asks for fewer requests, and for a longer pause than a read may wait";
 
-/// What is asked of a server.
+/// A request to a server.
 #[derive(Debug, Clone)]
 pub(crate) struct Request {
     /// The file of the database.
     pub(crate) file: &'static str,
-    /// Its part; all of it when `None`.
+    /// The byte range; `None` for the whole file.
     pub(crate) range: Option<Range<u64>>,
-    /// The most bytes that are taken.
+    /// Upper bound of the bytes that are read.
     pub(crate) most_bytes: u64,
-    /// How it may be asked again.
+    /// How it may be repeated.
     pub(crate) allowance: Allowance,
 }
 
-/// How a request ended that did not fail.
+/// The end of a request that did not fail.
 enum Ended {
     Answered {
         answer: Answer,
@@ -48,7 +48,7 @@ enum Ended {
     Slow,
 }
 
-/// The network as readers of a database see it.
+/// The network, with retries.
 #[derive(Debug)]
 pub(crate) struct Network {
     transport: Transport,
@@ -73,15 +73,15 @@ impl Network {
         &self.transport
     }
 
-    /// When requests are made again.
+    /// The retry policy.
     pub(crate) fn policy(&self) -> &RetryPolicy {
         &self.policy
     }
 
-    /// Asks until an answer passes `check`, which turns it into what is wanted of it.
+    /// Sends requests until an answer passes `check`, which converts it into the result.
     ///
     /// # Errors
-    /// The last failure, when it is final or nothing is left to try.
+    /// The last failure, if it is final or no attempts are left.
     pub(crate) async fn read<T, C>(&self, request: &Request, check: impl Fn(Answer) -> C) -> Result<T, FetchError>
     where
         C: Future<Output = Result<T, FetchError>>,
@@ -126,7 +126,7 @@ impl Network {
         }
     }
 
-    /// One request, not before the server wants to be asked, and not longer than it may take.
+    /// Sends one request, after the server's `Retry-After` and within its timeout.
     async fn request(
         &self,
         request: &Request,
@@ -145,7 +145,7 @@ impl Network {
             let Ok(permit) = timeout_at(end, self.permits.acquire()).await else {
                 return Err(fault(Cause::Timeout, "its turn did not come in time".to_owned()));
             };
-            // The server may have asked for quiet while this one queued.
+            // The server may have sent `Retry-After` while this request queued.
             if self.transport.wire().held_until().is_none() {
                 break permit;
             }

@@ -5,33 +5,36 @@ use std::path::PathBuf;
 use std::time::Duration;
 use terravision_common::run::DatabaseConfig;
 
-/// Bytes of the disk cache unless told otherwise.
+/// Default size of the disk cache, bytes.
 pub const DEFAULT_CACHE_BYTES: u64 = 10 << 30;
 
-/// How a remote database is read. None of it matters to one in a folder of this machine, but for
-/// [`StoreOptions::failed_tiles`].
+/// How a remote database is read. For a local folder, only [`StoreOptions::failed_tiles`] matters.
 #[derive(Debug, Clone)]
 pub struct StoreOptions {
-    /// Folder of the disk cache; [`default_cache_dir`] when there is none here.
+    /// Folder of the disk cache; `None`: [`default_cache_dir`].
     pub cache_dir: Option<PathBuf>,
-    /// Most bytes that the cache may take, all databases together; 0 keeps no tiles.
+    /// Maximum size of the cache, all databases together, bytes; 0 stores no tiles.
     pub cache_bytes: u64,
-    /// Never ask the network: what the cache does not have is missing.
+    /// Never use the network: tiles that are not in the cache are missing.
     pub is_offline: bool,
-    /// Longest time that one request may take. Shorter gives up on slow links, longer waits for servers that hang.
+    /// Timeout of one request. A shorter one gives up on slow links, a longer one waits for servers
+    /// that hang.
     pub request_timeout: Duration,
-    /// Longest time that one read may take, all its requests and the waits between them together.
+    /// Deadline of one read, including all its requests and the waits between them.
     pub deadline: Duration,
-    /// How failed requests are asked again.
+    /// How failed requests are repeated.
     pub retries: RetryOptions,
-    /// Requests for tiles are made anew when their answer takes much longer than usual, before they time out. Better on links
-    /// that lose requests silently, and more load for a server that is slow.
+    /// Whether requests for tiles are repeated before they time out, when the answer takes much
+    /// longer than usual. This helps on links that lose requests silently, and puts more load on a
+    /// slow server.
     pub is_hasty: bool,
-    /// What becomes of tiles that could not be read.
+    /// When tiles that could not be read may be requested again.
     pub failed_tiles: FailedTiles,
-    /// Most requests at a time. More use a link of long delay better, and load the server.
+    /// Maximum number of concurrent requests. More of them use a link with a long delay better, and
+    /// load the server more.
     pub parallel_requests: usize,
-    /// A folder that has the index already, checked: it is used as it is, and the server is not asked for it.
+    /// A folder that already contains the checked index: it is used, and not requested from the
+    /// server.
     pub index: Option<PathBuf>,
 }
 
@@ -53,7 +56,7 @@ impl Default for StoreOptions {
 }
 
 impl StoreOptions {
-    /// As a run is configured. All requests of a read together may take three times as long as one.
+    /// The options of a run. The deadline of a read is three times the timeout of a request.
     #[must_use]
     pub fn of(config: &DatabaseConfig) -> Self {
         let request_timeout = Duration::from_millis(config.request_timeout_ms.max(1));
@@ -69,8 +72,8 @@ impl StoreOptions {
     }
 }
 
-/// The cache's folder when none is asked for: `$XDG_CACHE_HOME/terravision`, else `~/.cache/terravision`, else one in
-/// the folder of temporary files.
+/// The default folder of the cache: `$XDG_CACHE_HOME/terravision`, otherwise
+/// `~/.cache/terravision`, otherwise one in the folder of temporary files.
 #[must_use]
 pub fn default_cache_dir() -> PathBuf {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());

@@ -1,20 +1,21 @@
-//! What a read brings.
+//! The result of a read.
 
 use bytes::Bytes;
 use std::time::Instant;
 
-/// A tile as it is stored.
+/// A stored tile.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Payload {
-    /// Its bytes; their checksum is right.
+    /// Its bytes, whose checksum has been verified.
     pub bytes: Bytes,
-    /// When the request was made that was answered, if it was made anew because the one before took much longer than usual.
+    /// When the answered request was made, if it was repeated because the one before took much
+    /// longer than usual.
     pub resent_at: Option<Instant>,
 }
 
 impl Payload {
-    /// One whose first request was answered.
+    /// A tile whose first request was answered.
     #[must_use]
     pub fn new(bytes: Bytes) -> Self {
         Self { bytes, resent_at: None }

@@ -1,7 +1,8 @@
-//! Following redirects: a few, to web servers alone, and what is secret stays with the server that it is for.
+//! Follows redirects: a limited number, only to web servers, and without sending secrets to other
+//! hosts.
 //!
-//! (The HTTP client would follow them by itself, but it takes `x-amz-security-token` along to other hosts, and tells them in `Referer` from which
-//! URL it was sent, query and all.)
+//! (The HTTP client could follow them itself, but it would send `x-amz-security-token` to other
+//! hosts, and in `Referer` the URL that redirected, including its query.)
 
 use crate::error::Cause;
 use crate::wire_error::WireError;
@@ -11,19 +12,20 @@ use object_store::client::{HttpClient, HttpError, HttpErrorKind, HttpRequest, Ht
 use std::time::Duration;
 use url::Url;
 
-/// Redirects that one request follows.
+/// Maximum number of redirects of one request.
 pub(crate) const MOST_REDIRECTS: usize = 10;
-/// What another host may be told: which bytes of which state are wanted. Everything else may be secret.
+/// Headers that may be sent to another host: they say which bytes of which state are wanted. All
+/// others may be secret.
 const FOR_ANYBODY: [HeaderName; 6] = [ACCEPT, RANGE, IF_MATCH, IF_NONE_MATCH, IF_MODIFIED_SINCE, IF_UNMODIFIED_SINCE];
 
-/// How connections are made.
+/// Options of connections.
 #[derive(Debug, Clone)]
 pub(crate) struct ConnectOptions {
     pub(crate) connect_timeout: Duration,
     pub(crate) idle_connections: usize,
 }
 
-/// A client that follows redirects as this file says.
+/// A client that follows redirects as described above.
 #[derive(Debug)]
 pub(crate) struct Following {
     inner: reqwest::Client,
@@ -38,7 +40,8 @@ impl Following {
             .pool_max_idle_per_host(options.idle_connections)
             .redirect(reqwest::redirect::Policy::none())
             .referer(false)
-            // As `object_store` has it: its own parallel requests do better without HTTP/2, and lengths are those of files.
+            // As in `object_store`: parallel requests are faster without HTTP/2, and lengths must
+            // be those of files, not of compressed answers.
             .http1_only()
             .no_gzip()
             .no_brotli()
@@ -48,15 +51,16 @@ impl Following {
         Ok(Self { client: HttpClient::new(inner.clone()), inner })
     }
 
-    /// Sends a request, and again to where its answer points.
+    /// Sends a request, and repeats it at the address of each redirect.
     pub(crate) async fn execute(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
         let (parts, body) = request.into_parts();
         let url = Url::parse(&parts.uri.to_string()).map_err(|error| refused(Cause::Refused, error.to_string()))?;
-        // User and password of a URL become a header, which is dropped on the way to another host.
+        // User and password of a URL become a header, which is dropped before another host is
+        // asked.
         let first = self.inner.request(parts.method.clone(), url).headers(parts.headers).build();
         let first = first.map_err(|error| HttpError::new(HttpErrorKind::Request, error))?;
         let (mut url, mut headers) = (first.url().clone(), first.headers().clone());
-        // What changes something on a server is not sent twice.
+        // A request that changes something on a server is not sent twice.
         if !matches!(parts.method, Method::GET | Method::HEAD) {
             return self.client.execute(build(&parts.method, &url, &headers, body)?).await;
         }
@@ -86,7 +90,7 @@ fn build(method: &Method, url: &Url, headers: &HeaderMap, body: HttpRequestBody)
     Ok(request)
 }
 
-/// Where an answer points; `None` for one that is the answer.
+/// The target of a redirect; `None` if the answer is not a redirect.
 fn next_of(url: &Url, status: StatusCode, headers: &HeaderMap) -> Option<Result<Url, HttpError>> {
     if !matches!(status.as_u16(), 301 | 302 | 303 | 307 | 308) {
         return None;
@@ -95,7 +99,7 @@ fn next_of(url: &Url, status: StatusCode, headers: &HeaderMap) -> Option<Result<
     Some(match next {
         Ok(next) if matches!(next.scheme(), "http" | "https") => {
             let mut next = next;
-            // What a server writes there is no password of ours.
+            // User and password in such a URL come from the server and are not ours.
             next.set_username("").unwrap_or_default();
             next.set_password(None).unwrap_or_default();
             Ok(next)

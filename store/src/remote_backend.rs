@@ -1,4 +1,4 @@
-//! A database that is not in a folder of this machine: on a server, in a bucket, in an archive.
+//! A database that is not a local folder: on a server, in a bucket, in an archive.
 
 use crate::cache::{DiskCache, claim_cache};
 use crate::error::{Cause, Fault, FetchError, StoreError};
@@ -22,15 +22,15 @@ use tokio::task::{JoinError, JoinHandle};
 const NETWORK_THREADS: usize = 2;
 /// Threads that read and write the disk cache.
 const DISK_THREADS: usize = 8;
-/// Longest wait for what is still being written to the disk cache, at the end.
+/// How long to wait, at the end, for pieces that are still being written to the disk cache.
 const CLOSE_WAIT: Duration = Duration::from_secs(5);
 
-/// What reads a remote database: its index, mirrored, its archives, and threads of its own.
+/// Reader of a remote database: its mirrored index, its archives, and threads.
 #[derive(Debug)]
 pub(crate) struct RemoteBackend {
     index: Index,
     remote: Arc<Remote>,
-    /// Always there, but at the end.
+    /// Always `Some`, except while it is dropped.
     runtime: Option<Runtime>,
     _temporary: Option<TemporaryFolder>,
 }
@@ -43,7 +43,7 @@ impl RemoteBackend {
         log: &Arc<ErrorLog>,
         on_progress: OnProgress<'_>,
     ) -> Result<Self, StoreError> {
-        // The runtime panics without them.
+        // Without threads the runtime panics.
         ensure(NETWORK_THREADS + DISK_THREADS).map_err(|source| StoreError::Threads { source })?;
         let runtime = Builder::new_multi_thread()
             .worker_threads(NETWORK_THREADS)
@@ -67,13 +67,14 @@ impl RemoteBackend {
                 None => match &unusable {
                     None => mirror::cached_manifest(&cache_dir, location)?,
                     Some(error) => {
-                        let why = format!("the disk cache cannot be used ({error}), and offline nobody is asked");
+                        let why = format!("the disk cache cannot be used ({error}), and --offline asks no server");
                         return Err(FetchError::failed(Cause::Offline, why, cache_dir.display().to_string()).into());
                     }
                 },
             };
             let note = |error: &std::io::Error| {
-                let why = format!("the disk cache cannot keep the index ({error}), a temporary folder does");
+                let why =
+                    format!("the disk cache cannot store the index ({error}); a temporary folder is used instead");
                 log.note(&Fault { cause: Cause::Cache, why, place: cache_dir.display().to_string() });
             };
             if let Some(error) = &unusable {
@@ -85,7 +86,7 @@ impl RemoteBackend {
             (open, mirrored.index, mirrored.added, mirrored.temporary)
         };
         let name = mirror::database_name(location, &open.text);
-        // What is on this machine already is not kept twice.
+        // Data that is local already is not cached.
         let cache_bytes = if location.as_path().is_some() { 0 } else { options.cache_bytes };
         let cache = DiskCache::open(&cache_dir, &name, cache_bytes, Arc::clone(log));
         added.into_iter().for_each(|bytes| cache.account(bytes));
@@ -98,7 +99,7 @@ impl RemoteBackend {
         Ok(Self { index, remote, runtime: Some(runtime), _temporary: temporary })
     }
 
-    /// What it is and where its ground lies.
+    /// Its manifest, world and ranges of height.
     pub(crate) fn index(&self) -> &Index {
         &self.index
     }
@@ -107,11 +108,12 @@ impl RemoteBackend {
         &self.remote
     }
 
-    /// A tile as it is stored; see [`Remote::payload`]. Any executor may drive it.
+    /// A stored tile; see [`Remote::payload`]. Any executor may drive it.
     pub(crate) async fn payload(&self, tile: Tile, is_vital: bool) -> Result<Payload, FetchError> {
         let Some(runtime) = &self.runtime else { return Err(closed()) };
         let remote = Arc::clone(&self.remote);
-        // On the store's own threads, whoever waits: connections live where they were made.
+        // On the store's own threads, whichever thread waits: connections live on the runtime that
+        // made them.
         let task = runtime.spawn(async move { remote.payload(tile, is_vital).await });
         Cancelling(task).await.unwrap_or_else(|error| Err(unfinished(&error)))
     }
@@ -121,7 +123,7 @@ impl RemoteBackend {
         self.remote.is_silent(layer)
     }
 
-    /// Waits for a read; for threads of no async runtime.
+    /// Waits for a read; not for threads of an async runtime.
     pub(crate) fn block_on<T>(&self, read: impl Future<Output = Result<T, FetchError>>) -> Result<T, FetchError> {
         match &self.runtime {
             Some(runtime) => runtime.block_on(read),
@@ -130,7 +132,7 @@ impl RemoteBackend {
     }
 }
 
-/// A task that ends with the one that waits for it.
+/// A task that is cancelled when its waiter is dropped.
 struct Cancelling<T>(JoinHandle<T>);
 
 impl<T> Future for Cancelling<T> {
@@ -154,13 +156,13 @@ impl Drop for RemoteBackend {
             std::thread::sleep(Duration::from_millis(1));
         }
         if let Some(runtime) = self.runtime.take() {
-            // The other ways to end a runtime are not for threads of another one.
+            // Other ways to end a runtime panic on threads of another runtime.
             runtime.shutdown_background();
         }
     }
 }
 
-/// Why a task has not ended by itself.
+/// The error of a task that panicked or was cancelled.
 pub(crate) fn unfinished(error: &JoinError) -> FetchError {
     match error.is_panic() {
         true => FetchError::failed(Cause::Disk, "a fault of TerraVision itself; please report it", ""),

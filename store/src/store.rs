@@ -1,4 +1,4 @@
-//! A terrain database, wherever it is.
+//! A terrain database, local or remote.
 
 use crate::cache::CacheStats;
 use crate::error::{Cause, FetchError, StoreError};
@@ -25,14 +25,14 @@ use terravision_common::outcome::TileFailure;
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
-/// What a store has done so far.
+/// Statistics of a store.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct StoreStats {
     /// Requests to the server, those for credentials included.
     pub requests: u64,
-    /// Of these, asked again after a failure.
+    /// Of these, repeated after a failure.
     pub repeated: u64,
-    /// Bytes of content that came.
+    /// Bytes of content received.
     pub bytes: u64,
     /// Pieces being read now.
     pub under_way: usize,
@@ -40,10 +40,11 @@ pub struct StoreStats {
     pub cache: CacheStats,
 }
 
-/// A terrain database, open for reading, wherever it is. Used by any thread; reads are shared, and their results are
-/// checked by the checksums that tiles carry.
+/// A terrain database, local or remote, open for reading. Used by any thread; concurrent reads of
+/// the same bytes are shared, and the checksums of tiles are verified.
 ///
-/// It has threads of its own for the network. Dropped, it waits a moment for what is still being written to its cache.
+/// It has threads of its own for the network. When dropped, it waits a moment for pieces that are
+/// still being written to its cache.
 #[derive(Debug)]
 pub struct Store {
     location: Location,
@@ -68,16 +69,17 @@ impl Backend {
 }
 
 impl Store {
-    /// Opens a database: reads its manifest, mirrors its index, looks whether its archives are there. Blocks; not for
-    /// threads of an async runtime.
+    /// Opens a database: reads its manifest, mirrors its index, checks that its archives exist.
+    /// Blocks; not for threads of an async runtime.
     ///
     /// # Errors
-    /// [`StoreError`], one sentence: not there, not reachable, damaged, of another version.
+    /// [`StoreError`]: it does not exist, cannot be reached, is damaged, or has another version.
     pub fn open(location: &Location, options: &StoreOptions) -> Result<Self, StoreError> {
         Self::open_with_progress(location, options, &mut |_, _| {})
     }
 
-    /// [`Store::open`], telling how far the index has come, which may be megabytes.
+    /// [`Store::open`], with a callback for the progress of reading the index, which may have
+    /// megabytes.
     ///
     /// # Errors
     /// See [`Store::open`].
@@ -105,14 +107,14 @@ impl Store {
         &self.location
     }
 
-    /// What it is and where its ground lies. Its path is a folder of this machine with manifest and height ranges: that
-    /// of the database itself, or a mirror that stays as long as this store.
+    /// Its manifest, world and ranges of height. Its path is a local folder with manifest and
+    /// height ranges: that of the database itself, or a mirror that lives as long as this store.
     #[must_use]
     pub fn index(&self) -> &Index {
         self.backend.index()
     }
 
-    /// What the manifest says.
+    /// Its manifest.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         self.index().manifest()
@@ -130,13 +132,13 @@ impl Store {
         self.index().ranges()
     }
 
-    /// Failures so far, folded; those that a later request made good are among them.
+    /// All failures so far, folded, including those after which a repeated request succeeded.
     #[must_use]
     pub fn errors(&self) -> &ErrorLog {
         &self.log
     }
 
-    /// What it has done so far; all zeros for a folder of this machine.
+    /// Statistics so far; all zeros for a local folder.
     #[must_use]
     pub fn stats(&self) -> StoreStats {
         let Backend::Remote(backend) = &self.backend else { return StoreStats::default() };
@@ -151,10 +153,10 @@ impl Store {
         }
     }
 
-    /// A tile as it is stored, its checksum verified. Dropping the future cancels the read, in the queue and on the
-    /// wire, unless another one waits for the same bytes. Any executor may drive it.
+    /// A stored tile, its checksum verified. Dropping the future cancels the read, whether queued
+    /// or in flight, unless another read waits for the same bytes. Any executor may drive it.
     ///
-    /// A tile that could not be read is not asked for again for a while: the same error comes at once.
+    /// After a failure, the same error is returned at once for a while, without a request.
     ///
     /// # Errors
     /// [`FetchError`].
@@ -162,7 +164,7 @@ impl Store {
         self.fetch(Tile { layer, node }).await.map(|payload| payload.bytes)
     }
 
-    /// [`Store::payload`], with how the request went.
+    /// [`Store::payload`], with information about the request.
     ///
     /// # Errors
     /// [`FetchError`].
@@ -191,20 +193,21 @@ impl Store {
         read
     }
 
-    /// Why a tile is not to be asked for at this moment: it could not be read, and rests, or is given up for good
-    /// ([`StoreOptions::failed_tiles`]). `None` when it may be asked for. Asks nobody.
+    /// Why a tile must not be requested at this moment: it could not be read, and rests, or is
+    /// given up for good ([`StoreOptions::failed_tiles`]). `None` when it may be requested. Sends
+    /// no request.
     #[must_use]
     pub fn recent_failure(&self, tile: Tile) -> Option<TileFailure> {
         self.failed.find(tile, Instant::now()).map(|error| error.failure())
     }
 
-    /// Notes that a tile which came cannot be decoded: it is treated like one that could not be read.
+    /// Records that a tile cannot be decoded: it is treated like one that could not be read.
     pub fn reject(&self, tile: Tile) {
         let error = FetchError::failed(Cause::Damaged, "what came cannot be decoded", tile.to_string());
         self.failed.note(tile, Some(&error), Instant::now());
     }
 
-    /// [`Store::payload`] for threads of no async runtime.
+    /// [`Store::payload`] for threads that belong to no async runtime.
     fn payload_blocking(&self, layer: Layer, node: NodeId) -> Result<Bytes, TileError> {
         let read = match &self.backend {
             Backend::Local(database) => local_payload(database, Tile { layer, node }, &self.log),

@@ -1,5 +1,5 @@
-//! Archives (tar) as databases: where in the file each member lies. Members are read by ranges like files of their own, so
-//! the archive must not be compressed.
+//! Databases in tar archives: finds where each member lies. Members are read by byte ranges like
+//! separate files, so the archive must not be compressed.
 //!
 //! Formats: POSIX ustar and pax (IEEE Std 1003.1-2017, pax), and GNU's long names and sizes.
 
@@ -9,12 +9,12 @@ use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, NO
 
 /// Headers and members begin at multiples of this.
 pub(crate) const BLOCK: u64 = 512;
-/// An archive with more members does not hold a database.
+/// An archive with more members is not a database.
 pub(crate) const MOST_MEMBERS: usize = 256;
 /// Longest extended header that is read.
 pub(crate) const MOST_EXTENDED: u64 = 64 << 10;
 
-/// What an archive's bytes are not.
+/// The bytes are not those of an archive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("it is not a tar archive that can be read, or it was cut short")]
 pub(crate) struct NoArchive;
@@ -26,11 +26,11 @@ pub(crate) enum Next {
     Header(u64),
     /// The content of an extended header.
     Extended(Range<u64>),
-    /// Nothing: the archive has ended.
+    /// Nothing: the archive ends here.
     End,
 }
 
-/// Names of members that are looked for; those of other members are not kept.
+/// Names of the members of a database; other names are not stored.
 const FILES: [&str; 4] = [MANIFEST_FILE, NODES_FILE, ELEVATION_FILE, COLOR_FILE];
 
 /// Finds members, header by header.
@@ -82,7 +82,7 @@ impl Headers {
             return Ok(());
         }
         self.seen += 1;
-        // The sum of the header's bytes, its own field taken for blanks.
+        // The sum of the header's bytes, with its own field as blanks.
         let sum: u64 =
             block.iter().enumerate().map(|(k, b)| u64::from(if (148..156).contains(&k) { b' ' } else { *b })).sum();
         if number(&block[148..156]) != Some(sum) || self.seen > MOST_MEMBERS {
@@ -117,7 +117,7 @@ impl Headers {
             self.name = Some(text(content));
             return Ok(());
         }
-        // Records: length of all of it, a blank, key=value, a line feed.
+        // Records: length of the record, a blank, key=value, a line feed.
         let mut rest = content;
         while let Some(blank) = rest.iter().position(|byte| *byte == b' ') {
             let length: usize =
@@ -135,7 +135,7 @@ impl Headers {
     }
 }
 
-/// The header behind a member that ends there. A whole one has to fit below the end of all numbers.
+/// The header after a member that ends at `end`. The header must fit below the largest number.
 fn header_at(end: u64) -> Result<Next, NoArchive> {
     let at = end.checked_next_multiple_of(BLOCK).ok_or(NoArchive)?;
     at.checked_add(BLOCK).map(|_| Next::Header(at)).ok_or(NoArchive)
@@ -146,7 +146,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
-/// A number: octal digits, or (GNU) binary after a first bit that is set.
+/// A number: octal digits, or (GNU) binary if the first bit is set.
 fn number(field: &[u8]) -> Option<u64> {
     if field[0] & 0x80 != 0 {
         let (first, rest) = field.split_first()?;

@@ -1,4 +1,5 @@
-//! One request to a server, by `object_store`: what came, or what kind of failure it was. Nothing is asked twice here.
+//! A single request to a server, through `object_store`: an answer, or a classified failure.
+//! Nothing is repeated here.
 
 use crate::error::{Cause, Fault, StoreError};
 use crate::location::{Kind, Location};
@@ -25,36 +26,37 @@ use std::time::{Duration, UNIX_EPOCH};
 use terravision_common::files::open_regular;
 use tokio::sync::OnceCell;
 
-/// Longest time to make a connection.
+/// Timeout of a connection attempt.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What a request brought.
+/// The answer to a request.
 #[derive(Debug)]
 pub(crate) struct Answer {
-    /// The bytes asked for, no more and no fewer.
+    /// Exactly the requested bytes.
     pub(crate) bytes: Bytes,
     /// Length of the whole file.
     pub(crate) file_bytes: u64,
-    /// The server's mark of this content, if it gives one.
+    /// The ETag of this content, if the server sends one.
     pub(crate) etag: Option<String>,
-    /// When the request was made, if it was made anew because the one before took much longer than usual.
+    /// When the request was made, if it was repeated because the one before took much longer than
+    /// usual.
     pub(crate) resent_at: Option<std::time::Instant>,
 }
 
-/// How bytes are had.
+/// How bytes are read.
 #[derive(Debug)]
 enum Access {
     Server(Box<dyn ObjectStore>),
-    /// An archive on this machine.
+    /// A local archive.
     File(PathBuf),
 }
 
-/// A client of the server that has a database.
+/// A client for the server of a database.
 #[derive(Debug)]
 pub(crate) struct Transport {
     access: Access,
     prefix: String,
-    /// Of an archive: its object, and where its members lie.
+    /// For an archive: its object, and where its members lie.
     archive: Option<ObjectPath>,
     members: OnceCell<BTreeMap<String, Range<u64>>>,
     location: Location,
@@ -62,7 +64,7 @@ pub(crate) struct Transport {
 }
 
 impl Transport {
-    /// A client for a location that is not a folder; `None` for one that is.
+    /// A client for a location; `None` for a local folder.
     pub(crate) fn new(location: &Location, options: &StoreOptions) -> Result<Option<Self>, StoreError> {
         if location.as_folder().is_some() {
             return Ok(None);
@@ -72,7 +74,7 @@ impl Transport {
             connect_timeout: CONNECT_TIMEOUT.min(options.request_timeout),
             idle_connections: options.parallel_requests.max(1),
         };
-        // Retries, and the time that each request may take, are ours: see `network`.
+        // Retries and timeouts are handled in `network`.
         let retries = RetryConfig { max_retries: 0, retry_timeout: Duration::ZERO, ..RetryConfig::default() };
         let client = ClientOptions::new()
             .with_allow_http(true)
@@ -117,12 +119,12 @@ impl Transport {
         Ok(Some(Self { access, prefix, archive, members: OnceCell::new(), location: location.clone(), wire }))
     }
 
-    /// What passed over the wire so far, and when the server wants to be asked again.
+    /// Statistics of the connection, and the server's `Retry-After`.
     pub(crate) fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Whether it is on this machine: what is damaged here is damaged for good.
+    /// Whether it is local: then damage is permanent.
     pub(crate) fn is_local(&self) -> bool {
         matches!(self.access, Access::File(_))
     }
@@ -135,7 +137,7 @@ impl Transport {
         }
     }
 
-    /// Asks for a range of a file, or for all of a file of at most `most_bytes` bytes.
+    /// Requests a range of a file, or the whole file if that has at most `most_bytes` bytes.
     pub(crate) async fn get(&self, file: &str, range: Option<Range<u64>>, most_bytes: u64) -> Result<Answer, Fault> {
         if !self.location.is_archive() {
             let name = if self.prefix.is_empty() { file.to_owned() } else { format!("{}/{file}", self.prefix) };
@@ -151,7 +153,7 @@ impl Transport {
             let why = format!("it has {file_bytes} bytes, and {} to {} were expected", range.start, range.end);
             return Err(self.fault(file, Cause::BadAnswer, why));
         }
-        // Within the member, whose end is a number: no sum is too large.
+        // Within the member, so that the sum cannot overflow.
         let answer = self.get_archive(file, member.start + range.start..member.start + range.end).await?;
         Ok(Answer { file_bytes, ..answer })
     }
@@ -168,7 +170,7 @@ impl Transport {
             let answer = self.get_archive("", range).await?;
             let taken = headers.take(&answer.bytes);
             taken.map_err(|error| self.fault("", Cause::NotFound, error.to_string()))?;
-            // What follows is the next header, or the archive ends without the blocks that should end it.
+            // Next comes another header, or the archive ends without its final blocks.
             let is_over = matches!(headers.next(), Next::Header(at) if *at >= answer.file_bytes);
             if is_over {
                 return Ok(headers.members);
@@ -176,7 +178,7 @@ impl Transport {
         }
     }
 
-    /// Asks for a range of the archive.
+    /// Requests a range of the archive.
     async fn get_archive(&self, file: &str, range: Range<u64>) -> Result<Answer, Fault> {
         let bytes = range.end - range.start;
         match (&self.access, &self.archive) {
@@ -254,14 +256,15 @@ fn read_file(path: &std::path::Path, range: Range<u64>) -> io::Result<Answer> {
         let why = format!("the archive ends after {} bytes and its content goes on: it was cut short", about.len());
         return Err(io::Error::new(io::ErrorKind::UnexpectedEof, why));
     }
-    // Not more than a piece or a tile: who asks has a bound for its range.
+    // At most a piece or a tile: callers bound the range.
     let mut bytes = vec![0; (range.end - range.start) as usize];
     file.read_exact_at(&mut bytes, range.start)?;
     let modified = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
     Ok(Answer { bytes: bytes.into(), file_bytes: about.len(), etag: Some(format!("{modified:?}")), resent_at: None })
 }
 
-/// S3 as the usual variables say: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… One that is empty is not set.
+/// Configures S3 from the usual variables: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL… An
+/// empty variable counts as not set.
 fn s3_from_environment() -> AmazonS3Builder {
     let variables =
         std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
@@ -274,14 +277,16 @@ fn s3_from_environment() -> AmazonS3Builder {
     })
 }
 
-/// TLS needs a provider of cryptography for the whole process; another crate may have chosen one already.
+/// Installs the process-wide provider of cryptography for TLS; another crate may have done so
+/// already.
 fn install_crypto() {
     drop(rustls::crypto::ring::default_provider().install_default());
 }
 
 fn chain<'e>(error: &'e (dyn Error + 'static)) -> impl Iterator<Item = &'e (dyn Error + 'static)> {
     std::iter::successors(Some(error), |error| {
-        // An i/o error that was made of another one gives that one's source as its own, and so hides it.
+        // An I/O error that wraps another error returns that error's source as its own, and so
+        // hides it.
         let made_of = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
         made_of.map(|inner| inner as &(dyn Error + 'static)).or_else(|| <dyn Error>::source(*error))
     })
@@ -291,21 +296,21 @@ fn deepest<'e>(error: &'e (dyn Error + 'static)) -> &'e (dyn Error + 'static) {
     chain(error).last().unwrap_or(error)
 }
 
-/// Why a server's certificate is not trusted, and what can be done.
+/// Why a server's certificate is not trusted, and what the user can do.
 fn certificate_sentence(reason: &rustls::CertificateError) -> String {
     use rustls::CertificateError as Reason;
     let why = match reason {
         Reason::Expired | Reason::ExpiredContext { .. } => "has expired".to_owned(),
         Reason::NotValidYet | Reason::NotValidYetContext { .. } => "is not valid yet (is the clock right?)".to_owned(),
         Reason::NotValidForName | Reason::NotValidForNameContext { .. } => {
-            "is for another name than that of the address".to_owned()
+            "is for another host name than that of the address".to_owned()
         }
-        Reason::UnknownIssuer => "is not trusted: it was signed by nobody that this machine trusts; SSL_CERT_FILE names a \
+        Reason::UnknownIssuer => "is not trusted: no authority that this machine trusts has signed it; SSL_CERT_FILE names a \
              file of certificates that are trusted"
             .to_owned(),
-        Reason::BadSignature => "is not trusted: it was not signed by the one that it names".to_owned(),
+        Reason::BadSignature => "is not trusted: it was not signed by the issuer that it names".to_owned(),
         Reason::Revoked => "was revoked".to_owned(),
-        // Only its text tells what it is: rustls has no reason of its own for it.
+        // It can only be recognized by its text: rustls has no variant for it.
         other if format!("{other:?}").contains("CaUsedAsEndEntity") => {
             "is not trusted: it is that of an authority (CA:TRUE), and a server needs one of its own; openssl req -x509 makes it \
              with -addext basicConstraints=critical,CA:FALSE, and SSL_CERT_FILE names it"
@@ -316,7 +321,7 @@ fn certificate_sentence(reason: &rustls::CertificateError) -> String {
     format!("the server's certificate {why}")
 }
 
-/// What kind of failure an error of the client is, and a clause about it.
+/// The kind of a client error, and a clause that describes it.
 fn classify(error: &object_store::Error) -> (Cause, String) {
     if let Some(wire) = chain(error).find_map(|e| e.downcast_ref::<WireError>()) {
         return (wire.cause, wire.to_string());
@@ -352,5 +357,5 @@ fn classify(error: &object_store::Error) -> (Cause, String) {
     if chain(error).any(|e| e.downcast_ref::<HttpError>().is_some()) {
         return (Cause::Interrupted, format!("the connection broke ({why})"));
     }
-    (Cause::BadAnswer, format!("the answer makes no sense ({why})"))
+    (Cause::BadAnswer, format!("the answer is not valid ({why})"))
 }

@@ -1,5 +1,6 @@
-//! What passes between us and a server: requests are counted, and an answer with an error status becomes an error that keeps
-//! what the server said, `Retry-After` included (which `object_store` does not pass on).
+//! A layer around the HTTP client: counts requests and bytes, and converts an answer with an error
+//! status into an error that keeps the server's message and `Retry-After` (which `object_store`
+//! does not pass on).
 
 use crate::error::Cause;
 use crate::redirect::{ConnectOptions, Following};
@@ -19,16 +20,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The longest `Retry-After` that is believed.
+/// The longest `Retry-After` that is obeyed.
 pub(crate) const LONGEST_HOLD: Duration = Duration::from_secs(600);
-/// So much of an error's text is read.
+/// At most this much of an error's text is read.
 pub(crate) const ERROR_BYTES: usize = 4096;
 /// Longer credentials are refused.
 pub(crate) const MOST_CREDENTIAL_BYTES: usize = 64 << 10;
-/// Paths below which instances and containers of clouds are given their credentials.
+/// Paths at which cloud instances and containers get their credentials.
 const CREDENTIAL_PATHS: [&str; 3] = ["/latest/api/token", "/latest/meta-data/", "/v2/credentials"];
 
-/// What passed, and when the server wants to be asked again.
+/// Counts, and the server's `Retry-After`.
 #[derive(Debug, Default)]
 pub(crate) struct Wire {
     requests: AtomicU64,
@@ -38,7 +39,7 @@ pub(crate) struct Wire {
 
 impl Wire {
     pub(crate) fn count_bytes(&self, bytes: usize) {
-        // Relaxed, here and below: figures that order nothing.
+        // Relaxed, here and below: only statistics.
         self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
@@ -56,7 +57,7 @@ impl Wire {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    /// Until when the server wants to be left alone.
+    /// Until when no request may be sent, by `Retry-After`.
     pub(crate) fn held_until(&self) -> Option<Instant> {
         let mut hold = self.hold.lock().unwrap_or_else(PoisonError::into_inner);
         *hold = hold.filter(|until| *until > Instant::now());
@@ -70,7 +71,7 @@ impl Wire {
     }
 }
 
-/// Makes clients that count what passes.
+/// Creates clients that count requests and bytes.
 #[derive(Debug)]
 pub(crate) struct Connector {
     wire: Arc<Wire>,
@@ -85,7 +86,8 @@ impl Connector {
 
 impl HttpConnector for Connector {
     fn connect(&self, options: &ClientOptions) -> object_store::Result<HttpClient> {
-        // The endpoints that give an instance its credentials are asked with a short timeout of `object_store`'s own.
+        // `object_store` sets a short timeout of its own for the endpoints that provide
+        // credentials.
         let own = ClientOptions::new().with_connect_timeout(self.options.connect_timeout);
         let timeout = |options: &ClientOptions| options.get_config_value(&ClientConfigKey::ConnectTimeout);
         let inner = if timeout(options) == timeout(&own) {
@@ -128,7 +130,7 @@ impl HttpService for Counted {
         }
         let answer = answer?;
         if !is_object && answer.status().is_success() {
-            // It is read whole by `object_store`, without a bound of its own.
+            // `object_store` reads all of it, without a bound.
             let (parts, body) = answer.into_parts();
             let content = start_of(body, MOST_CREDENTIAL_BYTES + 1).await;
             if content.len() > MOST_CREDENTIAL_BYTES {
@@ -137,7 +139,8 @@ impl HttpService for Counted {
             return Ok(HttpResponse::from_parts(parts, content.into()));
         }
         let status = answer.status();
-        // Of a log-in or a portal that stands between. Some servers call all files so: then the range is one nevertheless.
+        // From a log-in page or a captive portal. Some servers send all files with this type: then
+        // the range is valid nevertheless.
         let is_page = status == StatusCode::OK && is_for_range && is_html(answer.headers());
         if status.is_success() && !is_page {
             return Ok(answer);
@@ -147,7 +150,7 @@ impl HttpService for Counted {
         if let Some(hold) = hold.filter(|_| is_throttled) {
             self.wire.hold(hold);
         }
-        // S3 says in XML what a status alone does not tell: an expired token, say.
+        // S3 sends details in XML, for example about an expired token.
         let text = start_of(answer.into_body(), ERROR_BYTES).await;
         let code = error_code(&String::from_utf8_lossy(&text)).unwrap_or_default();
         let cause = match status.as_u16() {
@@ -179,7 +182,7 @@ fn is_html(headers: &HeaderMap) -> bool {
     kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/html"))
 }
 
-/// The first bytes of an answer, as far as they come.
+/// The first bytes of an answer, as far as they arrive.
 async fn start_of(body: HttpResponseBody, most: usize) -> Vec<u8> {
     let mut parts = body.bytes_stream();
     let mut start = Vec::new();
@@ -198,7 +201,7 @@ fn no_credentials() -> HttpError {
     HttpError::new(HttpErrorKind::Unknown, WireError::new(Cause::Credentials, why))
 }
 
-/// How long the server wants to be left alone (RFC 9110, section 10.2.3): seconds, or a date.
+/// The duration of `Retry-After` (RFC 9110, section 10.2.3): seconds, or a date.
 fn retry_after(headers: &HeaderMap, now: DateTime<Utc>) -> Option<Duration> {
     let text = headers.get(RETRY_AFTER)?.to_str().ok()?.trim();
     if let Ok(seconds) = text.parse::<u64>() {

@@ -1,8 +1,8 @@
-//! What a server said in place of an answer.
+//! Errors that a server sent instead of an answer.
 
 use crate::error::Cause;
 
-/// An answer that is an error, and what it means.
+/// An answer with an error status, and its meaning.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{why}")]
 pub(crate) struct WireError {

@@ -1,10 +1,12 @@
-//! What tests and benches of several crates share. No program depends on it, but in its tests; it depends on
-//! libraries alone.
+//! What tests and benches of several crates share. No program depends on it, but in its tests; it
+//! depends on libraries alone.
 //!
 //! * [`fault_server`]: a static web server on loopback that misbehaves on demand;
 //! * [`worlds`]: worlds without a database;
-//! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds for them;
-//! * [`reference`]: the renderer that is exact where the pipeline approximates, and [`metrics`] of pictures against its own;
+//! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds
+//!   for them;
+//! * [`reference`]: the renderer that is exact where the pipeline approximates, and [`metrics`] of
+//!   pictures against its own;
 //! * [`floats`]: depth and ground positions as `still` writes them.
 
 #![forbid(unsafe_code)]

@@ -3,8 +3,8 @@
 use terravision_common::world::{World, WorldFields};
 
 /// A world of so many lattice units, of a length in metres, whose tiles have so many intervals of
-/// elevation and texels of color: at the origin, with as many levels as it takes for one root, and both
-/// elevation and color down to the finest.
+/// elevation and texels of colour: at the origin, with as many levels as it takes for one root, and
+/// both elevation and colour down to the finest.
 ///
 /// ```
 /// use terravision_common::world::{World, WorldFields};

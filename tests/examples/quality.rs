@@ -1,8 +1,9 @@
 //! Tables of picture quality over the settings: the source of docs/quality.md.
 //!
-//! `cargo run --release -p terravision-tests --example quality -- FOLDER OUT [SETTINGS…]` where FOLDER holds `dem.tif`,
-//! `ortho.tif` and `world.tv`, pictures go to OUT, and each of SETTINGS is a list of arguments of `terravision still` in
-//! one word, like `"--facet-px 5 --texel-px 0.7"`. Without any, a built-in list.
+//! `cargo run --release -p terravision-tests --example quality -- FOLDER OUT [SETTINGS…]` where
+//! FOLDER holds `dem.tif`, `ortho.tif` and `world.tv`, pictures go to OUT, and each of SETTINGS is
+//! a list of arguments of `terravision still` in one word, like `"--facet-px 5 --texel-px 0.7"`.
+//! Without any, a built-in list.
 
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 

@@ -1,7 +1,8 @@
 //! Table of picture quality of ray casting: the source of docs/techniques.md.
 //!
-//! `cargo run --release -p terravision-tests --example rays -- FOLDER OUT [ROWS]` where FOLDER holds `dem.tif`, `ortho.tif` and
-//! `world.tv`; pictures go to OUT. ROWS: those of the table whose names begin so.
+//! `cargo run --release -p terravision-tests --example rays -- FOLDER OUT [ROWS]` where FOLDER
+//! holds `dem.tif`, `ortho.tif` and `world.tv`; pictures go to OUT. ROWS: those of the table whose
+//! names begin so.
 
 #![allow(clippy::print_stdout, reason = "its output is the table")]
 

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A new folder under the target folder, removed when dropped (unless the test failed: then it is evidence).
+/// A new folder under the target folder, removed when dropped (unless the test failed: then it is
+/// evidence).
 #[derive(Debug)]
 pub struct TestFolder {
     path: PathBuf,

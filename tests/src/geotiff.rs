@@ -1,5 +1,5 @@
-//! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds for tests: uncommon
-//! encodings are not needed, independence of the code under test is.
+//! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds
+//! for tests: uncommon encodings are not needed, independence of the code under test is.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter};

@@ -1,4 +1,5 @@
-//! What TerraVision's tests stand on: processes as values, worlds to fly over, an S3 server, storms, changed inputs.
+//! What TerraVision's tests stand on: processes as values, worlds to fly over, an S3 server, storms,
+//! changed inputs.
 
 pub mod flight;
 pub mod folder;

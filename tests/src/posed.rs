@@ -1,4 +1,5 @@
-//! Small flights to be disturbed: of poses, which last until they are ended, however fast they are drawn.
+//! Small flights to be disturbed: of poses, which last until they are ended, however fast they are
+//! drawn.
 
 use crate::flight::Pose;
 use crate::live::{reader, record, sender, step};
@@ -45,7 +46,8 @@ pub fn pids(running: &Running) -> Vec<u32> {
     running.children().into_iter().map(|(pid, _)| pid).collect()
 }
 
-/// Asserts that a flight ended with exit code 1 and a sentence, and left neither a process nor a segment.
+/// Asserts that a flight ended with exit code 1 and a sentence, and left neither a process nor a
+/// segment.
 ///
 /// # Panics
 /// When it did not.

@@ -130,8 +130,8 @@ pub fn read_report(folder: &TestFolder) -> Value {
     report
 }
 
-/// Three oblique views of a synthetic world: along a valley at medium height, down a slope from close by, and a far
-/// panorama. Their pictures hold near and far ground, little or no sky.
+/// Three oblique views of a synthetic world: along a valley at medium height, down a slope from
+/// close by, and a far panorama. Their pictures hold near and far ground, little or no sky.
 #[must_use]
 pub fn oblique_poses(world: &TestWorld) -> [(&'static str, Pose); 3] {
     [

@@ -68,7 +68,8 @@ impl TestWorld {
         Scene { heights, colors }
     }
 
-    /// A point of the CRS, given as fractions of the extent east and north, and metres above the ground there.
+    /// A point of the CRS, given as fractions of the extent east and north, and metres above the
+    /// ground there.
     ///
     /// # Panics
     /// When the fractions are not from 0 to 1.
@@ -98,8 +99,9 @@ pub fn synth_world(size: u32) -> TestWorld {
     }))
 }
 
-/// A world as rough as none is: noise of every wavelength, single spikes of hundreds of metres, 1025 x 1025 posts at
-/// 10 m. Its colours are greys, so any saturated sky is a colour that no texture has.
+/// A world as rough as none is: noise of every wavelength, single spikes of hundreds of metres,
+/// 1025 x 1025 posts at 10 m. Its colours are greys, so any saturated sky is a colour that no
+/// texture has.
 ///
 /// # Panics
 /// When it cannot be made.
@@ -135,8 +137,9 @@ pub fn rough_world() -> TestWorld {
     }))
 }
 
-/// The folder of a database every tile of which has the one colour that names its node (`synthetic::name_color`): 256 x 256
-/// nodes of level 0, a quarter of them mountains and the others a plain.
+/// The folder of a database every tile of which has the one colour that names its node
+/// (`synthetic::name_color`): 256 x 256 nodes of level 0, a quarter of them mountains and the
+/// others a plain.
 ///
 /// # Panics
 /// When it cannot be made.
@@ -178,7 +181,8 @@ pub fn ingest(folder: &Path, more: &[&str]) {
         .succeed();
 }
 
-/// A folder of this name that `make` has filled, for this build of the ingest program. Other test processes wait.
+/// A folder of this name that `make` has filled, for this build of the ingest program. Other test
+/// processes wait.
 fn cached(name: &str, make: impl FnOnce(&Path)) -> PathBuf {
     let program = fs::metadata(binary("terravision-ingest")).expect("the program was just built");
     let changed = program.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok()).map_or(0, |d| d.as_nanos());

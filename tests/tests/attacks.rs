@@ -1,4 +1,5 @@
-//! What another program, or the system, does to a flight ends it with a sentence: files that are cut, signals, limits.
+//! What another program, or the system, does to a flight ends it with a sentence: files that are
+//! cut, signals, limits.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -28,7 +29,8 @@ fn cut(path: &Path, len: u64) {
     OpenOptions::new().write(true).open(path).unwrap().set_len(len).unwrap();
 }
 
-/// A client that opens the frame ring for writing and cuts it, between two frames and against the clock.
+/// A client that opens the frame ring for writing and cuts it, between two frames and against the
+/// clock.
 #[test]
 fn a_frame_ring_that_is_cut_ends_the_flight_with_a_sentence() {
     for (len, more) in [(0, &[][..]), (4096, &["--mode", "realtime", "--fps", "10", "--restarts", "1"][..])] {
@@ -63,7 +65,8 @@ fn a_segment_of_poses_that_is_cut_ends_the_flight_with_a_sentence() {
     }
 }
 
-/// Of a run's own segments: the stage that dies of it is told of by the launcher, and the launcher by itself.
+/// Of a run's own segments: the stage that dies of it is told of by the launcher, and the launcher
+/// by itself.
 #[test]
 fn segments_of_a_run_that_are_cut_are_told() {
     for kind in ["ring", "color-pool", "ping-pong", "control", "events-renderer"] {
@@ -82,7 +85,8 @@ fn segments_of_a_run_that_are_cut_are_told() {
     }
 }
 
-/// Signals that a terminal sends to all are left to the launcher; TERM to one stage is a death of that stage.
+/// Signals that a terminal sends to all are left to the launcher; TERM to one stage is a death of
+/// that stage.
 #[test]
 fn the_renderer_treats_signals_as_the_other_stages_do() {
     for stage in ["renderer", "preparer"] {
@@ -136,7 +140,8 @@ fn a_file_that_may_not_grow_is_a_sentence() {
     let (program, database) = (binary("terravision"), world.database());
     let (program, database) = (program.display(), database.display());
     let out = folder.path().display();
-    // 1024 bytes each: the first is less than a segment, the second is more than all segments and less than the ground.
+    // 1024 bytes each: the first is less than a segment, the second is more than all segments and
+    // less than the ground.
     let still = format!("still '{database}' --eye 500,500,3000 --pitch -60 -o '{out}/a.png' --memory 64MiB");
     for script in [
         format!("ulimit -f 16; exec '{program}' {still} --size 320x180"),

@@ -1,4 +1,5 @@
-//! A database in an S3 bucket: a picture, a flight against the clock, and the same from an archive. Skipped, with a sentence, where no S3 server is installed.
+//! A database in an S3 bucket: a picture, a flight against the clock, and the same from an archive.
+//! Skipped, with a sentence, where no S3 server is installed.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -64,7 +65,8 @@ fn a_bucket_gives_what_the_folder_gives() {
     finished.assert_no_warning();
     assert!(read("local.png") == read("archive.png"), "the picture of the archive is that of the folder");
 
-    // Against the clock, from an empty cache. How sharp it is depends on the machine; what came and that nothing failed does not.
+    // Against the clock, from an empty cache. How sharp it is depends on the machine; what came and
+    // that nothing failed does not.
     let at = |k: u64| synth_world(1024).above(0.2 + 0.6 * k as f64 / FRAMES as f64, 0.4, 300.0);
     let poses: Vec<Pose> = (0..FRAMES).map(|k| Pose::new(at(k), 90.0, -20.0)).collect();
     write_path(&folder.join("path.json"), &poses, [320, 180], 60.0);

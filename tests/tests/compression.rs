@@ -1,4 +1,5 @@
-//! Compressed colour tiles: nearly the picture of plain ones, the same bytes on every run, more tiles in the same memory.
+//! Compressed colour tiles: nearly the picture of plain ones, the same bytes on every run, more
+//! tiles in the same memory.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 

@@ -1,4 +1,5 @@
-//! No background is seen through the ground: not from above, not at grazing angles, on terrain as rough as none is.
+//! No background is seen through the ground: not from above, not at grazing angles, on terrain as
+//! rough as none is.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -12,8 +13,9 @@ use terravision_tests::worlds::{TestWorld, named_world, rough_world};
 /// Saturated, where all textures of the rough world are grey.
 const SKY: [u8; 3] = [255, 0, 255];
 
-/// Pixels that a facet may move a silhouette by. Facets are of 10 pixels, and a ridge between two posts of a coarser
-/// level may be lower than it is by the facet's own size; beyond that, sky is a hole.
+/// Pixels that a facet may move a silhouette by. Facets are of 10 pixels, and a ridge between two
+/// posts of a coarser level may be lower than it is by the facet's own size; beyond that, sky is a
+/// hole.
 const TOLERANCE_PX: usize = 20;
 
 fn poses(world: &TestWorld) -> Vec<(&'static str, Pose)> {
@@ -26,8 +28,8 @@ fn poses(world: &TestWorld) -> Vec<(&'static str, Pose)> {
     ]
 }
 
-/// By default; coarse facets with fine texels (colour leaves far below elevation leaves); fine facets with coarse texels
-/// (elevation leaves far below colour tiles).
+/// By default; coarse facets with fine texels (colour leaves far below elevation leaves); fine
+/// facets with coarse texels (elevation leaves far below colour tiles).
 const SETTINGS: [&[&str]; 3] =
     [&[], &["--facet-px", "60", "--measure", "max"], &["--facet-px", "4", "--texel-px", "4", "--measure", "min"]];
 
@@ -51,8 +53,9 @@ fn no_sky_is_seen_through_the_ground() {
     }
 }
 
-/// On the crests of these views lies a facet that is seen so nearly edge on that taking its vertices to the rasterizer's grid turns it
-/// round. A device that culls before it rounds then leaves a pixel open, two of 786 million.
+/// On the crests of these views lies a facet that is seen so nearly edge on that taking its
+/// vertices to the rasterizer's grid turns it round. A device that culls before it rounds then
+/// leaves a pixel open, two of 786 million.
 #[test]
 fn facets_that_are_seen_edge_on_leave_no_pixel_open() {
     let views = [

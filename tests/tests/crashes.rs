@@ -80,7 +80,8 @@ fn stages_end_with_a_killed_launcher_and_the_next_run_removes_its_segments() {
     running.signal(Signal::KILL);
     let finished = running.wait();
     assert_eq!(finished.code(), None);
-    // Nobody is left to remove the segments; the next start does. Another test's run may have been quicker.
+    // Nobody is left to remove the segments; the next start does. Another test's run may have been
+    // quicker.
     Terravision::verb("fly")
         .arg(synth_world(1024).database())
         .arg("-o")

@@ -1,4 +1,5 @@
-//! Damaged and wrong input: a sentence and the right exit code, or the picture with what is left of the data.
+//! Damaged and wrong input: a sentence and the right exit code, or the picture with what is left of
+//! the data.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -36,7 +37,8 @@ fn still(database: &Path, world: &TestWorld, folder: &TestFolder) -> Finished {
         .run()
 }
 
-/// Offset and length of the tile data of a PMTiles archive (specification v3, header bytes 56 and 64).
+/// Offset and length of the tile data of a PMTiles archive (specification v3, header bytes 56 and
+/// 64).
 fn tile_data(bytes: &[u8]) -> std::ops::Range<usize> {
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
     number(56)..number(56) + number(64)
@@ -50,7 +52,8 @@ fn corrupt_tiles_are_listed_and_their_parents_drawn() {
         let database = copy_of(&world, &folder);
         let path = database.join(archive);
         let mut bytes = fs::read(&path).unwrap();
-        // Tiles lie in the order of their ids, coarse levels first: the last half holds nothing but finest tiles.
+        // Tiles lie in the order of their ids, coarse levels first: the last half holds nothing but
+        // finest tiles.
         let data = tile_data(&bytes);
         for at in (data.start + data.len() / 2..data.end).step_by(256) {
             bytes[at] ^= 0x5a;
@@ -85,7 +88,8 @@ fn corrupt_tiles_are_listed_and_their_parents_drawn() {
     }
 }
 
-/// Without any elevation there is no picture: not of a still, and not of a flight that would see nothing but sky.
+/// Without any elevation there is no picture: not of a still, and not of a flight that would see
+/// nothing but sky.
 #[test]
 fn elevation_that_cannot_be_read_at_all_ends_still_and_flight_alike() {
     let world = synth_world(1024);
@@ -112,7 +116,8 @@ fn elevation_that_cannot_be_read_at_all_ends_still_and_flight_alike() {
     assert_eq!(left.count(), 0);
 }
 
-/// One flipped bit at places all over each file: the picture is unchanged, or the program says what is wrong.
+/// One flipped bit at places all over each file: the picture is unchanged, or the program says what
+/// is wrong.
 #[test]
 fn a_flipped_bit_anywhere_never_passes_unnoticed_and_never_panics() {
     const PLACES: usize = 14;
@@ -209,7 +214,8 @@ fn wrong_requests_are_told_in_one_sentence() {
     for (name, command, code) in cases {
         let finished = command.run();
         println!("{name}: {:?} {}", finished.code(), finished.stderr.trim());
-        // Some failures are found by one program and some by another: 1 or 2, never a panic, never silence.
+        // Some failures are found by one program and some by another: 1 or 2, never a panic, never
+        // silence.
         assert!(matches!(finished.code(), Some(1 | 2)), "{name}: {} {}", finished.status, finished.stderr);
         assert_eq!(finished.code(), Some(code), "{name}: {}", finished.stderr);
         finished.assert_told(code);

@@ -1,4 +1,5 @@
-//! Depth and ground of whole flights, with their cameras: what the matrices say of a point is where the pictures have it.
+//! Depth and ground of whole flights, with their cameras: what the matrices say of a point is where
+//! the pictures have it.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -86,9 +87,9 @@ impl Frame {
         [0, 1, 2].map(|band| self.ground[3 * index + band])
     }
 
-    /// Where among four pixels around it this frame's ground has the easting and northing of a point that is projected to
-    /// `[column, row]`: how far from there, pixels. `None` where something stands before the point, or at the edge of the
-    /// picture and of what stands there.
+    /// Where among four pixels around it this frame's ground has the easting and northing of a
+    /// point that is projected to `[column, row]`: how far from there, pixels. `None` where
+    /// something stands before the point, or at the edge of the picture and of what stands there.
     fn miss(&self, point: [f64; 3]) -> Option<f64> {
         let [width, height] = SIZE.map(|side| side as usize);
         let [u, v, z] = self.project(point);

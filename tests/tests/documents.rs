@@ -1,4 +1,5 @@
-//! Documents say what is there: ARCHITECTURE.md has a row for every crate and every segment and no others, links lead somewhere.
+//! Documents say what is there: ARCHITECTURE.md has a row for every crate and every segment and no
+//! others, links lead somewhere.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -16,7 +17,8 @@ fn read(name: &str) -> String {
     std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// What stands first in the rows of the first table behind a heading: the word between the first backquotes.
+/// What stands first in the rows of the first table behind a heading: the word between the first
+/// backquotes.
 fn rows(heading: &str) -> BTreeSet<String> {
     let text = read("ARCHITECTURE.md");
     let (_, section) = text.split_once(&format!("## {heading}\n")).unwrap_or_else(|| panic!("no section {heading}"));

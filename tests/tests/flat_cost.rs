@@ -1,5 +1,5 @@
-//! What a frame costs depends on the view alone, never on the size of the database: the same view over 1, 16 and 256
-//! times the area gives the same leaves. Counts are asserted; times are printed.
+//! What a frame costs depends on the view alone, never on the size of the database: the same view
+//! over 1, 16 and 256 times the area gives the same leaves. Counts are asserted; times are printed.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -22,7 +22,8 @@ fn terrain(posts: u32) -> SyntheticTerrain {
     SyntheticTerrain::new(&world, Relief::Mountains { height_m: 800.0 }, 5)
 }
 
-/// A view down into the south west corner of the world, which is there in all sizes: nothing beyond it is visible.
+/// A view down into the south west corner of the world, which is there in all sizes: nothing beyond
+/// it is visible.
 fn pose() -> Pose {
     Pose::new([4_000.0, 4_000.0, 2_200.0], 10.0, -62.0)
 }

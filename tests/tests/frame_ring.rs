@@ -217,7 +217,8 @@ fn a_name_belongs_to_one_flight_and_a_killed_one_gives_it_back() {
     first.signal(Signal::KILL);
     assert_eq!(first.wait().code(), None);
     assert!(!ring.is_ended(), "a killed launcher says nothing");
-    // The next one may have the name at once, unless another test's flight has removed it already; the reader of the dead flight's ring keeps what it has.
+    // The next one may have the name at once, unless another test's flight has removed it already;
+    // the reader of the dead flight's ring keeps what it has.
     sharing_flight(&other, &name, 2).run().assert_code(0);
     assert!(left_of(&name).is_empty());
     assert_eq!(ring.launcher_pid(), first_pid);

@@ -1,5 +1,6 @@
-//! Geometry has one home, `common/src/surface`: no other code of a stage adds a height to an x and a y, compares an eye with
-//! the world's borders, steps to the node beside another one, or knows the formula of a facet. Found by what such code looks like.
+//! Geometry has one home, `common/src/surface`: no other code of a stage adds a height to an x and
+//! a y, compares an eye with the world's borders, steps to the node beside another one, or knows
+//! the formula of a facet. Found by what such code looks like.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -1,4 +1,5 @@
-//! What hangs is found, killed and told: a stage that was stopped, an encoder that sleeps, shared memory that was written over.
+//! What hangs is found, killed and told: a stage that was stopped, an encoder that sleeps, shared
+//! memory that was written over.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -148,7 +149,8 @@ fn stages_that_wait_for_each_other_are_told() {
     let file = OpenOptions::new().read(true).write(true).open(Path::new("/dev/shm").join(buffer)).unwrap();
     let all = pids(&flight);
     for k in 3.. {
-        // No tree was given back, as far as the generator will see. It looks when it needs a half, at the second tree at the latest.
+        // No tree was given back, as far as the generator will see. It looks when it needs a half,
+        // at the second tree at the latest.
         let mut written = [0; 8];
         file.read_exact_at(&mut written, WRITTEN).unwrap();
         file.write_all_at(&(u64::from_ne_bytes(written) - 2).to_ne_bytes(), GIVEN_BACK).unwrap();

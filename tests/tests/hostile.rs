@@ -1,5 +1,5 @@
-//! What others send and leave lying about: no panic, no hang, no memory beyond its bounds, no secret that goes astray, no text that steers
-//! a terminal.
+//! What others send and leave lying about: no panic, no hang, no memory beyond its bounds, no
+//! secret that goes astray, no text that steers a terminal.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -23,7 +23,8 @@ use terravision_tests::worlds::synth_world;
 /// Memory that `info` over a server may take, KiB: programs and libraries take a tenth of it.
 const INFO_KIB: u64 = 160 << 10;
 
-/// A server that answers every connection with `answer`, given the head of the request. Heads are kept.
+/// A server that answers every connection with `answer`, given the head of the request. Heads are
+/// kept.
 struct RawServer {
     address: String,
     heads: Arc<Mutex<Vec<String>>>,
@@ -231,7 +232,8 @@ fn damage_in_an_archive_of_this_machine_is_looked_at_twice_and_no_more() {
     let folder = TestFolder::new("hostile-damage");
     let path = tar(&folder);
     let mut bytes = fs::read(&path).unwrap();
-    // Tiles of both archives are damaged, and no directory: those lie in the first bytes, and at the end.
+    // Tiles of both archives are damaged, and no directory: those lie in the first bytes, and at
+    // the end.
     let places = ["color.pmtiles", "elevation.pmtiles"].map(|file| {
         let name = format!("world.tv/{file}");
         let start = bytes.windows(name.len()).position(|w| w == name.as_bytes()).unwrap() + 512;

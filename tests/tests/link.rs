@@ -1,4 +1,5 @@
-//! Flights against the clock over a database behind a slow link: what they become when the camera rests, and the bench.
+//! Flights against the clock over a database behind a slow link: what they become when the camera
+//! rests, and the bench.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -20,7 +21,8 @@ fn when_the_camera_rests_the_picture_becomes_that_of_exact_mode_byte_for_byte() 
     let world = synth_world(1024).database();
     let server = FaultServer::serve(world.parent().unwrap());
     server.set_link(Link { latency: Duration::from_millis(80), bits_per_s: Some(20_000_000) });
-    // How long what is missing takes depends on the machine, too: longer rests follow when it was too short.
+    // How long what is missing takes depends on the machine, too: longer rests follow when it was
+    // too short.
     for frames in [60, 200, 600] {
         let folder = TestFolder::new("link-settled");
         let pose = |k: u64| {

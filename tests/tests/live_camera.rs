@@ -280,7 +280,8 @@ fn a_circle_flown_from_python_gives_the_depth_image_that_still_gives() {
     assert_eq!(depth.len(), taken.depth.len());
     let is_same = |(a, b): (&f32, &f64)| (f64::from(*a) - b).abs() <= 1e-5 * b || (a.is_nan() && b.is_nan());
     let same = depth.iter().zip(&taken.depth).filter(|pair| is_same(*pair)).count();
-    // Python's sine may differ from ours in the last bit: a pixel at a ridge may see the other side.
+    // Python's sine may differ from ours in the last bit: a pixel at a ridge may see the other
+    // side.
     assert!(same * 1000 >= depth.len() * 999, "{same} of {} depths are still's", depth.len());
     let image = image::open(folder.join("depth.png")).unwrap().into_luma8();
     assert_eq!([image.width(), image.height()], SIZE);

@@ -1,9 +1,10 @@
-//! A flight against the clock while the link loses a third of all requests, damages and delays others, and the server is
-//! gone for a while: frames go on, every texel is of a tile that belongs there, nothing is seen through the ground, and
-//! afterwards the picture becomes what it should be.
+//! A flight against the clock while the link loses a third of all requests, damages and delays
+//! others, and the server is gone for a while: frames go on, every texel is of a tile that belongs
+//! there, nothing is seen through the ground, and afterwards the picture becomes what it should be.
 //!
-//! `scripts/loss.sh` flies the long form: TERRAVISION_STORM_S seconds, the server gone for TERRAVISION_GONE_S. There frames have to
-//! be on time, too; a test machine may have no time at all.
+//! `scripts/loss.sh` flies the long form: TERRAVISION_STORM_S seconds, the server gone for
+//! TERRAVISION_GONE_S. There frames have to be on time, too; a test machine may have no time at
+//! all.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -55,7 +56,8 @@ struct Seen {
 }
 
 impl Seen {
-    /// Looks at every pixel of a frame: ground has the name of one of the tiles above it, and sky has sky above.
+    /// Looks at every pixel of a frame: ground has the name of one of the tiles above it, and sky
+    /// has sky above.
     fn look(&mut self, world: &World, frame: &SharedFrame) {
         let info = frame.info.unwrap();
         let width = SIZE[0];
@@ -63,7 +65,8 @@ impl Seen {
         let is_sky = |k: usize| frame.ground[3 * k].is_nan();
         for (k, rgba) in frame.rgba.chunks_exact(4).enumerate() {
             if is_sky(k) {
-                // Ground above sky in a column is a hole: the camera looks over terrain without overhangs.
+                // Ground above sky in a column is a hole: the camera looks over terrain without
+                // overhangs.
                 if k >= width && !is_sky(k - width) {
                     self.holes += 1;
                     self.first_hole.get_or_insert_with(|| around(frame, k));
@@ -179,7 +182,8 @@ fn frames_go_on_and_show_only_what_belongs_there_whatever_the_link_loses() {
     let part = |share: f64| (share * frames as f64) as u64;
     let while_gone = part(GONE_FROM)..part(GONE_FROM) + (gone * FPS) as u64;
     while !ring.is_ended() {
-        // The storm begins with the second frame, when the clock has started, and ends when the camera rests.
+        // The storm begins with the second frame, when the clock has started, and ends when the
+        // camera rests.
         let is_storm = (1..part(REST_FROM)).contains(&frame);
         if is_storm != was_storm {
             server.misbehave(if is_storm { storm() } else { Vec::new() });

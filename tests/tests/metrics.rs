@@ -16,7 +16,8 @@ use terravision_tests::worlds::synth_world;
 
 const FRAMES: u64 = 4;
 
-/// Asks once, and reads the text format: value by name and labels. Every line has to be one of the format.
+/// Asks once, and reads the text format: value by name and labels. Every line has to be one of the
+/// format.
 fn scrape(port: u16) -> BTreeMap<String, f64> {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.write_all(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
@@ -43,8 +44,8 @@ fn scrape(port: u16) -> BTreeMap<String, f64> {
     values
 }
 
-/// Metrics of a flight whose frames are all drawn, once their counters no longer change: events go by the launcher, and the
-/// prefetcher tells in cycles.
+/// Metrics of a flight whose frames are all drawn, once their counters no longer change: events go
+/// by the launcher, and the prefetcher tells in cycles.
 fn settled(flight: &mut Running, port: u16) -> BTreeMap<String, f64> {
     let counters = |values: &BTreeMap<String, f64>| -> Vec<(String, f64)> {
         values.iter().filter(|(name, _)| name.contains("_total")).map(|(name, v)| (name.clone(), *v)).collect()

@@ -13,7 +13,8 @@ use terravision_tests::worlds::synth_world;
 
 const SIZE: [u32; 2] = [960, 540];
 const FRAMES: usize = 48;
-/// Mean change of a block of 16 x 16 pixels, of 255, that counts as a pop when it happens in one frame alone.
+/// Mean change of a block of 16 x 16 pixels, of 255, that counts as a pop when it happens in one
+/// frame alone.
 const POP: f64 = 4.0;
 
 /// A slow flight, 1.5 m a frame, forward and up: nodes split and merge all the time.

@@ -1,5 +1,5 @@
-//! The picture is right: nearer to the truth than thresholds that were set before it was drawn, and the nearer the
-//! finer the settings.
+//! The picture is right: nearer to the truth than thresholds that were set before it was drawn, and
+//! the nearer the finer the settings.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -21,8 +21,9 @@ fn say(view: &str, settings: &str, quality: Quality, taken: &Taken) {
     println!("{view:8} {settings:24} {:6.2} dB  {:.4}  {triangles} triangles", quality.psnr_db, quality.ssim);
 }
 
-/// PSNR and SSIM to be reached by default and at best. The view from high above rough mountains, where a facet is a
-/// hundred metres of noise, does not reach by default what the others do (docs/quality.md); it must not fall behind what it does.
+/// PSNR and SSIM to be reached by default and at best. The view from high above rough mountains,
+/// where a facet is a hundred metres of noise, does not reach by default what the others do
+/// (docs/quality.md); it must not fall behind what it does.
 fn limits(view: &str) -> [(f64, f64); 2] {
     match view {
         "far" => [(25.5, 0.78), (31.0, 0.93)],
@@ -55,7 +56,8 @@ fn oblique_views_of_large_data_reach_28_db_by_default_and_31_db_at_best() {
     }
 }
 
-/// Median errors of depth and of ground position stay below `limit_m`; sky is NaN where the reference has sky.
+/// Median errors of depth and of ground position stay below `limit_m`; sky is NaN where the
+/// reference has sky.
 fn positions_agree(name: &str, taken: &Taken, reference: &Picture, limit_m: f64) {
     let depth = median_absolute_error(taken.depth.iter().copied().zip(reference.depth.iter().map(|d| f64::from(*d))));
     assert!(depth < limit_m, "{name}: median error of depth is {depth} m");

@@ -1,4 +1,5 @@
-//! Flights drawn by rays: the picture of the mesh, with and without Vulkan, the same bytes for any number of workers.
+//! Flights drawn by rays: the picture of the mesh, with and without Vulkan, the same bytes for any
+//! number of workers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 

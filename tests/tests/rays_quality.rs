@@ -1,5 +1,5 @@
-//! Rays are near to the truth: the limits that were set for each method before it was there, and on real data no further
-//! off than the mesh.
+//! Rays are near to the truth: the limits that were set for each method before it was there, and on
+//! real data no further off than the mesh.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 

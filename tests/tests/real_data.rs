@@ -1,5 +1,5 @@
-//! Real rasters, from `TERRAVISION_DATA`: they ingest, and what is seen of them looks as they do. Without that folder
-//! there is nothing to test, and the tests say so.
+//! Real rasters, from `TERRAVISION_DATA`: they ingest, and what is seen of them looks as they do.
+//! Without that folder there is nothing to test, and the tests say so.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -39,7 +39,8 @@ fn land_statistics(rgb: &[[u8; 3]], sky: [u8; 3]) -> (f64, f64, f64) {
     (mean, deviation, luma.len() as f64 / rgb.len() as f64)
 }
 
-/// Ingests, flies three frames of the orbit, looks at the pictures' statistics, keeps one picture for people.
+/// Ingests, flies three frames of the orbit, looks at the pictures' statistics, keeps one picture
+/// for people.
 fn visit(place: &Place<'_>) {
     const SKY: [u8; 3] = [255, 0, 255];
     let folder = TestFolder::new(place.name);
@@ -68,7 +69,8 @@ fn visit(place: &Place<'_>) {
         assert!(land > 0.3, "{} frame {frame} shows {land} of land", place.name);
         assert!((15.0..245.0).contains(&mean), "{} frame {frame}: mean luma {mean}", place.name);
         assert!(deviation > 4.0, "{} frame {frame} is blank: deviation {deviation}", place.name);
-        // Sky is above: at most a few pixels of its colour in the lowest rows, and more where the camera swings beside the border.
+        // Sky is above: at most a few pixels of its colour in the lowest rows, and more where the
+        // camera swings beside the border.
         let most = if flight.stderr.contains("swings to and fro") { 640 * 6 } else { 640 };
         let below = rgb[640 * 340..].iter().filter(|p| **p == SKY).count();
         assert!(below < most, "{} frame {frame}: {below} pixels of background at the bottom", place.name);

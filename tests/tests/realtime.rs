@@ -1,5 +1,6 @@
-//! A flight against the clock, from end to end: every frame of it is accounted for, has a picture, and was drawn within what
-//! is allowed. How many are on time is for benches: a test machine may have no time at all.
+//! A flight against the clock, from end to end: every frame of it is accounted for, has a picture,
+//! and was drawn within what is allowed. How many are on time is for benches: a test machine may
+//! have no time at all.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -86,7 +87,8 @@ fn a_camera_that_rests_gets_no_coarser_picture_than_one_that_moves() {
     };
     let report = fly(&["--rest-facet-px", "4"]);
     check(&report, FRAMES, [4.0, 40.0]);
-    // It refines step by step; a machine that has no time at all for it at this size would have other troubles.
+    // It refines step by step; a machine that has no time at all for it at this size would have
+    // other troubles.
     let r_z = numbers(&report, "r_z_px");
     assert!(r_z[r_z.len() - 1] < 9.0 && r_z[0] >= 9.99, "{r_z:?}");
     // Without feedback nothing changes.

@@ -1,5 +1,5 @@
-//! Whole flights over a database on a server: the same bytes as from its folder, through a lossy link, from the cache
-//! alone; and a sentence with the right exit code when there is no way to it.
+//! Whole flights over a database on a server: the same bytes as from its folder, through a lossy
+//! link, from the cache alone; and a sentence with the right exit code when there is no way to it.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -70,8 +70,8 @@ fn still(world: &str, folder: &TestFolder, more: &[&str]) -> Finished {
         .run()
 }
 
-/// Fills the cache with what every flight begins with: a picture of the sky. What is asked for after that, and in which order,
-/// is no matter of chance.
+/// Fills the cache with what every flight begins with: a picture of the sky. What is asked for
+/// after that, and in which order, is no matter of chance.
 fn look_at_the_sky(url: &str, folder: &TestFolder) {
     let from = synth_world(1024).above(0.5, 0.5, 500.0);
     let sky = Pose::new(from, 0.0, 90.0);
@@ -175,7 +175,8 @@ fn two_flights_share_a_cache_and_a_lossy_link_and_give_the_same_bytes() {
     let (server, folder) = (serve(), TestFolder::new("remote-lossy"));
     local(&folder);
     server.misbehave([
-        // A fifth of all requests: that one fails as often in a row as it is asked again is out of the question.
+        // A fifth of all requests: that one fails as often in a row as it is asked again is out of
+        // the question.
         Rule::new(Fault::Drop).percent(12),
         Rule::new(Fault::Garbage).percent(3),
         Rule::new(Fault::Truncate).percent(3),
@@ -241,7 +242,8 @@ fn fly_through_an_outage(fault: &Fault, folder: &TestFolder, name: &str, more: &
         let flight = scope.spawn(|| fly(&url, folder, name, more));
         std::thread::sleep(Duration::from_secs(4));
         let asked = server.take_asked().iter().filter(|asked| asked.path.ends_with("color.pmtiles")).count();
-        // Passing failures: eight in a row, those under way, then a probe now and then. Refused ones: once each, the top levels again.
+        // Passing failures: eight in a row, those under way, then a probe now and then. Refused
+        // ones: once each, the top levels again.
         assert!(asked < 150, "{fault:?}: {asked} requests");
         server.misbehave([]);
         flight.join().unwrap()
@@ -360,7 +362,8 @@ fn no_way_to_a_database_is_told_in_one_sentence() {
     }
 }
 
-/// A server that speaks TLS with a certificate of `data/` and has nothing. Its URL, and the certificate's file.
+/// A server that speaks TLS with a certificate of `data/` and has nothing. Its URL, and the
+/// certificate's file.
 fn serve_tls(name: &str) -> (String, PathBuf) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let certificate = data.join(format!("{name}.pem"));

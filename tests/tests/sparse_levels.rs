@@ -1,5 +1,5 @@
-//! A world of two spacings: 1 m over 200 m inside 30 m over 6 km. No crack and no step where the finest levels end, by mesh and by
-//! rays, and an exact flight lacks nothing.
+//! A world of two spacings: 1 m over 200 m inside 30 m over 6 km. No crack and no step where the
+//! finest levels end, by mesh and by rays, and an exact flight lacks nothing.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -54,7 +54,8 @@ fn world(folder: &TestFolder) -> PathBuf {
     database
 }
 
-/// Views of the border: across it from within and from without, along it, from above and from close by.
+/// Views of the border: across it from within and from without, along it, from above and from close
+/// by.
 fn poses() -> Vec<Pose> {
     let [x, y] = [ORIGIN[0] + AT_M[0], ORIGIN[1] + AT_M[1]];
     let eye =
@@ -124,7 +125,8 @@ fn no_crack_and_no_step_where_the_finest_levels_end() {
     for (number, pose) in poses().iter().enumerate() {
         for more in settings {
             let rgb = still(&database, &folder, pose, more);
-            // Ground is a height field and the camera not rolled: below ground there is only ground.
+            // Ground is a height field and the camera not rolled: below ground there is only
+            // ground.
             let is_sky = |k: usize| rgb[k] == SKY;
             let above_ground = |k: usize| (0..k / WIDTH).any(|row| !is_sky(row * WIDTH + k % WIDTH));
             let holes = (0..rgb.len()).filter(|k| is_sky(*k) && above_ground(*k)).count();

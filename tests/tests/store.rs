@@ -1,5 +1,5 @@
-//! A database on a server, read through every kind of trouble: the same tiles as from its folder, or an error that says
-//! what and why, and never more requests than make sense.
+//! A database on a server, read through every kind of trouble: the same tiles as from its folder,
+//! or an error that says what and why, and never more requests than make sense.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
@@ -147,7 +147,8 @@ fn a_server_that_restarts_for_seconds_costs_no_tile_and_few_requests() {
             let asked = server.take_asked().len();
             let before = store.stats();
             println!("{fault:?}: {asked} requests in 6 s, {before:?}");
-            // Two files, the first failures of all readers, then a probe after 0.2, 0.4 ... 2 s for each.
+            // Two files, the first failures of all readers, then a probe after 0.2, 0.4 ... 2 s for
+            // each.
             assert!(asked <= 64 && before.repeated <= 64, "{fault:?}: {asked} requests, {before:?}");
             server.misbehave([]);
             server.set_down(false);
@@ -178,7 +179,8 @@ fn what_does_not_pass_ends_in_one_error_and_few_requests() {
             assert_eq!(error.cause(), Some(cause), "{fault:?}: {error}");
             assert!(error.to_string().contains("color.pmtiles"), "{error}");
         }
-        // A redirect is followed ten times. The manifest is looked at once: has the database changed?
+        // A redirect is followed ten times. The manifest is looked at once: has the database
+        // changed?
         let (manifest, others): (Vec<_>, Vec<_>) =
             server.take_asked().into_iter().partition(|asked| asked.path.ends_with("manifest.json"));
         let asked = others.len();
@@ -212,7 +214,8 @@ fn failures_do_not_multiply_requests() {
 fn a_server_that_asks_for_quiet_gets_it() {
     let (server, folder) = (serve(), TestFolder::new("store-quiet"));
     let store = Store::open(&location(&server), &options(&folder)).unwrap();
-    // One answer asks for an hour: nobody asks any more, and reads end at once instead of at their deadline.
+    // One answer asks for an hour: nobody asks any more, and reads end at once instead of at their
+    // deadline.
     server.misbehave([Rule::new(Fault::Status(429, Some(3600)))]);
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
     drop(server.take_asked());
@@ -249,7 +252,7 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     server.set_etag("changed");
     let found = read(&store, rest);
     let error = found.iter().find_map(|read| read.as_ref().err()).unwrap();
-    assert!(error.cause() == Some(Cause::Changed) && error.to_string().contains("open it anew"), "{error}");
+    assert!(error.cause() == Some(Cause::Changed) && error.to_string().contains("open it again"), "{error}");
     assert!(found.iter().all(|read| matches!(read, Ok(None)) || read.is_err()), "nothing of the new one is taken");
     assert_eq!(store.errors().take_news().len(), 1);
     drop(server.take_asked());
@@ -280,7 +283,7 @@ fn a_database_that_is_replaced_by_a_smaller_one_is_told_as_changed_on_a_server_a
         let changed = found.iter().filter_map(|read| read.as_ref().err()).filter(|e| e.cause() == Some(Cause::Changed));
         assert!(changed.count() > 20, "{:?}", store.errors().folded());
         let news = store.errors().take_news();
-        assert!(news.iter().any(|line| line.contains("open it anew") && line.contains("another one")), "{news:?}");
+        assert!(news.iter().any(|line| line.contains("open it again") && line.contains("has changed")), "{news:?}");
     }
 }
 

@@ -1,4 +1,5 @@
-//! The disk cache of databases on servers: what it has is not asked for again, what it cannot keep costs nothing but time.
+//! The disk cache of databases on servers: what it has is not asked for again, what it cannot keep
+//! costs nothing but time.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 

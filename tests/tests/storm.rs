@@ -84,7 +84,8 @@ fn an_exact_flight_has_the_same_bytes_whoever_is_killed_or_lost() {
     assert!(pictures(&folder) == expected, "the bytes are others:\n{}", finished.stderr);
     let report = read_report(&folder);
     let restarts: u64 = report["restarts"].as_object().map_or(0, |all| all.values().filter_map(|n| n.as_u64()).sum());
-    // Stages that are ahead may be done before their turn comes, or while they are killed; the renderer never is.
+    // Stages that are ahead may be done before their turn comes, or while they are killed; the
+    // renderer never is.
     assert!((2..=kills).contains(&restarts), "{kills} kills, {}\n{}", report["restarts"], finished.stderr);
 
     let folder = TestFolder::new("storm-exact");

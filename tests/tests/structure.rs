@@ -116,7 +116,8 @@ fn name_of_function(line: &str) -> Option<&str> {
     (before.split_whitespace().all(is_qualifier) && !name.is_empty()).then_some(name)
 }
 
-/// Loom sees only the atomics of `common::sync`: an algorithm that took others would be checked by no model.
+/// Loom sees only the atomics of `common::sync`: an algorithm that took others would be checked by
+/// no model.
 #[test]
 fn atomics_of_shared_memory_come_from_one_door() {
     // It numbers the runs of one process.

@@ -1,4 +1,5 @@
-//! `--views` from the command line: one picture or several, depth and ground of each, and what it refuses.
+//! `--views` from the command line: one picture or several, depth and ground of each, and what it
+//! refuses.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -81,7 +82,8 @@ fn a_flight_of_separate_views_has_a_folder_and_a_listing_for_each() {
     let separate = || rig(&folder, "separate");
     let flown = fly("out/").arg("--views").arg(separate()).arg("--depth").arg(folder.join("depth/")).succeed();
     flown.assert_no_warning();
-    // The view that is the pose's own camera, from a tree that serves all of them, is a picture of the same ground.
+    // The view that is the pose's own camera, from a tree that serves all of them, is a picture of
+    // the same ground.
     fly("alone/").succeed();
     let count = |name: &str| std::fs::read_dir(folder.join(name)).map_or(0, Iterator::count);
     for (name, size) in [("ahead", [120, 90]), ("beside", [120, 90]), ("down", [50, 60])] {

@@ -1,4 +1,5 @@
-//! Rasters with gaps, from the file to depth and ground positions: what is drawn, and what is told of it.
+//! Rasters with gaps, from the file to depth and ground positions: what is drawn, and what is told
+//! of it.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -60,7 +61,8 @@ fn pose() -> Pose {
     Pose::new([ORIGIN[0] + middle, ORIGIN[1] + middle, f64::from(HEIGHT_M) + 1000.0], 0.0, -90.0)
 }
 
-/// Of each pixel, whether it looks at what `is` says of posts; at its edge, within a pixel, nothing is said.
+/// Of each pixel, whether it looks at what `is` says of posts; at its edge, within a pixel, nothing
+/// is said.
 fn looked_at(is: fn(usize, usize) -> bool) -> Vec<Option<bool>> {
     let metres_per_pixel = 2.0 * 1000.0 * 30f64.to_radians().tan() / SIDE as f64;
     let share = |column: f64, row: f64| {
@@ -201,7 +203,8 @@ fn shared_frames_tell_what_was_made_up() {
     assert!(is_made_up.iter().zip(&has_depth).all(|(is_made_up, has_depth)| !is_made_up || *has_depth));
 }
 
-/// Facets of ten pixels, of several levels in one picture: nothing opens but at holes, where they are within a facet's size.
+/// Facets of ten pixels, of several levels in one picture: nothing opens but at holes, where they
+/// are within a facet's size.
 #[test]
 fn no_sky_is_seen_away_from_holes() {
     let folder = TestFolder::new("void-cracks");

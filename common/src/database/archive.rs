@@ -1,4 +1,5 @@
-//! Reading a PMTiles v3 archive with positioned reads: any thread, no async runtime, nothing trusted.
+//! Reading a PMTiles v3 archive with positioned reads: any thread, no async runtime, nothing
+//! trusted.
 
 use super::archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
 use super::leaves::Leaves;
@@ -66,8 +67,8 @@ impl From<io::Error> for ArchiveError {
     }
 }
 
-/// Where a node's tile is in an archive: zoom `levels - 1 - q`, column `m`, row from the north of the root's square.
-/// `None` for a node above the root or outside its square.
+/// Where a node's tile is in an archive: zoom `levels - 1 - q`, column `m`, row from the north of
+/// the root's square. `None` for a node above the root or outside its square.
 #[must_use]
 pub fn tile_coord(world: &World, node: NodeId) -> Option<TileCoord> {
     let zoom = (world.levels() - 1).checked_sub(node.q())?;
@@ -104,8 +105,8 @@ fn crc32_of_index(file: &File, layout: &ArchiveLayout) -> io::Result<u32> {
     Ok(hasher.finalize())
 }
 
-/// Checksum of everything in an archive that is not a tile: what lies before the tiles, then the leaf directories.
-/// Called by ingest when it has written one.
+/// Checksum of everything in an archive that is not a tile: what lies before the tiles, then the
+/// leaf directories. Called by ingest when it has written one.
 ///
 /// # Errors
 /// [`ArchiveError`] when it is not an archive or cannot be read.
@@ -153,8 +154,8 @@ impl Archive {
         self.leaves.get_or_parse(index, || self.layout.directory(&bytes))
     }
 
-    /// Reads a tile into `out` (replacing what is there); false when the archive has none. A tile longer than
-    /// `max_bytes` is not read.
+    /// Reads a tile into `out` (replacing what is there); false when the archive has none. A tile
+    /// longer than `max_bytes` is not read.
     ///
     /// # Errors
     /// [`ArchiveError`].

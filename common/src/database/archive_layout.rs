@@ -1,5 +1,5 @@
-//! Where things are in a PMTiles v3 archive, found without reading it: the caller brings the bytes, from a file or over a
-//! network. Nothing in them is trusted.
+//! Where things are in a PMTiles v3 archive, found without reading it: the caller brings the bytes,
+//! from a file or over a network. Nothing in them is trusted.
 
 use super::archive::ArchiveError;
 use super::directory::{Entry, find, parse_directory};
@@ -11,11 +11,11 @@ use std::ops::Range;
 
 /// Length of the fixed header (PMTiles v3 specification, section 3).
 pub const ARCHIVE_HEADER_BYTES: usize = 127;
-/// All leaf directories of an archive together, and what lies before its tiles, have at most so many bytes: a hundred million tiles
-/// need less.
+/// All leaf directories of an archive together, and what lies before its tiles, have at most so
+/// many bytes: a hundred million tiles need less.
 pub const MOST_INDEX_BYTES: u64 = 1 << 30;
-/// Most bytes of a directory, as it lies in the archive and decompressed: those of a hundred million tiles have a fifth of it. In memory its entries
-/// take at most six times as much.
+/// Most bytes of a directory, as it lies in the archive and decompressed: those of a hundred
+/// million tiles have a fifth of it. In memory its entries take at most six times as much.
 pub const MOST_DIRECTORY_BYTES: u64 = 2 << 20;
 
 /// The sections of an archive, from its header.
@@ -71,7 +71,8 @@ pub enum Place {
 }
 
 impl ArchiveLayout {
-    /// Reads the header, the first [`ARCHIVE_HEADER_BYTES`] bytes of an archive of `file_bytes` bytes.
+    /// Reads the header, the first [`ARCHIVE_HEADER_BYTES`] bytes of an archive of `file_bytes`
+    /// bytes.
     ///
     /// # Errors
     /// [`ArchiveError`] when it is not an archive, or its numbers contradict each other.

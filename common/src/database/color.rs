@@ -77,7 +77,8 @@ pub(crate) fn open_color_tile(bytes: &[u8]) -> Result<&[u8], ColorCodecError> {
     Ok(picture)
 }
 
-/// Decodes a tile of `side` texels, borders included, into RGBA8 mip levels back to back, row 0 in the north.
+/// Decodes a tile of `side` texels, borders included, into RGBA8 mip levels back to back, row 0 in
+/// the north.
 ///
 /// # Errors
 /// [`ColorCodecError`].
@@ -110,7 +111,8 @@ fn decode_picture(picture: &[u8], side: usize, out: &mut [u8]) -> Result<(), Col
     decoder.decode_into(&mut out[..side * side * 4]).map_err(failed)
 }
 
-/// Fills the mip levels after the first, each texel the mean of four (stored values; rounded to nearest).
+/// Fills the mip levels after the first, each texel the mean of four (stored values; rounded to
+/// nearest).
 fn make_mips(out: &mut [u8], side: usize) {
     let mut rest = out;
     let mut side = side;

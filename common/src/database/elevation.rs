@@ -4,9 +4,10 @@
 //! "TVe1"  crc32 of all that follows  posts u16  planes u8  0 u8  zstd frame          (little endian)
 //! ```
 //!
-//! Heights become integers (steps), each is predicted from its west, south and south west neighbours on the plane
-//! through them, the error is zigzagged (small numbers of either sign become small), and the bytes are split into
-//! planes, lowest first: the high ones are nearly all zero. Only the planes that are needed are stored.
+//! Heights become integers (steps), each is predicted from its west, south and south west
+//! neighbours on the plane through them, the error is zigzagged (small numbers of either sign
+//! become small), and the bytes are split into planes, lowest first: the high ones are nearly all
+//! zero. Only the planes that are needed are stored.
 //!
 //! A tile with posts that were not measured ([`crate::validity`]) goes on with their shares:
 //!
@@ -14,13 +15,15 @@
 //! "TVe2"  crc32 of all that follows  posts u16  planes u8  0 u8  bytes of the first zstd frame u32  zstd frame  zstd frame
 //! ```
 //!
-//! The second frame has two bytes of each post, 0 to 255: first all shares of ground, then all shares that were measured.
+//! The second frame has two bytes of each post, 0 to 255: first all shares of ground, then all
+//! shares that were measured.
 
 use super::TileScratch;
 use crate::validity;
 use crate::world::World;
 
-/// Steps of height in a metre. A power of two, so that heights and dyadic means of them are exact in floating point.
+/// Steps of height in a metre. A power of two, so that heights and dyadic means of them are exact
+/// in floating point.
 pub const HEIGHT_STEPS_PER_M: f32 = 128.0;
 
 const MAGIC: &[u8; 4] = b"TVe1";
@@ -82,15 +85,16 @@ fn prediction(steps: &[i32], posts: usize, row: usize, column: usize) -> i32 {
 /// Encodes a tile of `posts`² heights in metres; they are rounded to whole steps.
 ///
 /// # Panics
-/// When `heights` is not `posts`² long or a height is not finite: ingest has filled all voids before.
+/// When `heights` is not `posts`² long or a height is not finite: ingest has filled all voids
+/// before.
 #[must_use]
 pub fn encode_elevation_tile(heights: &[f32], posts: u32) -> Vec<u8> {
     let (plane_count, packed) = pack_heights(heights, posts);
     sealed(MAGIC, posts, plane_count, &[&packed])
 }
 
-/// Encodes a tile with the shares of its posts: of each `[ground, measured]`, 255ths. Where all is measured ground, the tile is
-/// that of [`encode_elevation_tile`].
+/// Encodes a tile with the shares of its posts: of each `[ground, measured]`, 255ths. Where all is
+/// measured ground, the tile is that of [`encode_elevation_tile`].
 ///
 /// # Panics
 /// As [`encode_elevation_tile`]; or when there are not `posts`² shares.
@@ -160,8 +164,8 @@ pub(crate) fn check_elevation_tile(bytes: &[u8]) -> Result<(), ElevationCodecErr
     Ok(())
 }
 
-/// Decodes a tile of a world into `out`, [`World::elevation_values`] numbers: heights in metres, row 0 in the south, and the
-/// planes of validity where the world has them.
+/// Decodes a tile of a world into `out`, [`World::elevation_values`] numbers: heights in metres,
+/// row 0 in the south, and the planes of validity where the world has them.
 ///
 /// # Errors
 /// [`ElevationCodecError`].
@@ -201,7 +205,8 @@ pub fn decode_elevation_planes(
 
 const _: () = assert!(validity::PLANES == 3 && validity::GROUND_PLANE == 1 && validity::MEASURED_PLANE == 2);
 
-/// Decodes a tile of a world without validity into `out`, `posts`² heights in metres, row 0 in the south.
+/// Decodes a tile of a world without validity into `out`, `posts`² heights in metres, row 0 in the
+/// south.
 ///
 /// # Errors
 /// [`ElevationCodecError`].
@@ -249,7 +254,8 @@ fn decode_heights(
     }
     let step_m = 1.0 / HEIGHT_STEPS_PER_M;
     let [mut south, mut south_west] = [0i32; 2];
-    // The predictor needs the row to the south as integers; heights are whole steps, so they are read back exactly.
+    // The predictor needs the row to the south as integers; heights are whole steps, so they are
+    // read back exactly.
     for at in 0..samples {
         let mut zigzag = 0u32;
         for plane in 0..plane_count {

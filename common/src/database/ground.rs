@@ -5,8 +5,9 @@ use crate::surface::tile::{GroundPoint, node_ground};
 use crate::world::World;
 use glam::DVec2;
 
-/// The ground at a point in world coordinates: facet-linear on the finest elevation level that is there, as it is drawn close by (cells are
-/// split along their SW-NE diagonal). `None` outside the extent. Blocks on storage.
+/// The ground at a point in world coordinates: facet-linear on the finest elevation level that is
+/// there, as it is drawn close by (cells are split along their SW-NE diagonal). `None` outside the
+/// extent. Blocks on storage.
 ///
 /// # Errors
 /// [`TileError`] when the tile cannot be read.

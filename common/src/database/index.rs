@@ -1,4 +1,5 @@
-//! The part of a database that is small and that every process needs: what it is, and where its ground lies.
+//! The part of a database that is small and that every process needs: what it is, and where its
+//! ground lies.
 
 use super::manifest::{self, Manifest, ManifestError};
 use super::{DatabaseError, MANIFEST_FILE, NODES_FILE, NodeRanges};

@@ -1,18 +1,21 @@
 //! Leaf directories that were read, up to a number of bytes: those used last.
 //!
-//! A database that is small on disk can have directories that are thousands of times larger in memory, so what is kept is bounded
-//! by what it takes there, not by what the database says of itself.
+//! A database that is small on disk can have directories that are thousands of times larger in
+//! memory, so what is kept is bounded by what it takes there, not by what the database says of
+//! itself.
 
 use super::archive_layout::Directory;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Bytes of leaf directories that an archive keeps in memory: those of 1.4 million tiles. What is wanted beyond is read anew.
+/// Bytes of leaf directories that an archive keeps in memory: those of 1.4 million tiles. What is
+/// wanted beyond is read anew.
 pub const MOST_LEAF_BYTES: usize = 32 << 20;
 /// What a directory takes beside its entries: its place in the map and its allocations.
 const OVERHEAD_BYTES: usize = 256;
 
-/// The leaf directories of an archive that were used last, by their entry in the root. Any thread may use it.
+/// The leaf directories of an archive that were used last, by their entry in the root. Any thread
+/// may use it.
 #[derive(Debug)]
 pub struct Leaves {
     most_bytes: usize,
@@ -41,7 +44,8 @@ impl Held {
             self.bytes -= cost(&old);
         }
         while self.bytes > most_bytes {
-            // A few hundred of them, in a database that ingest wrote: a walk costs less than keeping them in order.
+            // A few hundred of them, in a database that ingest wrote: a walk costs less than
+            // keeping them in order.
             let oldest = self.by_index.iter().min_by_key(|(_, (used, _))| *used).map(|(index, _)| *index);
             let Some((_, old)) = oldest.and_then(|index| self.by_index.remove(&index)) else { break };
             self.bytes -= cost(&old);
@@ -76,8 +80,9 @@ impl Leaves {
         self.lock().get(index)
     }
 
-    /// The directory with this index: the one that is here, or the one that `parse` makes of bytes that were read. One is made at a
-    /// time, so that readers of several do not hold more memory than one of them takes.
+    /// The directory with this index: the one that is here, or the one that `parse` makes of bytes
+    /// that were read. One is made at a time, so that readers of several do not hold more memory
+    /// than one of them takes.
     ///
     /// # Errors
     /// What `parse` says.

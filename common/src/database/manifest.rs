@@ -10,9 +10,11 @@ use std::path::Path;
 
 /// Version of the format of a database without special features.
 pub const FORMAT_VERSION: u32 = 1;
-/// Version of a database with features that a reader must know ([`Manifest::features`]); the newest that this build reads.
+/// Version of a database with features that a reader must know ([`Manifest::features`]); the newest
+/// that this build reads.
 pub const FEATURES_VERSION: u32 = 2;
-/// The feature of a database whose elevation tiles say which posts are ground and which were measured ([`crate::validity`]).
+/// The feature of a database whose elevation tiles say which posts are ground and which were
+/// measured ([`crate::validity`]).
 pub const FEATURE_VALIDITY: &str = "validity";
 /// The feature of a database whose finest levels are only where the data are.
 pub const FEATURE_SPARSE_LEVELS: &str = "sparse-levels";
@@ -82,7 +84,8 @@ pub struct Crs {
     pub epsg: Option<u32>,
     /// The full definition, WKT (version 1 or 2).
     pub wkt: String,
-    /// PROJ string of it, if there is one: lets programs without GDAL bring other coordinates into it.
+    /// PROJ string of it, if there is one: lets programs without GDAL bring other coordinates into
+    /// it.
     #[serde(default)]
     pub proj4: Option<String>,
 }
@@ -183,10 +186,12 @@ pub struct ElevationLayer {
     pub spacing_m: f64,
     /// Lowest and highest height in the finest level, metres.
     pub range_m: [f64; 2],
-    /// Lowest and highest sample of the sources over the world, metres; absent when the finest level has the same.
+    /// Lowest and highest sample of the sources over the world, metres; absent when the finest
+    /// level has the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source_range_m: Option<[f64; 2]>,
-    /// Area without data, square metres. Its heights were made up from around it, also where it has no ground.
+    /// Area without data, square metres. Its heights were made up from around it, also where it has
+    /// no ground.
     pub void_area_m2: f64,
     /// What became of it, where there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -221,12 +226,14 @@ pub struct ColorLayer {
 pub struct Manifest {
     /// Always "terravision-database".
     pub format: String,
-    /// Version of the format: [`FEATURES_VERSION`] where there are features, else [`FORMAT_VERSION`].
+    /// Version of the format: [`FEATURES_VERSION`] where there are features, else
+    /// [`FORMAT_VERSION`].
     pub format_version: u32,
     /// What a reader has to know to read it rightly, beyond version 1.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub features: Vec<String>,
-    /// The finest level of which, and of all coarser ones, every node has its tiles; absent without sparse levels.
+    /// The finest level of which, and of all coarser ones, every node has its tiles; absent without
+    /// sparse levels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub complete_level: Option<u8>,
     /// The program that wrote it.
@@ -323,7 +330,8 @@ impl Manifest {
     /// Reads a manifest's text.
     ///
     /// # Errors
-    /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a damaged one.
+    /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a
+    /// damaged one.
     pub fn parse(text: &str) -> Result<Self, ManifestError> {
         // All else is passed over, not kept: a text of 16 MB must not become a gigabyte of values.
         let head: Head<'_> = match serde_json::from_str(text) {
@@ -360,7 +368,8 @@ impl Manifest {
         self.has_feature(FEATURE_SPARSE_LEVELS)
     }
 
-    /// The geometry of the database, with what its tiles hold and from which level on all nodes have some.
+    /// The geometry of the database, with what its tiles hold and from which level on all nodes
+    /// have some.
     ///
     /// # Errors
     /// [`WorldError`] for numbers that make no world.

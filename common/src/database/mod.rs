@@ -8,10 +8,10 @@
 //!   nodes.tvn           lowest and highest ground under every node  (ranges)
 //! ```
 //!
-//! Archives are PMTiles v3: zoom = levels - 1 - q, x = m, y counts from the north of the root's square. Everything read
-//! from these files is foreign: lengths are checked before they are allocated, tiles carry a checksum each, and the
-//! manifest carries those of everything else. A damaged database gives an error that says which file is damaged, or,
-//! for a tile, which tile.
+//! Archives are PMTiles v3: zoom = levels - 1 - q, x = m, y counts from the north of the root's
+//! square. Everything read from these files is foreign: lengths are checked before they are
+//! allocated, tiles carry a checksum each, and the manifest carries those of everything else. A
+//! damaged database gives an error that says which file is damaged, or, for a tile, which tile.
 //!
 //! A [`Database`] is read by several threads at once; each brings its own [`TileScratch`].
 
@@ -230,7 +230,8 @@ pub fn max_payload_bytes(world: &World, layer: Layer) -> usize {
     }
 }
 
-/// Whether a world of this geometry has a tile of a layer for a node, and where an archive keeps it.
+/// Whether a world of this geometry has a tile of a layer for a node, and where an archive keeps
+/// it.
 #[must_use]
 pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::TileId> {
     let has_place = match layer {
@@ -254,17 +255,18 @@ impl std::fmt::Debug for TileScratch {
     }
 }
 
-/// Where tiles come from. [`Database`] is the real one, tests have others. Calls block on storage; any thread may call.
+/// Where tiles come from. [`Database`] is the real one, tests have others. Calls block on storage;
+/// any thread may call.
 pub trait TileSource: Send + Sync {
-    /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south; behind them the planes of validity of a
-    /// world that has them ([`World::elevation_values`]).
+    /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south; behind them the
+    /// planes of validity of a world that has them ([`World::elevation_values`]).
     ///
     /// # Errors
     /// [`TileError`]; the content of `out` is then undefined.
     fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError>;
 
-    /// Colour of a node: RGBA8 of three mip levels back to back (`(Nc + 8)²`, a quarter, a sixteenth), row 0 in the
-    /// north, borders included. `out` holds at least [`color_tile_bytes`].
+    /// Colour of a node: RGBA8 of three mip levels back to back (`(Nc + 8)²`, a quarter, a
+    /// sixteenth), row 0 in the north, borders included. `out` holds at least [`color_tile_bytes`].
     ///
     /// # Errors
     /// [`TileError`]; the content of `out` is then undefined.

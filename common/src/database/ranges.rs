@@ -16,7 +16,8 @@ pub use super::sparse_ranges::{Layers, NodeRange};
 const MAGIC: &[u8; 8] = b"TVnodes1";
 /// Of worlds with sparse levels.
 const SPARSE_MAGIC: &[u8; 8] = b"TVnodes2";
-/// No file of ranges is larger: 134 million nodes, of some terabytes of colour. All of it is held in memory.
+/// No file of ranges is larger: 134 million nodes, of some terabytes of colour. All of it is held
+/// in memory.
 pub const MOST_NODES_BYTES: u64 = 1 << 30;
 
 /// Why there are no ranges.
@@ -105,8 +106,9 @@ impl From<io::Error> for RangesError {
     }
 }
 
-/// Lowest and highest ground, metres, under each node of a world: bounds of the node's own posts, of all its
-/// descendants' and of every ancestor's posts over the node's area. So they bound the ground at every level.
+/// Lowest and highest ground, metres, under each node of a world: bounds of the node's own posts,
+/// of all its descendants' and of every ancestor's posts over the node's area. So they bound the
+/// ground at every level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodeRanges {
     world: World,
@@ -125,7 +127,8 @@ impl NodeRanges {
     /// Ranges by level (0 first), each by row from the south, then column from the west.
     ///
     /// # Errors
-    /// [`RangesError`] when the lengths are not those of the world or a range is empty or not finite.
+    /// [`RangesError`] when the lengths are not those of the world or a range is empty or not
+    /// finite.
     pub fn from_parts(world: &World, levels: Vec<Vec<[f32; 2]>>) -> Result<Self, RangesError> {
         if levels.len() != usize::from(world.levels()) {
             let [expected, found] = [u64::from(world.levels()), levels.len() as u64];
@@ -150,8 +153,9 @@ impl NodeRanges {
     /// Ranges of a world whose finest levels are sparse, in any order.
     ///
     /// # Errors
-    /// [`RangesError`] when a range is empty or not finite, or the nodes do not make a tree that can be searched: each with its parent,
-    /// all of its siblings, and, where it has elevation below it, nodes all around.
+    /// [`RangesError`] when a range is empty or not finite, or the nodes do not make a tree that
+    /// can be searched: each with its parent, all of its siblings, and, where it has elevation
+    /// below it, nodes all around.
     pub fn from_nodes(world: &World, nodes: Vec<NodeRange>) -> Result<Self, RangesError> {
         let levels = sparse_ranges::levels_of(world, nodes)?;
         let world = world.with_complete_level(sparse_ranges::complete_level(world, &levels));
@@ -179,7 +183,8 @@ impl NodeRanges {
         }
     }
 
-    /// Whether the children of a node have tiles of a layer that its world has at their level: all that exist, or none.
+    /// Whether the children of a node have tiles of a layer that its world has at their level: all
+    /// that exist, or none.
     #[must_use]
     pub fn has_children(&self, layer: Layer, node: NodeId) -> bool {
         match &self.levels {
@@ -217,8 +222,8 @@ impl NodeRanges {
         }
     }
 
-    /// Bytes that the file of a world's ranges may have: as many as its nodes need, or, with sparse levels, at most as many as all of
-    /// them would.
+    /// Bytes that the file of a world's ranges may have: as many as its nodes need, or, with sparse
+    /// levels, at most as many as all of them would.
     #[must_use]
     pub fn file_bytes(world: &World, is_sparse: bool) -> RangeInclusive<u64> {
         let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
@@ -230,8 +235,9 @@ impl NodeRanges {
         magic + 8 * nodes..=magic + 8 * nodes
     }
 
-    /// Bytes of the file of a world's ranges, checked against what its manifest says and against what may be held: before anything of it
-    /// is read or room is made for it, wherever it comes from.
+    /// Bytes of the file of a world's ranges, checked against what its manifest says and against
+    /// what may be held: before anything of it is read or room is made for it, wherever it comes
+    /// from.
     ///
     /// # Errors
     /// [`RangesError::TooLarge`], [`RangesError::Length`].
@@ -281,7 +287,8 @@ impl NodeRanges {
         Ok(NodesRecord { bytes, crc32: hasher.finalize() })
     }
 
-    /// Reads the file and checks it against the world and the manifest, which says whether the finest levels are sparse.
+    /// Reads the file and checks it against the world and the manifest, which says whether the
+    /// finest levels are sparse.
     ///
     /// # Errors
     /// [`RangesError`].

@@ -1,6 +1,7 @@
-//! Height ranges of worlds whose finest levels are only where the data are: of existing nodes alone, with the layers of which
-//! each has a tile. ("TVnodes2": per level, level 0 first, the number of nodes (u64), then 20 bytes for each, by row from the
-//! south, then column: column and row (u32), low and high (f32), layers (u32); little endian.)
+//! Height ranges of worlds whose finest levels are only where the data are: of existing nodes
+//! alone, with the layers of which each has a tile. ("TVnodes2": per level, level 0 first, the
+//! number of nodes (u64), then 20 bytes for each, by row from the south, then column: column and
+//! row (u32), low and high (f32), layers (u32); little endian.)
 
 use super::{Layer, RangesError};
 use crate::level::deepest_color_below;
@@ -117,7 +118,8 @@ pub(super) fn encoded_bytes(levels: &[SparseLevel]) -> u64 {
     levels.iter().map(|level| 8 + NODE_BYTES * level.keys.len() as u64).sum()
 }
 
-/// Reads the levels from a file of which `left` bytes are left: no count is believed that they cannot hold.
+/// Reads the levels from a file of which `left` bytes are left: no count is believed that they
+/// cannot hold.
 pub(super) fn decode(world: &World, file: &mut impl Read, mut left: u64) -> Result<Vec<SparseLevel>, RangesError> {
     let mut levels = Vec::with_capacity(usize::from(world.levels()));
     for q in 0..world.levels() {
@@ -152,8 +154,9 @@ pub(super) fn decode(world: &World, file: &mut impl Read, mut left: u64) -> Resu
     Ok(levels)
 }
 
-/// Checks what the search of the tree relies on: ranges are ranges; the root is there; a node's parent is, and all of its
-/// siblings are; beside a node that has elevation below it there are nodes of its level; colour is not too far below elevation.
+/// Checks what the search of the tree relies on: ranges are ranges; the root is there; a node's
+/// parent is, and all of its siblings are; beside a node that has elevation below it there are
+/// nodes of its level; colour is not too far below elevation.
 fn check(world: &World, levels: &[SparseLevel]) -> Result<(), RangesError> {
     let layers = |node: NodeId| levels[usize::from(node.q())].find(node).map(|(_, layers)| layers).unwrap_or_default();
     let root = world.root();
@@ -190,7 +193,8 @@ fn is_surrounded(world: &World, node: NodeId, layers: &impl Fn(NodeId) -> Layers
     SIDES.iter().filter_map(|(east, north)| world.neighbor(node, *east, *north)).all(|n| layers(n).elevation)
 }
 
-/// The finest level of which, and of all coarser ones, every node has all tiles that the world has a place for.
+/// The finest level of which, and of all coarser ones, every node has all tiles that the world has
+/// a place for.
 pub(super) fn complete_level(world: &World, levels: &[SparseLevel]) -> u8 {
     let is_complete = |q: u8| {
         let [columns, rows] = world.nodes_at(q).map(u64::from);

@@ -12,11 +12,13 @@ pub struct Tile {
     pub node: NodeId,
 }
 
-/// The bit of a packed tile that says colour. A packed node leaves it free: levels end far below 128.
+/// The bit of a packed tile that says colour. A packed node leaves it free: levels end far below
+/// 128.
 const COLOR: u64 = 1 << 63;
 
 impl Tile {
-    /// The tile as one number, for shared memory: [`NodeId::pack`], with the highest bit set for colour.
+    /// The tile as one number, for shared memory: [`NodeId::pack`], with the highest bit set for
+    /// colour.
     #[must_use]
     pub const fn pack(self) -> u64 {
         match self.layer {
@@ -25,7 +27,8 @@ impl Tile {
         }
     }
 
-    /// The tile that [`Tile::pack`] packed; `None` for a number that no tile packs to (it came from outside).
+    /// The tile that [`Tile::pack`] packed; `None` for a number that no tile packs to (it came from
+    /// outside).
     #[must_use]
     pub const fn unpack(packed: u64) -> Option<Self> {
         let layer = if packed & COLOR == 0 { Layer::Elevation } else { Layer::Color };

@@ -1,24 +1,32 @@
-//! Feedback from measured frame times to the screen resolutions wanted of facets and texels (design §8).
+//! Feedback from measured frame times to the screen resolutions wanted of facets and texels (design
+//! §8).
 //!
-//! Triangles go with 1/r_z², pixels cost the same whatever r_z is. So the controller works on u = log2 r_z, and every
-//! frame tells which u it would have needed: u + ½ log2(time / setpoint). Where all of the time is triangles that is right
-//! at once, else it goes too short, never too far; and because each sample is taken relative to the u that *it* was drawn
-//! with, the frames that are still in the pipeline after a change do not make the controller change twice.
+//! Triangles go with 1/r_z², pixels cost the same whatever r_z is. So the controller works on u =
+//! log2 r_z, and every frame tells which u it would have needed: u + ½ log2(time / setpoint). Where
+//! all of the time is triangles that is right at once, else it goes too short, never too far; and
+//! because each sample is taken relative to the u that *it* was drawn with, the frames that are
+//! still in the pipeline after a change do not make the controller change twice.
 //!
-//! * **Coarser fast**: three frames in a row that are clearly too slow move u at once by what all of them ask for. One or two
-//!   slow ones move nothing.
-//! * **Finer slow**: only frames that were drawn with the present u count, the slow ones among them too, and the first step is
-//!   small. What it cost tells how much of the time is triangles, and so how far the next one may go: where facets cost
-//!   next to nothing the picture does not have to creep back.
-//! * **Between, nothing**: while the median of a dozen frames lies inside the dead band, u stays as it is.
-//! * **The more frames scatter, the more patience**: on cores that other programs use too, every fifth frame takes half as long again or twice as
-//!   long, for no reason of ours. From the differences of successive frames the controller knows how much they scatter; "clearly too
-//!   slow" is beyond that, and after a change the next step to finer waits, long enough that nobody would call it swinging.
-//! * **At rest** the band is left: step by step finer, each step only as far as it fits into the frame's time even if all of
-//!   it is triangles. With the first frame that moves, u is what it was before the rest.
+//! * **Coarser fast**: three frames in a row that are clearly too slow move u at once by what all
+//!   of them ask for. One or two slow ones move nothing.
+//! * **Finer slow**: only frames that were drawn with the present u count, the slow ones among them
+//!   too, and the first step is small. What it cost tells how much of the time is triangles, and so
+//!   how far the next one may go: where facets cost next to nothing the picture does not have to
+//!   creep back.
+//! * **Between, nothing**: while the median of a dozen frames lies inside the dead band, u stays as
+//!   it is.
+//! * **The more frames scatter, the more patience**: on cores that other programs use too, every
+//!   fifth frame takes half as long again or twice as long, for no reason of ours. From the
+//!   differences of successive frames the controller knows how much they scatter; "clearly too
+//!   slow" is beyond that, and after a change the next step to finer waits, long enough that nobody
+//!   would call it swinging.
+//! * **At rest** the band is left: step by step finer, each step only as far as it fits into the
+//!   frame's time even if all of it is triangles. With the first frame that moves, u is what it was
+//!   before the rest.
 //!
-//! r_c follows u: texels cost little time but much memory and bandwidth, and blur is what people see first. They stay as
-//! wanted until facets are twice as large as wanted, and then grow with the root of the facets.
+//! r_c follows u: texels cost little time but much memory and bandwidth, and blur is what people
+//! see first. They stay as wanted until facets are twice as large as wanted, and then grow with the
+//! root of the facets.
 
 pub mod simulation;
 #[cfg(test)]
@@ -29,21 +37,25 @@ use std::collections::VecDeque;
 
 /// The share of the frame's time that is aimed at. The rest is for what no feedback can foresee.
 pub const SETPOINT: f64 = 0.82;
-/// The dead band, shares of the frame's time. In log2 r_z it reaches as far to one side of the setpoint as to the other.
+/// The dead band, shares of the frame's time. In log2 r_z it reaches as far to one side of the
+/// setpoint as to the other.
 pub const BAND: [f64; 2] = [0.73, 0.92];
 /// Up to this share of the frame's time a camera at rest is given a finer picture.
 pub const REST_SHARE: f64 = 0.9;
 
-/// Three frames in a row that all ask for this much more of log2 r_z are believed at once: 18 % over the setpoint.
+/// Three frames in a row that all ask for this much more of log2 r_z are believed at once: 18 %
+/// over the setpoint.
 const FAST: f64 = 0.12;
 const FRAMES_FAST: usize = 3;
 /// ... or for so many times as much as frames scatter, if that is more.
 const FAST_SCATTERS: f64 = 2.0;
-/// Successive frames whose differences tell how much frames scatter: three quarters of them differ by less than the scatter.
+/// Successive frames whose differences tell how much frames scatter: three quarters of them differ
+/// by less than the scatter.
 const FRAMES_SCATTER: usize = 48;
 const SCATTER_SHARE: f64 = 0.75;
-/// Frames that scatter less are calm. Else fast steps and steps to finer stay small, and after a change so many seconds pass for each unit of
-/// scatter beyond before there is one, at most so many.
+/// Frames that scatter less are calm. Else fast steps and steps to finer stay small, and after a
+/// change so many seconds pass for each unit of scatter beyond before there is one, at most so
+/// many.
 const CALM: f64 = 0.04;
 const PATIENCE_S: f64 = 100.0;
 const MOST_PATIENCE_S: f64 = 6.0;
@@ -71,7 +83,8 @@ const REST_NANOS: f64 = 0.25e9;
 /// Times outside of this many octaves around the target say no more than these.
 const MOST_OCTAVES: f64 = 6.0;
 
-/// What the renderer says of a frame that it has finished, for the feedback; travels through the control block.
+/// What the renderer says of a frame that it has finished, for the feedback; travels through the
+/// control block.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameTiming {
@@ -83,7 +96,8 @@ pub struct FrameTiming {
     pub r_z_px: f64,
     /// Screen resolution of texels that its tree was made for, pixels.
     pub r_c_px: f64,
-    /// What the renderer itself took: from when it began with it, or was done with the one before if that was later.
+    /// What the renderer itself took: from when it began with it, or was done with the one before
+    /// if that was later.
     pub work_nanos: u64,
     /// The whole interval, from the end of the frame before.
     pub interval_nanos: u64,
@@ -148,13 +162,15 @@ pub struct RateController {
     u: f64,
     /// What it is when the camera moves; `None` while it does.
     moving: Option<f64>,
-    /// Frames that have to agree before the picture at rest becomes finer; all there are, once it had to become coarser.
+    /// Frames that have to agree before the picture at rest becomes finer; all there are, once it
+    /// had to become coarser.
     agreeing: usize,
     still_frames: u32,
     rest_after: u32,
     /// The newest frames, whatever they were drawn with.
     newest: VecDeque<Sample>,
-    /// What the last frame would have needed, and by how much each of the newest differed in that from the one before.
+    /// What the last frame would have needed, and by how much each of the newest differed in that
+    /// from the one before.
     last_needed: Option<f64>,
     differences: VecDeque<f64>,
     /// Frames since u was changed for their sake.
@@ -232,7 +248,8 @@ impl RateController {
         let u = r_z_px.log2().clamp(finest, coarsest);
         let octaves = (work_nanos / self.settings.target_nanos).log2().clamp(-MOST_OCTAVES, MOST_OCTAVES);
         let sample = Sample { u, octaves, needed: u + 0.5 * (octaves - SETPOINT.log2()) };
-        // A frame that was drawn coarser than is drawn now, and had time over, does not speak against having become finer.
+        // A frame that was drawn coarser than is drawn now, and had time over, does not speak
+        // against having become finer.
         let is_outdated = u > self.u && sample.needed <= u;
         if !is_outdated {
             push(&mut self.newest, sample, FRAMES_FAST);
@@ -258,7 +275,8 @@ impl RateController {
         f64::from(self.unchanged) * self.settings.target_nanos >= 1e9 * wait_s
     }
 
-    /// The resolutions of the next frame; `is_moving`: whether its camera is another than that of the frame before.
+    /// The resolutions of the next frame; `is_moving`: whether its camera is another than that of
+    /// the frame before.
     pub fn next(&mut self, is_moving: bool) -> Resolutions {
         if is_moving {
             self.still_frames = 0;
@@ -300,7 +318,8 @@ impl RateController {
             let needed = self.newest.iter().map(|sample| sample.needed).fold(f64::INFINITY, f64::min);
             let scatter = self.scatter();
             if needed > self.u + FAST.max(FAST_SCATTERS * scatter) {
-                // What is chance now and then must not drive facets out of sight; what is not chance comes again, or is seen by the median.
+                // What is chance now and then must not drive facets out of sight; what is not
+                // chance comes again, or is seen by the median.
                 let most = if scatter > CALM { FAST } else { MOST_COARSER };
                 self.change(needed.min(self.u + most));
                 return;
@@ -337,7 +356,8 @@ impl RateController {
         let most = if self.scatter() > CALM { FIRST_FINER } else { MOST_FINER };
         let step = match self.before {
             Some((u, before)) if u > self.u => {
-                // Time is a + b / r_z²: two settings give b / r_z² here, of all that grows with finer facets.
+                // Time is a + b / r_z²: two settings give b / r_z² here, of all that grows with
+                // finer facets.
                 let grown = (time - before.exp2()).max(0.0) + SCATTER * time;
                 let triangles = (grown / (1.0 - (2.0 * (self.u - u)).exp2())).min(time);
                 (0.5 * (1.0 + (SETPOINT - time) / triangles).log2()).min(most)
@@ -393,7 +413,8 @@ fn push<T>(values: &mut VecDeque<T>, value: T, most: usize) {
     values.push_back(value);
 }
 
-/// The value that this share of all values does not exceed, the lower one where it lies between two; 0 of none.
+/// The value that this share of all values does not exceed, the lower one where it lies between
+/// two; 0 of none.
 fn quantile(values: impl Iterator<Item = f64>, share: f64, scratch: &mut Vec<f64>) -> f64 {
     scratch.clear();
     scratch.extend(values);

@@ -1,5 +1,6 @@
-//! A renderer on paper, for tests and plots of the rate control: time = (pixels + triangles / r_z²) · load · noise, with
-//! frames in the pipeline between the choice of a resolution and the measured time. No clock, the same on every machine.
+//! A renderer on paper, for tests and plots of the rate control: time = (pixels + triangles / r_z²)
+//! · load · noise, with frames in the pipeline between the choice of a resolution and the measured
+//! time. No clock, the same on every machine.
 
 use super::{RateController, Resolutions};
 use std::collections::VecDeque;
@@ -83,8 +84,9 @@ impl Simulation {
         Self { noise, ..self }
     }
 
-    /// On cores that another program uses too. Of 480 frames measured there a fifth took 1.3 times the median and more, 6 % 1.8 times, 3 %
-    /// twice; after a slow one 41 % were slow too; the others scattered by 20 %. So do these.
+    /// On cores that another program uses too. Of 480 frames measured there a fifth took 1.3 times
+    /// the median and more, 6 % 1.8 times, 3 % twice; after a slow one 41 % were slow too; the
+    /// others scattered by 20 %. So do these.
     #[must_use]
     pub fn with_contention(self) -> Self {
         Self { is_contended: true, noise: 0.2, ..self }

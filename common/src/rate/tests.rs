@@ -1,4 +1,5 @@
-//! The controller against a simulated renderer: step, ramp, noise, pause, rest; and against nonsense.
+//! The controller against a simulated renderer: step, ramp, noise, pause, rest; and against
+//! nonsense.
 
 use super::simulation::{Cost, Simulation};
 use super::*;
@@ -44,7 +45,8 @@ fn a_step_in_load_is_over_after_a_few_frames_and_overshoots_little() {
             assert_eq!(late(&simulation.frames()[60..]), 0, "delay {delay}, share {share}");
             fly(&mut simulation, 120, 1.6);
             let after = &simulation.frames()[120..];
-            // Each round of the loop takes the delay and two frames of the median; five rounds are enough.
+            // Each round of the loop takes the delay and two frames of the median; five rounds are
+            // enough.
             let settled = 5 * (delay + 2) + 2;
             assert_eq!(late(&after[settled..]), 0, "delay {delay}, share {share}: {after:?}");
             let (last, worst) = (after[119].resolutions.r_z_px, after.iter().map(|f| f.resolutions.r_z_px));
@@ -99,7 +101,8 @@ fn noise_moves_nothing() {
     }
 }
 
-/// The largest way there and back of r_z within so many frames, as a share: the smaller one of the two moves.
+/// The largest way there and back of r_z within so many frames, as a share: the smaller one of the
+/// two moves.
 fn swing(frames: &[simulation::SimulatedFrame], within: usize) -> f64 {
     let u: Vec<f64> = frames.iter().map(|frame| frame.resolutions.r_z_px.log2()).collect();
     let mut worst: f64 = 0.0;
@@ -129,7 +132,8 @@ fn cores_that_others_use_too_make_no_swing() {
                 let steady = &simulation.frames()[seconds(10.0)..];
                 let swing = swing(steady, seconds(5.0));
                 assert!(swing < 0.1, "{about}: r_z swings by {swing}");
-                // A frame has its own time and that of the stages before it. Where pixels alone take too long nothing helps.
+                // A frame has its own time and that of the stages before it. Where pixels alone
+                // take too long nothing helps.
                 let late = steady.iter().filter(|frame| frame.nanos > 1.9 * target).count();
                 assert!(late * 20 < steady.len(), "{about}: {late} of {} frames", steady.len());
             }

@@ -1,8 +1,10 @@
-//! What a stage does, and how far it has come: what tells one that hangs from one that waits for it.
+//! What a stage does, and how far it has come: what tells one that hangs from one that waits for
+//! it.
 //!
-//! A sign of life ([`Control::heartbeat`]) says that a process runs; it does not say that it gets anywhere. So each stage
-//! counts what it gets done, and notes what it waits for. The note stands until the next thing is done: a stage that looks
-//! ten times a second whether there is something to do has not moved by that.
+//! A sign of life ([`Control::heartbeat`]) says that a process runs; it does not say that it gets
+//! anywhere. So each stage counts what it gets done, and notes what it waits for. The note stands
+//! until the next thing is done: a stage that looks ten times a second whether there is something
+//! to do has not moved by that.
 
 use super::control::Control;
 use super::kind::Stage;
@@ -46,8 +48,8 @@ impl Activity {
 }
 
 impl Control {
-    /// The stage that this process is has got something done: input has come, a tree, a frame or a picture is made, a request
-    /// has ended. Whatever it waited for, it does not any more.
+    /// The stage that this process is has got something done: input has come, a tree, a frame or a
+    /// picture is made, a request has ended. Whatever it waited for, it does not any more.
     pub fn progress(&self) {
         let Some(stage) = self.own_stage() else { return };
         let words = &self.words().stages[stage as usize];

@@ -1,5 +1,5 @@
-//! A bell that one waiter sleeps on and the other side rings: a futex word that is also the sign that somebody sleeps,
-//! so that ringing costs no system call while nobody does.
+//! A bell that one waiter sleeps on and the other side rings: a futex word that is also the sign
+//! that somebody sleeps, so that ringing costs no system call while nobody does.
 
 use crate::sync::{AtomicU32, Ordering, fence};
 use std::time::Duration;
@@ -7,8 +7,9 @@ use std::time::Duration;
 const NOBODY: u32 = 0;
 const SLEEPER: u32 = 1;
 
-/// One waiter, in whichever process. A waiter that was killed in its sleep costs the other side one needless system
-/// call and nothing else; a second waiter would only wake later, at the bound of its sleep.
+/// One waiter, in whichever process. A waiter that was killed in its sleep costs the other side one
+/// needless system call and nothing else; a second waiter would only wake later, at the bound of
+/// its sleep.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct Bell {
@@ -35,15 +36,16 @@ impl Bell {
         Self { word: AtomicU32::new(NOBODY) }
     }
 
-    /// One sleep, unless `attempt` finds what is waited for: announces the sleep, looks once more, and sleeps until rung,
-    /// at most for `bound`. Wakes without cause are possible. Either the waiter sees what was published, or the
-    /// publisher sees the announcement.
+    /// One sleep, unless `attempt` finds what is waited for: announces the sleep, looks once more,
+    /// and sleeps until rung, at most for `bound`. Wakes without cause are possible. Either the
+    /// waiter sees what was published, or the publisher sees the announcement.
     pub(crate) fn sleep_unless<R, E>(
         &self,
         bound: Duration,
         attempt: impl FnOnce() -> Result<Option<R>, E>,
     ) -> Result<Slept<R>, E> {
-        // Relaxed: the fence orders it. SYNC bell.sleep: pairs with the fence in `ring`, in one total order of fences.
+        // Relaxed: the fence orders it. SYNC bell.sleep: pairs with the fence in `ring`, in one
+        // total order of fences.
         self.word.store(SLEEPER, Ordering::Relaxed);
         fence(Ordering::SeqCst);
         let attempted = attempt();
@@ -60,8 +62,8 @@ impl Bell {
 
     /// Wakes the sleeper, if there is one. Called after what it waits for was published.
     pub(crate) fn ring(&self) {
-        // SYNC bell.sleep: what was published before this fence is seen by a waiter whose fence comes later; a waiter
-        // whose fence came earlier has its announcement seen here.
+        // SYNC bell.sleep: what was published before this fence is seen by a waiter whose fence
+        // comes later; a waiter whose fence came earlier has its announcement seen here.
         fence(Ordering::SeqCst);
         // Relaxed: the fence ordered it.
         if self.word.load(Ordering::Relaxed) == SLEEPER {
@@ -85,11 +87,13 @@ fn wait(word: &AtomicU32, expected: u32, bound: Duration) -> bool {
 
 #[cfg(not(loom))]
 fn wake(word: &AtomicU32) {
-    // The only errors are of the address, which is a reference; and a sleeper that is not woken wakes by its bound.
+    // The only errors are of the address, which is a reference; and a sleeper that is not woken
+    // wakes by its bound.
     rustix::thread::futex::wake(word, rustix::thread::futex::Flags::empty(), i32::MAX.cast_unsigned()).ok();
 }
 
-/// Under the model checker a sleep has no bound: a lost wake is a run that never ends, which the checker reports.
+/// Under the model checker a sleep has no bound: a lost wake is a run that never ends, which the
+/// checker reports.
 #[cfg(loom)]
 fn wait(word: &AtomicU32, expected: u32, _bound: Duration) -> bool {
     while word.load(Ordering::Relaxed) == expected {

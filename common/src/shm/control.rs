@@ -1,4 +1,5 @@
-//! The control block: how the run stands, who lives, which frames are done; and how every wait ends.
+//! The control block: how the run stands, who lives, which frames are done; and how every wait
+//! ends.
 
 use super::activity::Activity;
 use super::bell::{Bell, Slept};
@@ -21,15 +22,18 @@ use std::time::Duration;
 
 /// Longest sleep of a wait before it looks again whether there is anything left to wait for.
 pub const WAIT_BOUND: Duration = Duration::from_millis(100);
-/// Sleeps for which a dead peer is left to the launcher, which says so. Where it starts another, it is left to it for ever.
+/// Sleeps for which a dead peer is left to the launcher, which says so. Where it starts another, it
+/// is left to it for ever.
 const PEER_GRACE: u32 = 10;
 
-/// A handle on the control block. Any process has one or several; all methods may be called from any thread.
+/// A handle on the control block. Any process has one or several; all methods may be called from
+/// any thread.
 #[derive(Debug)]
 pub struct Control {
     segment: Arc<Segment>,
     launcher: Watch,
-    /// The stage that this process has said to be, plus 1; 0 before. Waits give signs of life for it.
+    /// The stage that this process has said to be, plus 1; 0 before. Waits give signs of life for
+    /// it.
     own: AtomicU32,
 }
 
@@ -66,8 +70,8 @@ impl Control {
         }
     }
 
-    /// Moves the run forward to `state` and wakes who waits for a frame or a camera; waits on other segments see it
-    /// within [`WAIT_BOUND`]. A run never moves back.
+    /// Moves the run forward to `state` and wakes who waits for a frame or a camera; waits on other
+    /// segments see it within [`WAIT_BOUND`]. A run never moves back.
     pub fn set_state(&self, state: RunState) {
         let words = self.words();
         // Release: SYNC control.state.
@@ -80,7 +84,8 @@ impl Control {
     /// Whether the run goes on.
     ///
     /// # Errors
-    /// [`WaitError::Finished`], [`WaitError::Stopping`] or [`WaitError::Failed`]. For loops that do not wait for anything.
+    /// [`WaitError::Finished`], [`WaitError::Stopping`] or [`WaitError::Failed`]. For loops that do
+    /// not wait for anything.
     pub fn check_running(&self) -> Result<(), WaitError> {
         match self.state() {
             RunState::Running => Ok(()),
@@ -96,7 +101,8 @@ impl Control {
         self.launcher.is_alive()
     }
 
-    /// Stages that die are started again by the launcher: from now on nobody takes a dead peer for the end of the run.
+    /// Stages that die are started again by the launcher: from now on nobody takes a dead peer for
+    /// the end of the run.
     pub fn set_supervised(&self) {
         // Release: SYNC control.supervised; stages are started later in any case.
         self.words().is_supervised.0.store(1, Ordering::Release);
@@ -123,8 +129,8 @@ impl Control {
         last != 0 && self.completed_sequence().get() >= last
     }
 
-    /// This process says that it is the stage. Peers that wait for it notice its death from now on. Also the first
-    /// heartbeat; every wait gives others.
+    /// This process says that it is the stage. Peers that wait for it notice its death from now on.
+    /// Also the first heartbeat; every wait gives others.
     ///
     /// # Errors
     /// [`ShmError::Os`] when `/proc` cannot be read.
@@ -182,14 +188,15 @@ impl Control {
         }
     }
 
-    /// When the stage last gave a sign of life, nanoseconds of the monotonic clock; `None` before the first.
+    /// When the stage last gave a sign of life, nanoseconds of the monotonic clock; `None` before
+    /// the first.
     #[must_use]
     pub fn heartbeat_of(&self, stage: Stage) -> Option<u64> {
         Some(self.words().stages[stage as usize].heartbeat_nanos.load(Ordering::Relaxed)).filter(|&nanos| nanos != 0)
     }
 
-    /// The renderer (and its device) is done with all frames up to `sequence`: what they named in the
-    /// pools may be replaced.
+    /// The renderer (and its device) is done with all frames up to `sequence`: what they named in
+    /// the pools may be replaced.
     pub fn set_completed_sequence(&self, sequence: Sequence) {
         let words = self.words();
         // Release: SYNC control.completed, our reads of the pools come before.
@@ -204,7 +211,8 @@ impl Control {
         Sequence::new(self.words().completed_sequence.0.load(Ordering::Acquire))
     }
 
-    /// Waits until the completed sequence is at least `sequence`, and returns it. One waiter at a time.
+    /// Waits until the completed sequence is at least `sequence`, and returns it. One waiter at a
+    /// time.
     ///
     /// # Errors
     /// The run ended.
@@ -230,7 +238,8 @@ impl Control {
         self.words().written_frames.0.load(Ordering::Acquire)
     }
 
-    /// Waits until at least `count` frames have left the sink, and returns how many have. One waiter at a time.
+    /// Waits until at least `count` frames have left the sink, and returns how many have. One
+    /// waiter at a time.
     ///
     /// # Errors
     /// The run ended.
@@ -256,8 +265,9 @@ impl Control {
         camera.is_valid().then_some(camera)
     }
 
-    /// Waits for a camera that was made at `made_nanos` or later, until `deadline_nanos` of the monotonic clock; then the
-    /// newest will do, if there is one. Never returns one that is not valid. One waiter at a time.
+    /// Waits for a camera that was made at `made_nanos` or later, until `deadline_nanos` of the
+    /// monotonic clock; then the newest will do, if there is one. Never returns one that is not
+    /// valid. One waiter at a time.
     ///
     /// # Errors
     /// The run ended.
@@ -284,23 +294,24 @@ impl Control {
         }
     }
 
-    /// From `nanos` of the monotonic clock on the flight is played: its first frame is of that moment. Wakes who waits for
-    /// a camera or for this.
+    /// From `nanos` of the monotonic clock on the flight is played: its first frame is of that
+    /// moment. Wakes who waits for a camera or for this.
     pub fn start_clock(&self, nanos: u64) {
         // Release: SYNC control.clock.
         self.words().clock_start.0.store(nanos, Ordering::Release);
         self.words().camera_bell.0.ring();
     }
 
-    /// Moment of the first frame, nanoseconds of the monotonic clock; `None` before the clock has started.
+    /// Moment of the first frame, nanoseconds of the monotonic clock; `None` before the clock has
+    /// started.
     #[must_use]
     pub fn clock_start(&self) -> Option<u64> {
         // Acquire: SYNC control.clock.
         Some(self.words().clock_start.0.load(Ordering::Acquire)).filter(|&nanos| nanos != 0)
     }
 
-    /// Waits until the clock has started, and returns the moment of the first frame. One waiter at a time, with
-    /// [`Control::wait_camera`].
+    /// Waits until the clock has started, and returns the moment of the first frame. One waiter at
+    /// a time, with [`Control::wait_camera`].
     ///
     /// # Errors
     /// The run ended.
@@ -309,7 +320,8 @@ impl Control {
         self.wait_for(&self.words().camera_bell.0, Some(Stage::Renderer), || Ok(self.clock_start()))
     }
 
-    /// A frame is finished: replaces what is told of the one before. One process (the renderer) does this.
+    /// A frame is finished: replaces what is told of the one before. One process (the renderer)
+    /// does this.
     pub fn publish_timing(&self, timing: &FrameTiming) {
         let words: [u64; TIMING_WORDS] = bytemuck::cast(*timing);
         self.words().timing.0.write(&words);
@@ -335,18 +347,21 @@ impl Control {
 
     /// Sets the screen resolutions wanted of facets and texels, pixels.
     pub fn set_resolutions(&self, r_z_px: f64, r_c_px: f64) {
-        // Relaxed: two numbers that are valid each for itself; a frame that takes one old and one new is a good frame.
+        // Relaxed: two numbers that are valid each for itself; a frame that takes one old and one
+        // new is a good frame.
         self.words().r_z_bits.0.store(r_z_px.to_bits(), Ordering::Relaxed);
         self.words().r_c_bits.0.store(r_c_px.to_bits(), Ordering::Relaxed);
     }
 
-    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is not a positive number.
+    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is not a
+    /// positive number.
     #[must_use]
     pub fn r_z_px(&self) -> Option<f64> {
         positive(self.words().r_z_bits.0.load(Ordering::Relaxed))
     }
 
-    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is not a positive number.
+    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is not a
+    /// positive number.
     #[must_use]
     pub fn r_c_px(&self) -> Option<f64> {
         positive(self.words().r_c_bits.0.load(Ordering::Relaxed))
@@ -402,8 +417,9 @@ impl Control {
         self.process_of(stage).is_some_and(|process| !process.is_alive())
     }
 
-    /// Sleeps on `bell` once, at most for `bound` and [`WAIT_BOUND`], unless `attempt` yields something. `None` when it
-    /// did not. Looks at the state of the run before, and after a full sleep whether the launcher lives.
+    /// Sleeps on `bell` once, at most for `bound` and [`WAIT_BOUND`], unless `attempt` yields
+    /// something. `None` when it did not. Looks at the state of the run before, and after a full
+    /// sleep whether the launcher lives.
     pub(crate) fn wait_once<R>(
         &self,
         bell: &Bell,
@@ -419,9 +435,9 @@ impl Control {
         }
     }
 
-    /// Waits until `attempt` yields something: a short backoff, then sleeps on `bell` of at most [`WAIT_BOUND`] each.
-    /// After every one it looks at the state of the run, and after a full one whether launcher and peer live.
-    /// Allocates nothing.
+    /// Waits until `attempt` yields something: a short backoff, then sleeps on `bell` of at most
+    /// [`WAIT_BOUND`] each. After every one it looks at the state of the run, and after a full one
+    /// whether launcher and peer live. Allocates nothing.
     pub(crate) fn wait_for<R>(
         &self,
         bell: &Bell,

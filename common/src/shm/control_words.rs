@@ -14,14 +14,15 @@ pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
 /// Words of a [`FrameTiming`].
 pub(crate) const TIMING_WORDS: usize = size_of::<FrameTiming>() / 8;
 
-/// Where a run stands. It only ever moves forward: a failed run does not stop in good order any more.
+/// Where a run stands. It only ever moves forward: a failed run does not stop in good order any
+/// more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum RunState {
     /// Frames are being made.
     Running = 1,
-    /// A flight of which nobody knew the number of frames is over, and all of them are written: stages leave, and what
-    /// they were making is completed.
+    /// A flight of which nobody knew the number of frames is over, and all of them are written:
+    /// stages leave, and what they were making is completed.
     Finished = 2,
     /// All stages are to leave: the flight is over, or was interrupted.
     Stopping = 3,
@@ -61,7 +62,8 @@ pub enum Counter {
     TilesRequested,
     /// Tiles that the database gave, whatever was in them.
     TilesReceived,
-    /// Requests that were given up because nothing wanted the tile any more, or because nothing came.
+    /// Requests that were given up because nothing wanted the tile any more, or because nothing
+    /// came.
     TilesCancelled,
     /// Bytes of the tiles that the database gave.
     BytesReceived,
@@ -123,7 +125,8 @@ pub enum Gauge {
     TileLatencyNanos,
     /// How far ahead the view is predicted, nanoseconds; 0 when it is not.
     PredictedAheadNanos,
-    /// Share of the tiles asked for that came in time, in millionths, of the last cycle that asked for any.
+    /// Share of the tiles asked for that came in time, in millionths, of the last cycle that asked
+    /// for any.
     ReceivedPerMillion,
     /// How long a request takes until its answer is there, nanoseconds, smoothed.
     RoundTripNanos,
@@ -177,7 +180,8 @@ pub(crate) struct ControlWords {
     pub(crate) camera: Padded<SeqLock<CAMERA_WORDS>>,
     pub(crate) camera_bell: Padded<Bell>,
     pub(crate) counters: [AtomicU64; COUNTERS],
-    /// Moment of the first frame of a realtime flight, monotonic nanoseconds; 0 before. Written by the launcher.
+    /// Moment of the first frame of a realtime flight, monotonic nanoseconds; 0 before. Written by
+    /// the launcher.
     pub(crate) clock_start: Padded<AtomicU64>,
     /// The newest finished frame; written by the renderer.
     pub(crate) timing: Padded<SeqLock<TIMING_WORDS>>,
@@ -185,7 +189,8 @@ pub(crate) struct ControlWords {
     pub(crate) prepare_nanos: Padded<AtomicU64>,
     /// Not 0: the launcher starts dead stages again.
     pub(crate) is_supervised: Padded<AtomicU32>,
-    /// Sequence of the run's last frame, from when it is prepared; 0 before. Written by the preparer.
+    /// Sequence of the run's last frame, from when it is prepared; 0 before. Written by the
+    /// preparer.
     pub(crate) last_sequence: Padded<AtomicU64>,
     pub(crate) gauges: [AtomicU64; GAUGES],
     /// Failures while the database was read, by cause.

@@ -1,15 +1,18 @@
-//! Two positions that count up for ever: how much the writer has published, how much the reader has given back. The
-//! ring, the ping-pong buffer (a ring of two halves) and the elevation ring are this and differ in what lies between.
+//! Two positions that count up for ever: how much the writer has published, how much the reader has
+//! given back. The ring, the ping-pong buffer (a ring of two halves) and the elevation ring are
+//! this and differ in what lies between.
 //!
-//! Each side keeps its own position privately, and the last it saw of the other's. It reads the other's once, into a
-//! local, and checks it: more filled items than there is room for is an error, never a loop.
+//! Each side keeps its own position privately, and the last it saw of the other's. It reads the
+//! other's once, into a local, and checks it: more filled items than there is room for is an error,
+//! never a loop.
 
 use super::bell::Bell;
 use super::error::ShmError;
 use super::kind::SegmentKind;
 use crate::sync::{AtomicU64, Ordering};
 
-/// 128 bytes: x86-64 prefetches cache lines in pairs, and some aarch64 cores have lines of this size.
+/// 128 bytes: x86-64 prefetches cache lines in pairs, and some aarch64 cores have lines of this
+/// size.
 #[derive(Debug)]
 #[repr(C, align(128))]
 pub(crate) struct Padded<T>(pub(crate) T);
@@ -82,7 +85,8 @@ pub(crate) struct WriteCursor {
 }
 
 impl WriteCursor {
-    /// Takes up where the positions stand: at 0 in a new segment, or where a writer that died had come to.
+    /// Takes up where the positions stand: at 0 in a new segment, or where a writer that died had
+    /// come to.
     pub(crate) fn attach(positions: &Positions, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         // Acquire, both: SYNC ring.publish, ring.release of a writer before this one.
         let position = positions.write.0.load(Ordering::Acquire);
@@ -96,8 +100,8 @@ impl WriteCursor {
         self.position
     }
 
-    /// Number of items that may be filled now; asks the reader's position again only when there was room for fewer
-    /// than `enough`.
+    /// Number of items that may be filled now; asks the reader's position again only when there was
+    /// room for fewer than `enough`.
     pub(crate) fn room(&mut self, positions: &Positions, enough: u64) -> Result<u64, ShmError> {
         let known = self.capacity - self.position.wrapping_sub(self.read_seen).min(self.capacity);
         if known >= enough {
@@ -110,7 +114,8 @@ impl WriteCursor {
         Ok(self.capacity - filled)
     }
 
-    /// Makes the next `count` items visible, which were filled before. The last statement of every write.
+    /// Makes the next `count` items visible, which were filled before. The last statement of every
+    /// write.
     pub(crate) fn publish(&mut self, positions: &Positions, count: u64) {
         self.position = self.position.wrapping_add(count);
         // Release: SYNC ring.publish, the items' bytes come before.
@@ -143,13 +148,14 @@ impl ReadCursor {
         self.position
     }
 
-    /// Number of items that may be read now; asks the writer's position again only when none was left.
+    /// Number of items that may be read now; asks the writer's position again only when none was
+    /// left.
     pub(crate) fn filled(&mut self, positions: &Positions) -> Result<u64, ShmError> {
         self.filled_beyond(positions, 0)
     }
 
-    /// Number of items that may be read now behind the next `held`, which the reader has read and keeps; asks the
-    /// writer's position again only when none was left.
+    /// Number of items that may be read now behind the next `held`, which the reader has read and
+    /// keeps; asks the writer's position again only when none was left.
     pub(crate) fn filled_beyond(&mut self, positions: &Positions, held: u64) -> Result<u64, ShmError> {
         let known = self.write_seen.wrapping_sub(self.position);
         let filled = if known > held { known } else { self.filled_now(positions)? };

@@ -1,5 +1,6 @@
-//! The elevation ring: arrays of vertex heights from the preparer to the renderer, written in place and read in place
-//! by the device. First in, first out; the renderer gives back everything below a position when its frame is drawn.
+//! The elevation ring: arrays of vertex heights from the preparer to the renderer, written in place
+//! and read in place by the device. First in, first out; the renderer gives back everything below a
+//! position when its frame is drawn.
 
 use super::control::Control;
 use super::cursor::{Positions, ReadCursor, WriteCursor};
@@ -51,8 +52,8 @@ impl ElevationWriter {
         Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
     }
 
-    /// Number of arrays. A frame must not use more: the renderer gives them back only after its end marker, so the wait
-    /// for another one would last until the run is stopped.
+    /// Number of arrays. A frame must not use more: the renderer gives them back only after its end
+    /// marker, so the wait for another one would last until the run is stopped.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.segment.geometry().capacity as u32
@@ -92,8 +93,8 @@ impl ElevationWriter {
     }
 }
 
-/// An array that is being filled; derefs to its numbers. Dropped without [`ArrayGuard::publish`] it is as if it had not
-/// begun: the next one has the same position.
+/// An array that is being filled; derefs to its numbers. Dropped without [`ArrayGuard::publish`] it
+/// is as if it had not begun: the next one has the same position.
 #[derive(Debug)]
 #[must_use]
 pub struct ArrayGuard<'a> {
@@ -114,7 +115,8 @@ impl ArrayGuard<'_> {
 
     /// The numbers, rows from the south, with whatever an earlier array left there.
     pub fn values_mut(&mut self) -> &mut [f32] {
-        // SAFETY: the array is ours: `begin` found it given back, and it is not published. The slice borrows `self`.
+        // SAFETY: the array is ours: `begin` found it given back, and it is not published. The
+        // slice borrows `self`.
         unsafe { self.writer.segment.region().slice_mut(self.offset(), self.writer.len.into()) }
     }
 
@@ -203,8 +205,8 @@ impl ElevationReader {
         RingPosition::new(self.cursor.position())
     }
 
-    /// Whether the array at `position` is published and not given back: the device may read it. The check for each
-    /// position that comes out of the ring.
+    /// Whether the array at `position` is published and not given back: the device may read it. The
+    /// check for each position that comes out of the ring.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer's position cannot be.
@@ -231,12 +233,13 @@ impl ElevationReader {
     pub fn read_array(&mut self, position: u64) -> Result<Option<&[f32]>, ShmError> {
         let Some(index) = self.index_of(position)? else { return Ok(None) };
         let offset = self.segment.item_offset(index.into());
-        // SAFETY: the array is ours until `released`, which needs `&mut self` that the slice's lifetime keeps from it.
+        // SAFETY: the array is ours until `released`, which needs `&mut self` that the slice's
+        // lifetime keeps from it.
         Ok(Some(unsafe { self.segment.region().slice(offset, self.len.into()) }))
     }
 
-    /// Gives back all arrays below the position `upto`: the device is done with them. A position that was given back
-    /// before changes nothing.
+    /// Gives back all arrays below the position `upto`: the device is done with them. A position
+    /// that was given back before changes nothing.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when that is more than was published; nothing is given back then.

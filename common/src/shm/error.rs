@@ -176,10 +176,12 @@ impl ShmError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
-    /// The flight is over, after a number of frames that nobody knew before: leave, all that you made is written.
+    /// The flight is over, after a number of frames that nobody knew before: leave, all that you
+    /// made is written.
     #[error("the flight is over")]
     Finished,
-    /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a signal.
+    /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a
+    /// signal.
     #[error("the run is stopping")]
     Stopping,
     /// The run has failed: another stage died or gave up.

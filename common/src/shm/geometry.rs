@@ -48,8 +48,9 @@ impl Geometry {
         })
     }
 
-    /// The geometry of a segment of that many items of that size; `None` when that cannot be (a count that is no
-    /// power of two where it has to be one, or sizes that overflow). Numbers may come from a segment's header.
+    /// The geometry of a segment of that many items of that size; `None` when that cannot be (a
+    /// count that is no power of two where it has to be one, or sizes that overflow). Numbers may
+    /// come from a segment's header.
     pub(crate) fn checked(kind: SegmentKind, capacity: u64, item_bytes: u64) -> Option<Self> {
         let (align, has_table, is_ring) = match kind {
             SegmentKind::Control => (1, false, false),

@@ -24,7 +24,8 @@ pub(crate) struct Header {
     layout_version: AtomicU32,
     kind: AtomicU32,
     total_bytes: AtomicU64,
-    /// When the segment was made, monotonic nanoseconds: tells it from another one of the same name.
+    /// When the segment was made, monotonic nanoseconds: tells it from another one of the same
+    /// name.
     generation: AtomicU64,
     capacity: AtomicU64,
     item_bytes: AtomicU64,
@@ -49,7 +50,8 @@ const _: () = {
     assert!(std::mem::offset_of!(Header, writer) == 56);
 };
 
-/// Whether the first bytes of a file are those of a segment, or of one whose maker died before it wrote any.
+/// Whether the first bytes of a file are those of a segment, or of one whose maker died before it
+/// wrote any.
 pub(crate) fn begins_like_a_segment(first: &[u8]) -> bool {
     first.iter().all(|byte| *byte == 0) || first.get(..8) == Some(&MAGIC.to_le_bytes()[..])
 }
@@ -71,7 +73,8 @@ pub(crate) struct Segment {
 }
 
 impl Segment {
-    /// Fills the header of a zeroed region and publishes it. The region has `geometry.total_bytes` bytes.
+    /// Fills the header of a zeroed region and publishes it. The region has `geometry.total_bytes`
+    /// bytes.
     pub(crate) fn create(region: Region, geometry: Geometry) -> Result<Self, ShmError> {
         let found = region.len();
         if found < geometry.total_bytes {
@@ -101,8 +104,8 @@ impl Segment {
     fn check_header(region: &Region, kind: SegmentKind, name: &str) -> Result<Geometry, NotUsable> {
         let name = || name.to_owned();
         let found = region.len();
-        // The length first: a page that is not there must not be touched. Between its making and its sizing the file
-        // is empty.
+        // The length first: a page that is not there must not be touched. Between its making and
+        // its sizing the file is empty.
         if found == 0 {
             return Err(NotUsable::NotYet);
         }
@@ -178,7 +181,8 @@ pub(crate) enum Role {
     Reader,
 }
 
-/// The place, held. This is what makes "one producer, one consumer" true across processes, and safe handles sound.
+/// The place, held. This is what makes "one producer, one consumer" true across processes, and safe
+/// handles sound.
 #[derive(Debug)]
 pub(crate) struct RoleClaim {
     segment: Arc<Segment>,
@@ -199,7 +203,8 @@ impl RoleClaim {
                 let name = segment.kind().name().to_owned();
                 let role = if role == Role::Writer { "writer" } else { "reader" };
                 let taken = ShmError::RoleTaken { name, role, pid: (holder >> 32) as u32 };
-                // Nothing to give back: the place is another's, and so is the word in it unless that is us.
+                // Nothing to give back: the place is another's, and so is the word in it unless
+                // that is us.
                 std::mem::drop(claim.defused());
                 return Err(taken);
             }
@@ -230,7 +235,8 @@ impl RoleClaim {
 impl Drop for RoleClaim {
     fn drop(&mut self) {
         if self.word != 0 {
-            // Release: SYNC role.hand-over. Only our own word is taken out; with another in its place we have none to free.
+            // Release: SYNC role.hand-over. Only our own word is taken out; with another in its
+            // place we have none to free.
             let (place, _) = self.place();
             place.compare_exchange(self.word, 0, Ordering::Release, Ordering::Relaxed).ok();
         }

@@ -17,7 +17,8 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All stages: those that a frame passes in their order, then the prefetcher, which works beside them.
+    /// All stages: those that a frame passes in their order, then the prefetcher, which works
+    /// beside them.
     pub const ALL: [Self; 4] = [Self::Generator, Self::Preparer, Self::Renderer, Self::Prefetcher];
 
     /// Its name in messages and file names.
@@ -59,7 +60,8 @@ pub enum SegmentKind {
     PingPong = 2,
     /// [`crate::slot::Slot`]s, preparer to renderer.
     Ring = 3,
-    /// Elevation arrays, preparer to renderer: [`super::ElevationWriter`], [`super::ElevationReader`].
+    /// Elevation arrays, preparer to renderer: [`super::ElevationWriter`],
+    /// [`super::ElevationReader`].
     ElevationRing = 4,
     /// Colour tiles: [`super::PoolWriter`], [`super::PoolReader`].
     ColorPool = 5,
@@ -73,14 +75,15 @@ pub enum SegmentKind {
     EventsPreparer = 9,
     /// [`crate::event::Event`]s of the renderer, to the launcher.
     EventsRenderer = 10,
-    /// The tiles that the newest frame wants and lacks, preparer to prefetcher: [`super::WantListWriter`],
-    /// [`super::WantListReader`].
+    /// The tiles that the newest frame wants and lacks, preparer to prefetcher:
+    /// [`super::WantListWriter`], [`super::WantListReader`].
     WantList = 11,
     /// [`crate::outcome::TileOutcome`]s, prefetcher to preparer.
     TileOutcomes = 12,
     /// [`crate::event::Event`]s of the prefetcher, to the launcher.
     EventsPrefetcher = 13,
-    /// [`super::CameraRecord`]s that are to come, launcher to prefetcher; only a flight whose path is foretold uses it.
+    /// [`super::CameraRecord`]s that are to come, launcher to prefetcher; only a flight whose path
+    /// is foretold uses it.
     PathRing = 14,
 }
 

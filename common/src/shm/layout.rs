@@ -45,7 +45,8 @@ pub struct Layout {
     pub(crate) camera_slots: u32,
     /// Events of each stage's event ring.
     pub(crate) event_slots: u32,
-    /// Tiles that a want list holds; what a frame wants beyond that is asked for when these are there.
+    /// Tiles that a want list holds; what a frame wants beyond that is asked for when these are
+    /// there.
     pub(crate) want_tiles: u32,
     /// Outcomes in the ring of tile outcomes.
     pub(crate) outcome_slots: u32,
@@ -61,8 +62,8 @@ const ELEVATION_RING_BYTES: u64 = 64 << 20;
 const FINE_FACET_PX: f64 = 2.0;
 /// Most arrays of the elevation ring of such a picture.
 const MAX_FINE_ARRAYS: u64 = 65_536;
-/// Facets of a fine picture, per square of their wanted size: leaves reach beyond the picture, and behind ground. Views of
-/// mountains have 2.5 to 3.5 of them.
+/// Facets of a fine picture, per square of their wanted size: leaves reach beyond the picture, and
+/// behind ground. Views of mountains have 2.5 to 3.5 of them.
 const FACETS_PER_WANTED: f64 = 5.0;
 
 /// Cells of an elevation tile.
@@ -71,8 +72,9 @@ fn tile_facets(world: &World) -> f64 {
 }
 
 impl Layout {
-    /// The layout for a world, at most `memory_bytes` for the tile pools and the device's copy of the colour pool
-    /// together, whose tiles are of this format. The picture's size does not matter: trees are bounded by `tree_nodes`.
+    /// The layout for a world, at most `memory_bytes` for the tile pools and the device's copy of
+    /// the colour pool together, whose tiles are of this format. The picture's size does not
+    /// matter: trees are bounded by `tree_nodes`.
     ///
     /// # Errors
     /// [`ShmError::MemoryTooSmall`].
@@ -82,8 +84,9 @@ impl Layout {
         let elevation_slot_bytes = array_bytes.next_multiple_of(64);
         let slot_bytes = |format: TexelFormat| format.tile_bytes(world.color_stored()).next_multiple_of(4096);
         let color_slot_bytes = slot_bytes(texels);
-        // Two copies of each colour tile, one of them the device's, and a sixteenth of what they take uncompressed for
-        // elevation, four tiles at least: fine facets under coarse texels want many more elevation tiles than colour tiles.
+        // Two copies of each colour tile, one of them the device's, and a sixteenth of what they
+        // take uncompressed for elevation, four tiles at least: fine facets under coarse texels
+        // want many more elevation tiles than colour tiles.
         let elevation_per_color = (slot_bytes(TexelFormat::Rgba8) / (8 * elevation_slot_bytes)).max(4);
         let per_color_slot = 2 * color_slot_bytes + elevation_per_color * elevation_slot_bytes;
         let color_slots = (memory_bytes / per_color_slot).min(MAX_COLOR_SLOTS);
@@ -109,8 +112,9 @@ impl Layout {
         })
     }
 
-    /// With room for the trees of a picture of so many pixels, if its facets are so small (2 pixels or less) that the usual room
-    /// would cut them short. What the elevation pool takes more, the colour pool has less.
+    /// With room for the trees of a picture of so many pixels, if its facets are so small (2 pixels
+    /// or less) that the usual room would cut them short. What the elevation pool takes more, the
+    /// colour pool has less.
     #[must_use]
     pub fn for_picture(self, world: &World, pixels: u64, r_z_px: f64) -> Self {
         if r_z_px > FINE_FACET_PX {
@@ -135,7 +139,8 @@ impl Layout {
         }
     }
 
-    /// The smallest facets, pixels, from 1 up, that the trees of a picture of so many pixels have room for.
+    /// The smallest facets, pixels, from 1 up, that the trees of a picture of so many pixels have
+    /// room for.
     #[must_use]
     pub fn finest_facet_px(world: &World, pixels: u64) -> f64 {
         let facet_px = (FACETS_PER_WANTED * pixels as f64 / (MAX_FINE_ARRAYS as f64 * tile_facets(world))).sqrt();
@@ -143,15 +148,16 @@ impl Layout {
         ((facet_px * 10.0).ceil() / 10.0).max(1.0)
     }
 
-    /// With a ring of so many slots, and so many nodes in half of the ping-pong buffer, for benches: each is raised to a power of
-    /// two.
+    /// With a ring of so many slots, and so many nodes in half of the ping-pong buffer, for
+    /// benches: each is raised to a power of two.
     #[must_use]
     pub fn with_room(self, ring_slots: u32, tree_nodes: u32) -> Self {
         let power = |count: u32| count.clamp(1, 1 << 24).next_power_of_two();
         Self { ring_slots: power(ring_slots), tree_nodes: power(tree_nodes), ..self }
     }
 
-    /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in all.
+    /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in
+    /// all.
     #[must_use]
     pub fn small() -> Self {
         Self {

@@ -1,4 +1,5 @@
-//! The same handles over memory of this process alone: for tests and benches that need no second process.
+//! The same handles over memory of this process alone: for tests and benches that need no second
+//! process.
 
 use super::control::Control;
 use super::elevation_ring::{ElevationReader, ElevationWriter};

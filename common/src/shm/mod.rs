@@ -15,22 +15,25 @@
 //! | frame ring: [`FrameRing`], [`FrameRingWriter`], [`FrameRingReader`] | renderer | other programs | the newest wins |
 //! | poses: [`PoseInbox`], [`PoseSender`] | another program | launcher | the newest wins |
 //!
-//! The launcher makes all of them ([`RunSegments`]), stages open them by the run's name ([`RunId`]), and [`memory`] makes
-//! the same handles over memory of one process, for tests and benches.
+//! The launcher makes all of them ([`RunSegments`]), stages open them by the run's name
+//! ([`RunId`]), and [`memory`] makes the same handles over memory of one process, for tests and
+//! benches.
 //!
 //! # Trust
-//! The other side is our own code, but it may be dead, half started, of another build, or killed in the middle of a
-//! write. Nothing that it wrote makes this side read out of bounds, wait for ever or panic: positions, counts and indices
-//! are read once and checked, and invalid values are [`ShmError::Corrupt`]. A thing becomes visible by one store, the last
-//! of its write, so that a killed writer publishes nothing half; its successor goes on from the last published position.
-//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers (SIGBUS). So what programs outside of
-//! the run may open is not mapped here, but read and written as a file ([`public_file`]); of a stage that dies of it in the run's own
-//! segments the launcher says why ([`RunSegments::cut_short`]), and of itself, too ([`end_on_bus_error`]).
+//! The other side is our own code, but it may be dead, half started, of another build, or killed in
+//! the middle of a write. Nothing that it wrote makes this side read out of bounds, wait for ever
+//! or panic: positions, counts and indices are read once and checked, and invalid values are
+//! [`ShmError::Corrupt`]. A thing becomes visible by one store, the last of its write, so that a
+//! killed writer publishes nothing half; its successor goes on from the last published position.
+//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers
+//! (SIGBUS). So what programs outside of the run may open is not mapped here, but read and written
+//! as a file ([`public_file`]); of a stage that dies of it in the run's own segments the launcher
+//! says why ([`RunSegments::cut_short`]), and of itself, too ([`end_on_bus_error`]).
 //!
 //! # Waiting
-//! Blocking calls take the [`Control`] of the run. They back off for a few microseconds, then sleep on a futex that the
-//! processes share, at most [`WAIT_BOUND`] at a time; after each sleep they look whether the run goes on, and whether the
-//! launcher and the peer live ([`WaitError`]).
+//! Blocking calls take the [`Control`] of the run. They back off for a few microseconds, then sleep
+//! on a futex that the processes share, at most [`WAIT_BOUND`] at a time; after each sleep they
+//! look whether the run goes on, and whether the launcher and the peer live ([`WaitError`]).
 //!
 //! # Example
 //! ```
@@ -42,8 +45,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`], [`slot_words`], [`want_core`]) know nothing of mappings, so
-//! that `loom` can check them: `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
+//! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`],
+//! [`slot_words`], [`want_core`]) know nothing of mappings, so that `loom` can check them:
+//! `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
 #![cfg_attr(
     loom,
     allow(dead_code, unreachable_pub, reason = "the checker builds the algorithms without the segments that use them")

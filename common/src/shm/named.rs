@@ -1,9 +1,9 @@
 //! Segments that programs outside of a run find: `/dev/shm/terravision-NAME`.
 //!
-//! Their layouts are public (docs/frame-ring.md), fixed and little-endian. The launcher makes a segment as a file without
-//! a name, fills and locks it, and only then gives it its name: whoever finds it finds it whole, and one that is not
-//! locked belongs to nobody that lives. It is removed at the end of the run; after a launcher that was killed the next
-//! start removes it.
+//! Their layouts are public (docs/frame-ring.md), fixed and little-endian. The launcher makes a
+//! segment as a file without a name, fills and locks it, and only then gives it its name: whoever
+//! finds it finds it whole, and one that is not locked belongs to nobody that lives. It is removed
+//! at the end of the run; after a launcher that was killed the next start removes it.
 
 use super::error::ShmError;
 use super::public_file::PublicFile;
@@ -110,7 +110,8 @@ pub(crate) struct NamedSegment {
 }
 
 impl NamedSegment {
-    /// Makes a segment of this name (below `/dev/shm`) with all its memory; `fill` writes what comes after the header.
+    /// Makes a segment of this name (below `/dev/shm`) with all its memory; `fill` writes what
+    /// comes after the header.
     ///
     /// # Errors
     /// [`ShmError::NameTaken`] while another run has the name, [`ShmError::NotEnoughSpace`].
@@ -195,8 +196,8 @@ fn map(file: &OwnedFd, name: &str, is_writable: bool) -> Result<Region, ShmError
     Region::file(mapped.map_err(failed)?, name)
 }
 
-/// Opens a segment, maps it and checks its header: for other programs, which take the risk that it is cut. With `is_writable` unset
-/// it is mapped for reading alone, and must not be stored to.
+/// Opens a segment, maps it and checks its header: for other programs, which take the risk that it
+/// is cut. With `is_writable` unset it is mapped for reading alone, and must not be stored to.
 pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Region, ShmError> {
     let (file, size) = open_file(name, is_writable)?;
     let region = map(&file, name, is_writable)?;
@@ -204,7 +205,8 @@ pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Reg
     Ok(region)
 }
 
-/// Opens a segment for reading and writing as a file, and checks its header. Also returns the first `head` bytes, as they are now.
+/// Opens a segment for reading and writing as a file, and checks its header. Also returns the first
+/// `head` bytes, as they are now.
 pub(crate) fn open_unmapped(name: &str, kind: NamedKind, head: usize) -> Result<(PublicFile, Region), ShmError> {
     let (file, size) = open_file(name, true)?;
     let file = PublicFile::new(file, name, size);
@@ -251,8 +253,8 @@ fn check_header(region: &Region, name: &str, kind: NamedKind, size: u64) -> Resu
     Ok(())
 }
 
-/// Whether the run that made the segment has ended in order. A launcher that was killed says nothing: see
-/// [`launcher_pid`].
+/// Whether the run that made the segment has ended in order. A launcher that was killed says
+/// nothing: see [`launcher_pid`].
 pub(crate) fn is_ended(region: &Region) -> bool {
     // Acquire: SYNC named.ended.
     region.words::<NamedHeader>(0).state.load(Ordering::Acquire) == ENDED
@@ -286,7 +288,8 @@ fn remove_dead(name: &str) -> Result<bool, ShmError> {
         let pid = u32::from_ne_bytes(std::array::from_fn(|i| first[12 + i]));
         return Err(ShmError::NameTaken { name: name.to_owned(), pid });
     }
-    // Whoever removes a name holds the lock of its file: nobody else does so now, unless it was done before.
+    // Whoever removes a name holds the lock of its file: nobody else does so now, unless it was
+    // done before.
     Ok(is_named(&file, name) && rustix::fs::unlink(path(name)).is_ok())
 }
 

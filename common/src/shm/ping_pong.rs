@@ -1,5 +1,5 @@
-//! The ping-pong buffer: the generator fills one half with a truncated quad tree while the preparer reads the other.
-//! Neither copies. It is a ring of two items, each read and written in place.
+//! The ping-pong buffer: the generator fills one half with a truncated quad tree while the preparer
+//! reads the other. Neither copies. It is a ring of two items, each read and written in place.
 
 use super::control::Control;
 use super::cursor::{Positions, ReadCursor, WriteCursor};
@@ -42,8 +42,8 @@ pub struct TreeWriter {
 }
 
 impl TreeWriter {
-    /// Opens the writing end; waits a moment for the segment to become ready. A half that a killed generator had begun
-    /// was never published, and is written anew.
+    /// Opens the writing end; waits a moment for the segment to become ready. A half that a killed
+    /// generator had begun was never published, and is written anew.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -70,17 +70,19 @@ impl TreeWriter {
         self.cursor.position()
     }
 
-    /// The header of the tree that was published last, by this generator or the one before it; `None` before the first.
+    /// The header of the tree that was published last, by this generator or the one before it;
+    /// `None` before the first.
     #[must_use]
     pub fn last_header(&self) -> Option<TreeHeader> {
         let offset = self.segment.item_offset(self.cursor.position().checked_sub(1)? & 1);
-        // SAFETY: only the generator, which is us, ever changes a half; the position's Acquire (SYNC ring.publish)
-        // brought what a generator before us has put there.
+        // SAFETY: only the generator, which is us, ever changes a half; the position's Acquire
+        // (SYNC ring.publish) brought what a generator before us has put there.
         Some(unsafe { self.segment.region().read(offset) })
     }
 
-    /// Waits for a free half, hands its nodes to `fill` (all [`TreeWriter::capacity`] of them, with whatever an earlier
-    /// tree left there), and publishes the tree with the header that `fill` returns.
+    /// Waits for a free half, hands its nodes to `fill` (all [`TreeWriter::capacity`] of them, with
+    /// whatever an earlier tree left there), and publishes the tree with the header that `fill`
+    /// returns.
     ///
     /// # Errors
     /// The run ended; or the header counts more nodes than there are, and nothing was published.
@@ -124,15 +126,16 @@ impl TreeHalf<'_> {
     /// All nodes of the half.
     pub fn nodes_mut(&mut self) -> &mut [TreeNode] {
         let offset = self.offset() + HEADER_BYTES;
-        // SAFETY: the half is ours: `begin` found it given back, and it is not published. The slice borrows `self`, of
-        // which there is one.
+        // SAFETY: the half is ours: `begin` found it given back, and it is not published. The slice
+        // borrows `self`, of which there is one.
         unsafe { self.writer.segment.region().slice_mut(offset, self.writer.nodes.into()) }
     }
 
     /// Makes the tree visible to the reader.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the header counts more nodes than a half has; nothing is published then.
+    /// [`ShmError::Corrupt`] when the header counts more nodes than a half has; nothing is
+    /// published then.
     pub fn publish(self, header: &TreeHeader) -> Result<(), ShmError> {
         check_count(header, self.writer.nodes)?;
         let offset = self.offset();
@@ -162,8 +165,8 @@ pub struct TreeReader {
 }
 
 impl TreeReader {
-    /// Opens the reading end; waits a moment for the segment to become ready. A tree that a killed preparer had not
-    /// given back is read again.
+    /// Opens the reading end; waits a moment for the segment to become ready. A tree that a killed
+    /// preparer had not given back is read again.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -190,8 +193,8 @@ impl TreeReader {
         self.cursor.position()
     }
 
-    /// Waits for the next tree. The number of nodes is checked; what the nodes say is for the reader to check
-    /// ([`TreeNode::children`], [`TreeNode::id`]).
+    /// Waits for the next tree. The number of nodes is checked; what the nodes say is for the
+    /// reader to check ([`TreeNode::children`], [`TreeNode::id`]).
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
@@ -233,14 +236,16 @@ impl TreeReader {
 
     fn guard(&mut self) -> Result<TreeGuard<'_>, ShmError> {
         let offset = self.segment.item_offset(self.cursor.position() & 1);
-        // SAFETY: the half is ours: `filled` found it published, and it is not given back before the guard's drop.
+        // SAFETY: the half is ours: `filled` found it published, and it is not given back before
+        // the guard's drop.
         let header: TreeHeader = unsafe { self.segment.region().read(offset) };
         check_count(&header, self.nodes)?;
         Ok(TreeGuard { reader: self, header })
     }
 }
 
-/// A tree in its half, which goes back to the generator when the guard is dropped. Derefs to the nodes.
+/// A tree in its half, which goes back to the generator when the guard is dropped. Derefs to the
+/// nodes.
 #[derive(Debug)]
 pub struct TreeGuard<'a> {
     reader: &'a mut TreeReader,

@@ -1,7 +1,8 @@
 //! Poses from another program: one record behind a sequence lock, newest wins (docs/frame-ring.md).
 //!
-//! The launcher makes the segment and reads the record ([`PoseInbox`]); whoever steers writes it ([`PoseSender`], or a few
-//! lines in any language). Nothing that comes out of it is a pose before it was checked.
+//! The launcher makes the segment and reads the record ([`PoseInbox`]); whoever steers writes it
+//! ([`PoseSender`], or a few lines in any language). Nothing that comes out of it is a pose before
+//! it was checked.
 
 use super::error::ShmError;
 use super::named::{self, CAMERA, NamedSegment, SharedName};

@@ -27,8 +27,8 @@ impl ProcessId {
         }
     }
 
-    /// Whether it runs (one that has exited and was not yet waited for does not). When the system will not say, it is
-    /// taken to run: nothing is ever removed on a guess.
+    /// Whether it runs (one that has exited and was not yet waited for does not). When the system
+    /// will not say, it is taken to run: nothing is ever removed on a guess.
     pub(crate) fn is_alive(self) -> bool {
         match read_stat(self.pid) {
             Ok(Some(stat)) => stat.start_time == self.start_time && !stat.has_exited,
@@ -37,7 +37,8 @@ impl ProcessId {
         }
     }
 
-    /// As one number that is never 0: the id, and the low half of the start time (which comes round after 497 days).
+    /// As one number that is never 0: the id, and the low half of the start time (which comes round
+    /// after 497 days).
     pub(crate) fn word(self) -> u64 {
         u64::from(self.pid) << 32 | (self.start_time & 0xffff_ffff)
     }
@@ -56,7 +57,8 @@ impl ProcessId {
 #[derive(Debug)]
 pub(crate) struct Watch {
     id: ProcessId,
-    /// Tells of its end without a doubt; absent where the kernel has none, or for this process itself.
+    /// Tells of its end without a doubt; absent where the kernel has none, or for this process
+    /// itself.
     pidfd: Option<OwnedFd>,
     is_own: bool,
 }
@@ -77,7 +79,8 @@ impl Watch {
         }
         let Some(pidfd) = &self.pidfd else { return self.id.is_alive() };
         let mut fds = [PollFd::new(pidfd, PollFlags::IN)];
-        // Readable means that it has exited. An interrupted poll says nothing: alive, until the next look.
+        // Readable means that it has exited. An interrupted poll says nothing: alive, until the
+        // next look.
         !matches!(poll(&mut fds, Some(&Timespec::default())), Ok(1..))
     }
 }
@@ -88,7 +91,8 @@ struct Stat {
     has_exited: bool,
 }
 
-/// Reads `/proc/<pid>/stat`; `None` when there is no such process. Allocates nothing: waits call it.
+/// Reads `/proc/<pid>/stat`; `None` when there is no such process. Allocates nothing: waits call
+/// it.
 fn read_stat(pid: u32) -> Result<Option<Stat>, Errno> {
     let mut path = [0u8; 32];
     let mut cursor = Cursor::new(&mut path[..]);
@@ -116,7 +120,8 @@ fn read_stat(pid: u32) -> Result<Option<Stat>, Errno> {
     parse_stat(&bytes[..len]).map(Some).ok_or(Errno::INVAL)
 }
 
-/// Fields 3 (state) and 22 (start time) of proc(5); the second field, the name in brackets, may hold anything.
+/// Fields 3 (state) and 22 (start time) of proc(5); the second field, the name in brackets, may
+/// hold anything.
 fn parse_stat(bytes: &[u8]) -> Option<Stat> {
     let after_name = bytes.iter().rposition(|&b| b == b')')? + 1;
     let text = std::str::from_utf8(&bytes[after_name..]).ok()?;

@@ -1,8 +1,10 @@
-//! The file of a segment that other programs map, as this program reads and writes it: by system calls, not through a mapping.
+//! The file of a segment that other programs map, as this program reads and writes it: by system
+//! calls, not through a mapping.
 //!
-//! Whoever may write the file may cut it short, and who reads a page of a mapping behind its end is killed (SIGBUS). A read
-//! behind the end of a file is an error instead, and a write makes the file longer; a look at its length tells that it
-//! happened. What other programs see is the same: these are the same pages.
+//! Whoever may write the file may cut it short, and who reads a page of a mapping behind its end is
+//! killed (SIGBUS). A read behind the end of a file is an error instead, and a write makes the file
+//! longer; a look at its length tells that it happened. What other programs see is the same: these
+//! are the same pages.
 
 use super::error::ShmError;
 use rustix::fd::OwnedFd;

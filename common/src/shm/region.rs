@@ -1,5 +1,6 @@
-//! The bytes of a segment: a mapping that processes share, or memory of this process alone. Every access is checked
-//! against the length here, so that no other file of this module computes an address.
+//! The bytes of a segment: a mapping that processes share, or memory of this process alone. Every
+//! access is checked against the length here, so that no other file of this module computes an
+//! address.
 
 use super::error::ShmError;
 use bytemuck::Pod;
@@ -29,18 +30,18 @@ impl std::fmt::Debug for Region {
     }
 }
 
-// SAFETY: the pointer stays valid until the drop, which munmap and dealloc allow on any thread; `Shmem` has no thread
-// affinity, it is not Send only because it holds a raw pointer.
+// SAFETY: the pointer stays valid until the drop, which munmap and dealloc allow on any thread;
+// `Shmem` has no thread affinity, it is not Send only because it holds a raw pointer.
 unsafe impl Send for Region {}
-// SAFETY: as above; the methods of `&Region` reach the bytes through atomics, or through unsafe functions whose callers
-// answer for exclusive access.
+// SAFETY: as above; the methods of `&Region` reach the bytes through atomics, or through unsafe
+// functions whose callers answer for exclusive access.
 unsafe impl Sync for Region {}
 
 /// Control words that lie in a region.
 ///
 /// # Safety
-/// - Made of atomics alone (or arrays and structs of them), `#[repr(C)]`: shared references to it are sound while other
-///   processes write, and any bytes are a value.
+/// - Made of atomics alone (or arrays and structs of them), `#[repr(C)]`: shared references to it
+///   are sound while other processes write, and any bytes are a value.
 /// - Its alignment is at most 256.
 pub(crate) unsafe trait SharedWords {}
 
@@ -87,8 +88,9 @@ impl Region {
     /// Address of `len` bytes at `offset`, aligned to `align`.
     ///
     /// # Panics
-    /// When they are not all inside: offsets are computed from a [`super::geometry::Geometry`] that was checked against
-    /// this region, so that is a bug of ours and not a matter of what a peer wrote.
+    /// When they are not all inside: offsets are computed from a [`super::geometry::Geometry`] that
+    /// was checked against this region, so that is a bug of ours and not a matter of what a peer
+    /// wrote.
     fn at(&self, offset: u64, len: u64, align: usize) -> *mut u8 {
         let is_inside = offset.checked_add(len).is_some_and(|end| end <= self.len as u64);
         assert!(is_inside, "{len} bytes at {offset} are outside of a segment of {} bytes", self.len);
@@ -101,7 +103,8 @@ impl Region {
     /// Control words at `offset`.
     pub(crate) fn words<W: SharedWords>(&self, offset: u64) -> &W {
         let pointer = self.at(offset, size_of::<W>() as u64, align_of::<W>());
-        // SAFETY: in bounds and aligned, checked by `at`; initialised (mapped or zeroed); made of atomics, by the trait.
+        // SAFETY: in bounds and aligned, checked by `at`; initialised (mapped or zeroed); made of
+        // atomics, by the trait.
         unsafe { &*pointer.cast::<W>() }
     }
 
@@ -135,10 +138,12 @@ impl Region {
     /// `len` values in place.
     ///
     /// # Safety
-    /// - For the lifetime `'a` the protocol gives the bytes to the caller: no healthy peer writes them, and `self` lives.
+    /// - For the lifetime `'a` the protocol gives the bytes to the caller: no healthy peer writes
+    ///   them, and `self` lives.
     pub(crate) unsafe fn slice<'a, T: Pod>(&self, offset: u64, len: u64) -> &'a [T] {
         let pointer = self.at(offset, (size_of::<T>() as u64).saturating_mul(len), align_of::<T>());
-        // SAFETY: in bounds and aligned, checked by `at`; any bytes are a `T`; not written meanwhile, by the caller.
+        // SAFETY: in bounds and aligned, checked by `at`; any bytes are a `T`; not written
+        // meanwhile, by the caller.
         unsafe { std::slice::from_raw_parts(pointer.cast::<T>(), len as usize) }
     }
 
@@ -149,7 +154,8 @@ impl Region {
     /// - No other slice of these bytes is in use.
     pub(crate) unsafe fn slice_mut<'a, T: Pod>(&self, offset: u64, len: u64) -> &'a mut [T] {
         let pointer = self.at(offset, (size_of::<T>() as u64).saturating_mul(len), align_of::<T>());
-        // SAFETY: in bounds and aligned, checked by `at`; any bytes are a `T`; exclusive, by the caller.
+        // SAFETY: in bounds and aligned, checked by `at`; any bytes are a `T`; exclusive, by the
+        // caller.
         unsafe { std::slice::from_raw_parts_mut(pointer.cast::<T>(), len as usize) }
     }
 }

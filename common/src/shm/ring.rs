@@ -1,7 +1,8 @@
 //! The ring: fixed-size records from one producer to one consumer, in order.
 //!
-//! A full ring makes [`Producer::push`] wait and [`Producer::try_push`] give the item back; an empty one makes
-//! [`Consumer::pop`] wait. The slot ring and the camera ring wait; event rings are dropped into, and count it.
+//! A full ring makes [`Producer::push`] wait and [`Producer::try_push`] give the item back; an
+//! empty one makes [`Consumer::pop`] wait. The slot ring and the camera ring wait; event rings are
+//! dropped into, and count it.
 
 use super::control::Control;
 use super::cursor::Positions;
@@ -27,7 +28,8 @@ struct SegmentItems<T> {
     item: PhantomData<fn(T) -> T>,
 }
 
-// SAFETY: `put` and `take` compute the slot's address from the checked geometry; the positions lie in the segment.
+// SAFETY: `put` and `take` compute the slot's address from the checked geometry; the positions lie
+// in the segment.
 unsafe impl<T: Pod> Items for SegmentItems<T> {
     type Item = T;
 
@@ -82,8 +84,8 @@ impl<T: Pod> std::fmt::Debug for Producer<T> {
 }
 
 impl<T: Pod> Producer<T> {
-    /// Opens the writing end of a run's ring; waits a moment for the segment to become ready. After a producer that was
-    /// killed it goes on behind the last item that was published.
+    /// Opens the writing end of a run's ring; waits a moment for the segment to become ready. After
+    /// a producer that was killed it goes on behind the last item that was published.
     ///
     /// # Errors
     /// See [`ShmError`]; [`ShmError::RoleTaken`] while another producer lives.
@@ -113,8 +115,9 @@ impl<T: Pod> Producer<T> {
         self.push_all(std::slice::from_ref(item), control).map(drop)
     }
 
-    /// Puts items in, in order; waits while the ring is full. What fits becomes visible together, with one look at the
-    /// reader and at most one wake: this is how to push a frame. How long it waited, nanoseconds.
+    /// Puts items in, in order; waits while the ring is full. What fits becomes visible together,
+    /// with one look at the reader and at most one wake: this is how to push a frame. How long it
+    /// waited, nanoseconds.
     ///
     /// # Errors
     /// The run ended (some of the items may be in), or the reader wrote an invalid value.
@@ -138,7 +141,8 @@ impl<T: Pod> Producer<T> {
         Ok(waited_nanos)
     }
 
-    /// The item that was published last, by this producer or the one before it; `None` before the first.
+    /// The item that was published last, by this producer or the one before it; `None` before the
+    /// first.
     #[must_use]
     pub fn last(&self) -> Option<T> {
         self.end.last()
@@ -147,7 +151,8 @@ impl<T: Pod> Producer<T> {
     /// Puts an item in without waiting.
     ///
     /// # Errors
-    /// Gives the item back when the ring is full (or its positions are corrupt: nothing would ever be taken from it).
+    /// Gives the item back when the ring is full (or its positions are corrupt: nothing would ever
+    /// be taken from it).
     pub fn try_push(&mut self, item: T) -> Result<(), T> {
         match self.end.try_push(&item) {
             Ok(true) => Ok(()),
@@ -170,8 +175,8 @@ impl<T: Pod> std::fmt::Debug for Consumer<T> {
 }
 
 impl<T: Pod> Consumer<T> {
-    /// Opens the reading end of a run's ring; waits a moment for the segment to become ready. After a consumer that was
-    /// killed it goes on with the first item that was not taken.
+    /// Opens the reading end of a run's ring; waits a moment for the segment to become ready. After
+    /// a consumer that was killed it goes on with the first item that was not taken.
     ///
     /// # Errors
     /// See [`ShmError`]; [`ShmError::RoleTaken`] while another consumer lives.
@@ -229,9 +234,9 @@ impl<T: Pod> Consumer<T> {
         self.end.try_pop()
     }
 
-    /// Takes the next item and holds it: until [`Consumer::give_back`] it stays in the ring, for the consumer after this
-    /// one should this one be killed. Waits while there is none. Not while the whole ring is held
-    /// ([`Consumer::is_all_held`]): nothing would ever come.
+    /// Takes the next item and holds it: until [`Consumer::give_back`] it stays in the ring, for
+    /// the consumer after this one should this one be killed. Waits while there is none. Not while
+    /// the whole ring is held ([`Consumer::is_all_held`]): nothing would ever come.
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
@@ -272,7 +277,8 @@ impl<T: Pod> Consumer<T> {
         self.end.try_take()
     }
 
-    /// Gives the items back that lie before `position` ([`Consumer::position`]), as far as they are held.
+    /// Gives the items back that lie before `position` ([`Consumer::position`]), as far as they are
+    /// held.
     pub fn give_back(&mut self, position: RingPosition) {
         let behind = self.end.position().wrapping_sub(position.get());
         self.end.give_back(self.end.held().saturating_sub(behind));

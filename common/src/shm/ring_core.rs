@@ -1,4 +1,5 @@
-//! The ring's algorithm, apart from where its slots live: a mapping in the processes, the heap under the model checker.
+//! The ring's algorithm, apart from where its slots live: a mapping in the processes, the heap
+//! under the model checker.
 
 use super::cursor::{Positions, ReadCursor, WriteCursor};
 use super::error::ShmError;
@@ -7,7 +8,8 @@ use super::kind::SegmentKind;
 /// Where the slots of a ring are.
 ///
 /// # Safety
-/// - `put` and `take` reach the one slot that `index` names, any index below the capacity, and no other.
+/// - `put` and `take` reach the one slot that `index` names, any index below the capacity, and no
+///   other.
 /// - All clones or views of one store have the same positions.
 pub(crate) unsafe trait Items {
     /// What a slot holds.
@@ -37,7 +39,8 @@ pub(crate) struct WriteEnd<S> {
 }
 
 impl<S: Items> WriteEnd<S> {
-    /// `capacity` is a power of two, checked when the segment was opened, and the caller the only writer.
+    /// `capacity` is a power of two, checked when the segment was opened, and the caller the only
+    /// writer.
     pub(crate) fn attach(items: S, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         debug_assert!(capacity.is_power_of_two());
         let cursor = WriteCursor::attach(items.positions(), kind, capacity)?;
@@ -56,8 +59,8 @@ impl<S: Items> WriteEnd<S> {
         let count = room.min(items.len() as u64);
         for (offset, item) in (0..count).zip(items) {
             let index = self.cursor.position().wrapping_add(offset) & self.mask;
-            // SAFETY: masked; the slot is ours since `room` found it given back (SYNC ring.release), and we have not
-            // published it.
+            // SAFETY: masked; the slot is ours since `room` found it given back (SYNC
+            // ring.release), and we have not published it.
             unsafe { self.items.put(index, item) }
         }
         if count > 0 {
@@ -66,11 +69,12 @@ impl<S: Items> WriteEnd<S> {
         Ok(count as usize)
     }
 
-    /// The item that was published last, by this writer or the one before it; `None` before the first.
+    /// The item that was published last, by this writer or the one before it; `None` before the
+    /// first.
     pub(crate) fn last(&self) -> Option<S::Item> {
         let index = self.cursor.position().checked_sub(1)? & self.mask;
-        // SAFETY: masked; only the writer, which is us, ever changes a slot, and the position's Acquire (SYNC
-        // ring.publish) brought what a writer before us has put there.
+        // SAFETY: masked; only the writer, which is us, ever changes a slot, and the position's
+        // Acquire (SYNC ring.publish) brought what a writer before us has put there.
         Some(unsafe { self.items.take(index) })
     }
 }
@@ -101,15 +105,15 @@ impl<S: Items> ReadEnd<S> {
         Ok(item)
     }
 
-    /// Takes one item and holds it: whoever reads the ring after this reader's death finds it there again. `None` when
-    /// there is none behind those that are held.
+    /// Takes one item and holds it: whoever reads the ring after this reader's death finds it there
+    /// again. `None` when there is none behind those that are held.
     pub(crate) fn try_take(&mut self) -> Result<Option<S::Item>, ShmError> {
         let positions = self.items.positions();
         if self.cursor.filled_beyond(positions, self.held)? == 0 {
             return Ok(None);
         }
-        // SAFETY: masked; the slot is ours since `filled_beyond` found it published (SYNC ring.publish), and we have not
-        // given it back.
+        // SAFETY: masked; the slot is ours since `filled_beyond` found it published (SYNC
+        // ring.publish), and we have not given it back.
         let item = unsafe { self.items.take(self.position() & self.mask) };
         self.held += 1;
         Ok(Some(item))

@@ -6,8 +6,9 @@ use super::process::ProcessId;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A run of the pipeline: `tv-<pid>-<start time>` of its launcher. Unique over time, and it tells whether the run still
-/// lives, so that whatever a killed launcher left behind is found and removed by the next.
+/// A run of the pipeline: `tv-<pid>-<start time>` of its launcher. Unique over time, and it tells
+/// whether the run still lives, so that whatever a killed launcher left behind is found and removed
+/// by the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct RunId {
     launcher: ProcessId,
@@ -57,7 +58,8 @@ impl RunId {
         (id.to_string() == text).then_some(id)
     }
 
-    /// The run and the kind of the segment that has this name; `None` for a name that is not one of ours.
+    /// The run and the kind of the segment that has this name; `None` for a name that is not one of
+    /// ours.
     pub(crate) fn of_segment(name: &str) -> Option<(Self, SegmentKind)> {
         SegmentKind::ALL.iter().find_map(|&kind| {
             let run = name.strip_suffix(kind.name())?.strip_suffix('-')?;

@@ -1,7 +1,8 @@
 //! Making, opening and removing the segments of a run.
 //!
-//! The launcher makes all of them before it starts a stage, and is the only one that removes them. Stages open them by
-//! name. What a launcher that was killed left behind is removed at the next start ([`reap_dead_runs`]).
+//! The launcher makes all of them before it starts a stage, and is the only one that removes them.
+//! Stages open them by name. What a launcher that was killed left behind is removed at the next
+//! start ([`reap_dead_runs`]).
 
 use super::error::ShmError;
 use super::header::{NotUsable, Segment, begins_like_a_segment};
@@ -20,22 +21,25 @@ use std::time::{Duration, Instant};
 
 /// Where POSIX shared memory lives on Linux.
 pub(crate) const SHM_FOLDER: &str = "/dev/shm";
-/// How long an opener waits for a segment that is not ready. The launcher makes them before it starts a stage.
+/// How long an opener waits for a segment that is not ready. The launcher makes them before it
+/// starts a stage.
 const OPEN_DEADLINE: Duration = Duration::from_secs(2);
 
-/// All segments of a run, which the launcher holds as long as the run lasts; dropping it removes them.
+/// All segments of a run, which the launcher holds as long as the run lasts; dropping it removes
+/// them.
 #[derive(Debug)]
 pub struct RunSegments {
     run: RunId,
     /// The mappings own the names. One that stays open keeps its pages, whoever removes its name.
     segments: Vec<Arc<Segment>>,
-    /// Locked for as long as the launcher lives, also where its process id means nothing (containers that share
-    /// /dev/shm): nobody takes these for the segments of a dead run.
+    /// Locked for as long as the launcher lives, also where its process id means nothing
+    /// (containers that share /dev/shm): nobody takes these for the segments of a dead run.
     locks: Vec<OwnedFd>,
 }
 
 impl RunSegments {
-    /// Makes the segments of a run, with all their memory, so that no stage dies because a page is missing.
+    /// Makes the segments of a run, with all their memory, so that no stage dies because a page is
+    /// missing.
     ///
     /// # Errors
     /// [`ShmError::NotEnoughSpace`] with what is needed; nothing is left behind then.
@@ -94,7 +98,8 @@ impl RunSegments {
         names.map(|name| Path::new(SHM_FOLDER).join(name)).collect()
     }
 
-    /// Name below `/dev/shm` of a segment whose file another process has cut short: who maps it dies of the signal SIGBUS.
+    /// Name below `/dev/shm` of a segment whose file another process has cut short: who maps it
+    /// dies of the signal SIGBUS.
     #[must_use]
     pub fn cut_short(&self) -> Option<String> {
         let is_cut = |file: &OwnedFd, segment: &Segment| {
@@ -158,7 +163,8 @@ pub(crate) fn open_before(run: &RunId, kind: SegmentKind, deadline: Duration) ->
 fn try_open(name: &str, kind: SegmentKind) -> Result<Segment, NotUsable> {
     let mut shmem = match ShmemConf::new().os_id(name).open() {
         Ok(shmem) => shmem,
-        // The crate gives the errno. No such name: not made yet; or made and not sized yet, which cannot be mapped.
+        // The crate gives the errno. No such name: not made yet; or made and not sized yet, which
+        // cannot be mapped.
         Err(ShmemError::MapOpenFailed(errno))
             if errno == Errno::NOENT.raw_os_error().cast_unsigned()
                 || errno == Errno::INVAL.raw_os_error().cast_unsigned() =>
@@ -172,8 +178,8 @@ fn try_open(name: &str, kind: SegmentKind) -> Result<Segment, NotUsable> {
     Segment::check(region, kind, name)
 }
 
-/// Removes the segments of runs whose launcher is dead. Those of living runs, and whatever else is in `/dev/shm`, stay.
-/// Returns the names that were removed.
+/// Removes the segments of runs whose launcher is dead. Those of living runs, and whatever else is
+/// in `/dev/shm`, stay. Returns the names that were removed.
 #[must_use]
 pub fn reap_dead_runs() -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(SHM_FOLDER) else { return Vec::new() };
@@ -187,8 +193,9 @@ pub fn reap_dead_runs() -> Vec<String> {
     removed
 }
 
-/// Removes what is surely a segment of ours, unless a living launcher holds its lock. Its name is of a run whose launcher is dead; it also has
-/// to be a file (no link) of this user, to have no other name, and to begin like a segment, or with nothing.
+/// Removes what is surely a segment of ours, unless a living launcher holds its lock. Its name is
+/// of a run whose launcher is dead; it also has to be a file (no link) of this user, to have no
+/// other name, and to begin like a segment, or with nothing.
 fn remove_unlocked(name: &str) -> bool {
     let Some(file) = open_own(name) else { return false };
     let mut first = [0u8; 64];
@@ -228,7 +235,8 @@ impl SegmentMemory {
         Self { segment: Arc::clone(segment) }
     }
 
-    /// Address of the first byte, a multiple of 4096. Other processes write these bytes at any time.
+    /// Address of the first byte, a multiple of 4096. Other processes write these bytes at any
+    /// time.
     #[must_use]
     pub fn as_ptr(&self) -> *mut u8 {
         self.segment.region().as_ptr()

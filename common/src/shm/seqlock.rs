@@ -1,4 +1,5 @@
-//! A value that one side replaces at will and others read whole or not at all, without waiting for each other.
+//! A value that one side replaces at will and others read whole or not at all, without waiting for
+//! each other.
 
 use crate::sync::{AtomicU64, Ordering, fence};
 
@@ -10,7 +11,8 @@ pub(crate) struct SeqLock<const N: usize> {
     words: [AtomicU64; N],
 }
 
-/// Looks at a value that keeps changing before a reader gives up. A writer takes some 20 ns for a write.
+/// Looks at a value that keeps changing before a reader gives up. A writer takes some 20 ns for a
+/// write.
 pub(crate) const LOOKS: u32 = if cfg!(loom) { 2 } else { 64 };
 
 impl<const N: usize> SeqLock<N> {
@@ -19,14 +21,16 @@ impl<const N: usize> SeqLock<N> {
         Self { sequence: AtomicU64::new(0), words: std::array::from_fn(|_| AtomicU64::new(0)) }
     }
 
-    /// Replaces the value. One writer at a time; a second one would mix the words, which readers must expect anyway. A
-    /// writer that was killed in here leaves an odd counter, and the next write mends it.
+    /// Replaces the value. One writer at a time; a second one would mix the words, which readers
+    /// must expect anyway. A writer that was killed in here leaves an odd counter, and the next
+    /// write mends it.
     pub(crate) fn write(&self, value: &[u64; N]) {
         // Relaxed: ours alone.
         let before = self.sequence.load(Ordering::Relaxed);
         let odd = before.wrapping_add(1) | 1;
         self.sequence.store(odd, Ordering::Relaxed);
-        // SYNC seqlock.begin: whoever reads one of the new words, and then fences, sees the odd counter.
+        // SYNC seqlock.begin: whoever reads one of the new words, and then fences, sees the odd
+        // counter.
         fence(Ordering::Release);
         for (word, value) in self.words.iter().zip(value) {
             word.store(*value, Ordering::Relaxed);
@@ -35,7 +39,8 @@ impl<const N: usize> SeqLock<N> {
         self.sequence.store(odd.wrapping_add(1), Ordering::Release);
     }
 
-    /// The value, whole; `None` before the first write, or when a write is always under way (its writer died in it).
+    /// The value, whole; `None` before the first write, or when a write is always under way (its
+    /// writer died in it).
     pub(crate) fn read(&self) -> Option<[u64; N]> {
         self.read_numbered().map(|(_, value)| value)
     }

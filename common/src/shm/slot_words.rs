@@ -7,8 +7,9 @@
 //!     └──────abandon─────────┘                   └──claim──▶ Filling (another generation)
 //! ```
 //!
-//! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that "nobody wants it,
-//! I take it" and "I want it, keep it" decide in one step which of them was first, whichever processes say so.
+//! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that
+//! "nobody wants it, I take it" and "I want it, keep it" decide in one step which of them was
+//! first, whichever processes say so.
 
 use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
@@ -142,8 +143,9 @@ impl SlotWords {
         Generation::new(self.generation.load(Ordering::Relaxed))
     }
 
-    /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be done with by an
-    /// Acquire (SYNC control.completed), so nobody reads the old tile. Returns the new generation.
+    /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be
+    /// done with by an Acquire (SYNC control.completed), so nobody reads the old tile. Returns the
+    /// new generation.
     pub(crate) fn claim(&self, node: NodeId, sequence: Sequence, completed: Sequence) -> Option<Generation> {
         // Relaxed: the exchange below checks it.
         let word = self.usage.load(Ordering::Relaxed);
@@ -153,9 +155,11 @@ impl SlotWords {
         }
         let generation = self.generation().next();
         let after = Use { state: SlotState::Filling, tag: tag_of(generation), sequence };
-        // Acquire: SYNC pool.free, the fill that was abandoned here is over. A failure means that a reader wants it now.
+        // Acquire: SYNC pool.free, the fill that was abandoned here is over. A failure means that a
+        // reader wants it now.
         self.usage.compare_exchange(word, after.pack(), Ordering::Acquire, Ordering::Relaxed).ok()?;
-        // SYNC pool.refill: whoever reads the new generation or node, and then fences, sees that the slot is not ready.
+        // SYNC pool.refill: whoever reads the new generation or node, and then fences, sees that
+        // the slot is not ready.
         fence(Ordering::Release);
         self.generation.store(generation.get(), Ordering::Relaxed);
         self.node.store(node.pack(), Ordering::Relaxed);
@@ -164,19 +168,20 @@ impl SlotWords {
 
     /// Makes the tile visible. Only the slot's filler calls it, once.
     pub(crate) fn publish(&self) {
-        // An exchange of bits, since readers may raise the sequence at the same time: Filling (1) becomes Ready (2).
-        // Release: SYNC pool.publish, the tile's bytes come before.
+        // An exchange of bits, since readers may raise the sequence at the same time: Filling (1)
+        // becomes Ready (2). Release: SYNC pool.publish, the tile's bytes come before.
         self.usage.fetch_xor(SlotState::Filling as u64 ^ SlotState::Ready as u64, Ordering::Release);
     }
 
     /// Gives the slot up unfilled. Only the slot's filler calls it, once.
     pub(crate) fn abandon(&self) {
-        // Filling (1) becomes Free (0). Release: SYNC pool.free, our writes to the bytes come before.
+        // Filling (1) becomes Free (0). Release: SYNC pool.free, our writes to the bytes come
+        // before.
         self.usage.fetch_xor(SlotState::Filling as u64, Ordering::Release);
     }
 
-    /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the slot no longer has this
-    /// generation (any, for `None`).
+    /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the
+    /// slot no longer has this generation (any, for `None`).
     pub(crate) fn touch(&self, generation: Option<Generation>, sequence: Sequence) -> bool {
         let mut word = self.usage.load(Ordering::Relaxed);
         loop {
@@ -222,7 +227,8 @@ impl SlotWords {
             && self.generation() == generation
     }
 
-    /// State, node and generation that belong together. A slot that changes meanwhile is reported as being filled.
+    /// State, node and generation that belong together. A slot that changes meanwhile is reported
+    /// as being filled.
     pub(crate) fn info(&self, slot: SlotIndex) -> SlotInfo {
         let before = self.usage();
         // Relaxed, both: ordered by the Acquire before and the fence behind.

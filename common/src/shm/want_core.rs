@@ -1,5 +1,6 @@
-//! The want list's algorithm, apart from where its entries live: a list that one side replaces at will, and that the
-//! other reads whole or not at all. Neither waits for the other. It is the seqlock, over a list of changing length.
+//! The want list's algorithm, apart from where its entries live: a list that one side replaces at
+//! will, and that the other reads whole or not at all. Neither waits for the other. It is the
+//! seqlock, over a list of changing length.
 
 use super::bell::Bell;
 use super::cursor::Padded;
@@ -73,8 +74,9 @@ impl WantWords {
         version != seen && version.is_multiple_of(2)
     }
 
-    /// Replaces the list by as many `tiles` as there are entries for. One writer at a time. A writer that was killed in
-    /// here leaves an odd version, with which no reader takes anything; the next write mends it.
+    /// Replaces the list by as many `tiles` as there are entries for. One writer at a time. A
+    /// writer that was killed in here leaves an odd version, with which no reader takes anything;
+    /// the next write mends it.
     pub(crate) fn write(
         &self,
         entries: &[WantEntry],
@@ -84,7 +86,8 @@ impl WantWords {
         // Relaxed: ours alone.
         let odd = self.version.0.load(Ordering::Relaxed).wrapping_add(1) | 1;
         self.version.0.store(odd, Ordering::Relaxed);
-        // SYNC want-list.begin: whoever reads one of the new words, and then fences, sees the odd version.
+        // SYNC want-list.begin: whoever reads one of the new words, and then fences, sees the odd
+        // version.
         fence(Ordering::Release);
         for (word, value) in self.head.iter().zip(head) {
             word.store(value, Ordering::Relaxed);
@@ -96,8 +99,9 @@ impl WantWords {
         self.version.0.store(odd.wrapping_add(1).max(2), Ordering::Release);
     }
 
-    /// Copies the list into `out`, unless it is the one of version `seen`. The last word of the head is the number of
-    /// entries; what lies beyond `entries` is not read, for the caller to find the number wrong.
+    /// Copies the list into `out`, unless it is the one of version `seen`. The last word of the
+    /// head is the number of entries; what lies beyond `entries` is not read, for the caller to
+    /// find the number wrong.
     pub(crate) fn read(&self, entries: &[WantEntry], seen: u64, out: &mut Vec<u64>) -> Look {
         for _ in 0..LOOKS {
             // Acquire: SYNC want-list.end.

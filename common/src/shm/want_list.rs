@@ -1,5 +1,6 @@
-//! The want list: the tiles that the newest frame wants and that are not in the pools, from the preparer to the
-//! prefetcher. Each list replaces the one before; the prefetcher may miss any but the newest.
+//! The want list: the tiles that the newest frame wants and that are not in the pools, from the
+//! preparer to the prefetcher. Each list replaces the one before; the prefetcher may miss any but
+//! the newest.
 
 use super::control::Control;
 use super::error::{ShmError, WaitError};
@@ -61,8 +62,8 @@ pub struct WantListWriter {
 }
 
 impl WantListWriter {
-    /// Opens the writing end; waits a moment for the segment to become ready. After a writer that was killed its last
-    /// whole list stays until the first of this one.
+    /// Opens the writing end; waits a moment for the segment to become ready. After a writer that
+    /// was killed its last whole list stays until the first of this one.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -82,8 +83,9 @@ impl WantListWriter {
         self.segment.geometry().capacity as u32
     }
 
-    /// Replaces the list: as many of `tiles`, which come in the order in which they are wanted, as it holds. Wakes the
-    /// reader, unless nothing is wanted now and before. Neither blocks nor allocates.
+    /// Replaces the list: as many of `tiles`, which come in the order in which they are wanted, as
+    /// it holds. Wakes the reader, unless nothing is wanted now and before. Neither blocks nor
+    /// allocates.
     pub fn publish(&mut self, head: WantHead, tiles: &[Tile]) {
         let WantHead { sequence, frame, is_last } = head;
         let tiles = &tiles[..tiles.len().min(self.capacity() as usize)];
@@ -122,8 +124,8 @@ impl WantListReader {
         Ok(Self { segment: Arc::clone(segment), seen: 0, packed, _claim: claim })
     }
 
-    /// Copies the newest list into `tiles`, when it is another one than last time; else `None`, and `tiles` stays as it
-    /// is. Numbers that are no tiles are left out. Does not block.
+    /// Copies the newest list into `tiles`, when it is another one than last time; else `None`, and
+    /// `tiles` stays as it is. Numbers that are no tiles are left out. Does not block.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the list counts more tiles than it holds.
@@ -146,8 +148,8 @@ impl WantListReader {
         Ok(Some(WantHead { sequence, frame, is_last: flags & LAST != 0 }))
     }
 
-    /// Sleeps until there is a newer list, somebody rings ([`WantListReader::bell`]), `is_due` says so, or `bound` has
-    /// passed; at most [`super::WAIT_BOUND`]. Allocates nothing.
+    /// Sleeps until there is a newer list, somebody rings ([`WantListReader::bell`]), `is_due` says
+    /// so, or `bound` has passed; at most [`super::WAIT_BOUND`]. Allocates nothing.
     ///
     /// # Errors
     /// The run ended.

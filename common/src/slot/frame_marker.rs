@@ -9,25 +9,29 @@ use bytemuck::{Pod, Zeroable};
 pub struct FrameMarker {
     /// The frame's number.
     pub frame: u64,
-    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of the frame's elevation arrays
-    /// are metres above its eye; its own size and field of view are those of no picture.
+    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of
+    /// the frame's elevation arrays are metres above its eye; its own size and field of view are
+    /// those of no picture.
     pub camera: Camera,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
     pub r_c_px: f64,
-    /// The frame's place among those of the run that were prepared, from 1 ([`crate::ids::Sequence`]).
+    /// The frame's place among those of the run that were prepared, from 1
+    /// ([`crate::ids::Sequence`]).
     pub sequence: u64,
-    /// Position in the elevation ring of its first array. Arrays between the end of the frame before and this one
-    /// belong to no frame: their preparer was killed.
+    /// Position in the elevation ring of its first array. Arrays between the end of the frame
+    /// before and this one belong to no frame: their preparer was killed.
     pub elevation_start: u64,
-    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off the frame before.
+    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off
+    /// the frame before.
     pub maker: u64,
     /// Width and height of the picture that holds all views, pixels.
     pub picture: [u32; 2],
 }
 
-/// One view of a frame; follows the marker, in the order of the run's rig. All of a frame's views are drawn from the same tiles.
+/// One view of a frame; follows the marker, in the order of the run's rig. All of a frame's views
+/// are drawn from the same tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ViewSlot {
@@ -51,7 +55,8 @@ pub struct FrameEnd {
     pub tile_count: u32,
     /// Tiles that the frame wanted and that could not be read; 0 for a settled frame.
     pub unavailable_count: u32,
-    /// One past the last position of the elevation ring that the frame uses: the reader releases up to here.
+    /// One past the last position of the elevation ring that the frame uses: the reader releases up
+    /// to here.
     pub elevation_end: u64,
     /// Tiles (colour and elevation) that the frame wanted.
     pub wanted_count: u32,

@@ -1,9 +1,10 @@
 //! The slots of the ring between preparer and renderer.
 //!
-//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is drawn, one of kind [`TILE`]
-//! per colour leaf, near to far, and one of kind [`FRAME_END`]. All slots have one size; the kind says which payload the
-//! bytes are. The reader ([`Slot::read`]) trusts none of them. A marker within a frame breaks that
-//! frame off, when it is of another preparer than the one that was killed in it.
+//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is
+//! drawn, one of kind [`TILE`] per colour leaf, near to far, and one of kind [`FRAME_END`]. All
+//! slots have one size; the kind says which payload the bytes are. The reader ([`Slot::read`])
+//! trusts none of them. A marker within a frame breaks that frame off, when it is of another
+//! preparer than the one that was killed in it.
 
 mod frame_marker;
 mod tile;
@@ -62,8 +63,8 @@ impl Slot {
         slot
     }
 
-    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be checked against the
-    /// rings and pools that they index.
+    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be
+    /// checked against the rings and pools that they index.
     #[must_use]
     pub fn read(&self) -> Option<SlotContent> {
         let bytes: &[u8] = bytemuck::bytes_of(&self.payload);

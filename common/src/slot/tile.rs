@@ -4,22 +4,27 @@ use crate::ids::SlotKey;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 
-/// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that covers it.
+/// One colour leaf: a block of the elevation array of its elevation leaf, and the colour tile that
+/// covers it.
 ///
-/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, both multiples of `1 << grid_snap`, is elevation `[j][i]` of the array (row 0 is the southern
-/// one), at lattice point `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
+/// A vertex `(i, j)` of the block, `start <= (i, j) <= end`, both multiples of `1 << grid_snap`, is
+/// elevation `[j][i]` of the array (row 0 is the southern one), at lattice point
+/// `min(elevation_origin + ((i, j) << elevation_level), extent)`. Facets are split along the
 /// diagonal from south west to north east.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileSlot {
-    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing does not need it.
+    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing
+    /// does not need it.
     pub node: u64,
-    /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's index).
+    /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's
+    /// index).
     pub elevation_position: u64,
     /// Lower left corner of the elevation leaf, lattice units.
     pub elevation_origin: [u32; 2],
-    /// Lower left corner of the node whose colour tile is used, lattice units. That node is the colour leaf, or the
-    /// finest ancestor of it that has a tile; then the block uses a sub-square of the tile.
+    /// Lower left corner of the node whose colour tile is used, lattice units. That node is the
+    /// colour leaf, or the finest ancestor of it that has a tile; then the block uses a sub-square
+    /// of the tile.
     pub color_origin: [u32; 2],
     /// First column and row of the block within the elevation array.
     pub start: [u16; 2],
@@ -33,14 +38,16 @@ pub struct TileSlot {
     pub elevation_level: u8,
     /// Level of the node whose colour tile is used.
     pub color_level: u8,
-    /// log2 of the posts from vertex to vertex on the west, east, south and north edge of the *elevation array*, because
-    /// the neighbour there is drawn that many levels coarser: on the edge, index `k` is drawn at `k & !((1 << snap) - 1)`.
-    /// At least `grid_snap`.
+    /// log2 of the posts from vertex to vertex on the west, east, south and north edge of the
+    /// *elevation array*, because the neighbour there is drawn that many levels coarser: on the
+    /// edge, index `k` is drawn at `k & !((1 << snap) - 1)`. At least `grid_snap`.
     pub edge_snap: [u8; 4],
-    /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are multiples of that step.
+    /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are
+    /// multiples of that step.
     pub grid_snap: u8,
-    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it out; a technique with a surface of
-    /// its own may see some of it past the edge of what hides it.
+    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it
+    /// out; a technique with a surface of its own may see some of it past the edge of what hides
+    /// it.
     pub is_hidden: u8,
 }
 

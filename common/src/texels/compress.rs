@@ -1,15 +1,18 @@
-//! RGBA8 tiles into BC1: blocks of 4 x 4 texels, each two colours of 5, 6 and 5 bits and four steps between them.
+//! RGBA8 tiles into BC1: blocks of 4 x 4 texels, each two colours of 5, 6 and 5 bits and four steps
+//! between them.
 //!
 //! ```text
 //!  covariance ─▶ main axis ─▶ outermost texels on it ─▶ colours, rounded ─▶ steps
 //!                                   least squares over the steps ─▶ colours, rounded ─▶ steps: kept where they are nearer
 //! ```
 //!
-//! The format and its decoding are those of the Khronos Data Format Specification 1.3, section 18.1 (the range of four
-//! colours, which has no transparent texel). The same bytes come out on every processor: blocks are computed beside each
-//! other, in lanes that the compiler maps to vectors, by additions, multiplications and divisions of `f32`, which IEEE 754
-//! defines to the bit; none of them is fused. (Intel's kernels, as the crate `intel_tex_2` has them, are four times as fast,
-//! but one block in a hundred differs between processors with and without fused operations, and they need a C++ library.)
+//! The format and its decoding are those of the Khronos Data Format Specification 1.3, section 18.1
+//! (the range of four colours, which has no transparent texel). The same bytes come out on every
+//! processor: blocks are computed beside each other, in lanes that the compiler maps to vectors, by
+//! additions, multiplications and divisions of `f32`, which IEEE 754 defines to the bit; none of
+//! them is fused. (Intel's kernels, as the crate `intel_tex_2` has them, are four times as fast,
+//! but one block in a hundred differs between processors with and without fused operations, and
+//! they need a C++ library.)
 
 use super::{BLOCK_SIDE, TexelFormat};
 use std::array::from_fn;
@@ -34,8 +37,8 @@ type Ends = [[Lane; 3]; 2];
 /// Of each texel how many thirds of the way from the first colour to the second.
 type Steps = [Lane; TEXELS];
 
-/// Compresses a decoded tile, `side` texels wide with its border: RGBA8 mip levels back to back become BC1 levels back to back
-/// ([`TexelFormat::mips`]). Alpha is dropped; tiles are opaque.
+/// Compresses a decoded tile, `side` texels wide with its border: RGBA8 mip levels back to back
+/// become BC1 levels back to back ([`TexelFormat::mips`]). Alpha is dropped; tiles are opaque.
 ///
 /// # Panics
 /// When `rgba` or `out` is shorter than a tile.
@@ -84,7 +87,8 @@ fn load(rgba: &[u8], side: usize, [column, row]: [usize; 2], lane: usize, block:
     }
 }
 
-/// The block as the device reads it: the colours, the larger first, which makes all four steps colours; then two bits a texel.
+/// The block as the device reads it: the colours, the larger first, which makes all four steps
+/// colours; then two bits a texel.
 fn bits(ends: &Ends, steps: &Steps, lane: usize) -> u64 {
     let [first, second] = ends.each_ref().map(|[r, g, b]| {
         let [r, g, b] = [r, g, b].map(|channel| channel[lane] as u64);
@@ -94,7 +98,8 @@ fn bits(ends: &Ends, steps: &Steps, lane: usize) -> u64 {
         // Of one colour, which all codes but the last mean; this one does.
         return first | second << 16;
     }
-    // Four bits a step: 0 means the larger colour, 1 the smaller, 2 and 3 what is a third and two thirds of the way.
+    // Four bits a step: 0 means the larger colour, 1 the smaller, 2 and 3 what is a third and two
+    // thirds of the way.
     let codes: u64 = if first > second { 0x1320 } else { 0x0231 };
     let code = |step: f32| (codes >> (4 * step as u32)) & 3;
     let picked = steps.iter().enumerate().fold(0, |picked, (texel, step)| picked | code(step[lane]) << (2 * texel));
@@ -122,7 +127,8 @@ fn outermost(block: &Block) -> Ends {
     let covariance = |a: usize, b: usize| total(|k, l| off(a, k, l) * off(b, k, l));
     let (rr, rg, rb) = (covariance(0, 0), covariance(0, 1), covariance(0, 2));
     let (gg, gb, bb) = (covariance(1, 1), covariance(1, 2), covariance(2, 2));
-    // The row of the channel that varies most; of one colour, the axis is zero and so are all distances along it.
+    // The row of the channel that varies most; of one colour, the axis is zero and so are all
+    // distances along it.
     let largest = |r: &Lane, g: &Lane, b: &Lane| -> Lane {
         from_fn(|l| {
             if rr[l] >= gg[l] && rr[l] >= bb[l] {
@@ -290,8 +296,8 @@ mod tests {
 
     #[test]
     fn sides_that_are_no_multiple_of_a_block_keep_their_last_texels() {
-        // What a block holds beyond the picture must not spoil what it holds within: two columns and two rows, of a colour
-        // of their own, fit as well as any flat colour does.
+        // What a block holds beyond the picture must not spoil what it holds within: two columns
+        // and two rows, of a colour of their own, fit as well as any flat colour does.
         for side in [6, 66] {
             let rgba = picture(side, |x, y| if x >= side - 2 || y >= side - 2 { [255, 0, 0] } else { [0, 0, 255] });
             assert!(worst(&rgba, &round_trip(&rgba, side)) < 1e-3, "{side}");

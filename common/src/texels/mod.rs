@@ -1,4 +1,5 @@
-//! How the colour tiles of a run's pool are stored: the format of their texels, and where each mip level lies.
+//! How the colour tiles of a run's pool are stored: the format of their texels, and where each mip
+//! level lies.
 //!
 //! ```text
 //!  mip 0: 264 x 264            mip 1: 132 x 132   mip 2: 66 x 66
@@ -7,8 +8,9 @@
 //!  └───────────────────┘       └─────────┘        └────┴┘ reach two texels beyond the picture
 //! ```
 //!
-//! Levels lie back to back, row 0 in the north. Blocks of a compressed format are 4 x 4 texels; what the blocks at the
-//! edge hold beyond the picture repeats its last texels and is never sampled.
+//! Levels lie back to back, row 0 in the north. Blocks of a compressed format are 4 x 4 texels;
+//! what the blocks at the edge hold beyond the picture repeats its last texels and is never
+//! sampled.
 
 mod compress;
 

@@ -1,18 +1,23 @@
-//! The search of the quad tree, coarse to fine, for what the views of a frame see (design §3, §4): the truncated quad tree.
+//! The search of the quad tree, coarse to fine, for what the views of a frame see (design §3, §4):
+//! the truncated quad tree.
 //!
-//! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum of a view is split while its level
-//!    is above the elevation level's lower bound over its box.
-//! 2. **Restriction.** Elevation leaves that are coarser than an edge neighbour by more than one level are split
-//!    until none is.
-//! 3. **Colour.** Below each elevation leaf, nodes are split while their level is above the colour level's bound.
-//! 4. **Output.** Nodes of which nothing turned out to be visible are left out; the rest is written depth first, the
-//!    children of a node nearest to the eye first, which for a grid is truly front to back.
+//! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum of a
+//!    view is split while its level is above the elevation level's lower bound over its box.
+//! 2. **Restriction.** Elevation leaves that are coarser than an edge neighbour by more than one
+//!    level are split until none is.
+//! 3. **Colour.** Below each elevation leaf, nodes are split while their level is above the colour
+//!    level's bound.
+//! 4. **Output.** Nodes of which nothing turned out to be visible are left out; the rest is written
+//!    depth first, the children of a node nearest to the eye first, which for a grid is truly front
+//!    to back.
 //!
-//! Where levels are sparse, a node is split only when its children have tiles of the layer that it is split for. Elevation ends
-//! so that the tree can be restricted: all around a node that has children, there are nodes of its level.
+//! Where levels are sparse, a node is split only when its children have tiles of the layer that it
+//! is split for. Elevation ends so that the tree can be restricted: all around a node that has
+//! children, there are nodes of its level.
 //!
-//! A tree that would not fit is searched again with both wanted levels one coarser, and again until it fits: it stays
-//! restricted and complete, only coarser. Everything is allocated once, in [`Traversal::new`].
+//! A tree that would not fit is searched again with both wanted levels one coarser, and again until
+//! it fits: it stays restricted and complete, only coarser. Everything is allocated once, in
+//! [`Traversal::new`].
 
 mod emit;
 mod view;
@@ -34,7 +39,8 @@ use std::num::NonZeroU32;
 pub struct TreeLimits {
     /// Nodes: what one half of the ping-pong buffer holds.
     pub nodes: u32,
-    /// Elevation leaves: what the elevation ring holds, or the preparer could never hand the frame over.
+    /// Elevation leaves: what the elevation ring holds, or the preparer could never hand the frame
+    /// over.
     pub elevation_leaves: u32,
 }
 
@@ -82,7 +88,8 @@ struct Full;
 #[derive(Clone, Copy)]
 struct ViewSight {
     frustum: Frustum,
-    /// For an eye beside the world, which sees the walls under the world's border: the lowest ground, metres.
+    /// For an eye beside the world, which sees the walls under the world's border: the lowest
+    /// ground, metres.
     skirt_low_m: Option<f64>,
 }
 
@@ -108,8 +115,8 @@ impl<'a, R: HeightRanges> Search<'a, R> {
         Self { surface, sights, level, ranges, coarser: 0.0 }
     }
 
-    /// Whether the node may be seen in any of the views, or the wall under it where it lies on the world's border. (How fine it has to
-    /// be is a matter of its ground alone.)
+    /// Whether the node may be seen in any of the views, or the wall under it where it lies on the
+    /// world's border. (How fine it has to be is a matter of its ground alone.)
     fn may_see(&self, bounds: &WorldBox) -> bool {
         let is_on_border = self.surface.reaches_border(bounds);
         self.sights.iter().flatten().any(|sight| {
@@ -137,8 +144,9 @@ impl Traversal {
         }
     }
 
-    /// Searches the tree for views with valid cameras and writes it to the front of `out`: what any of them may see, as fine
-    /// as any of them wants. The level functions are those of the same views. Neither blocks nor allocates.
+    /// Searches the tree for views with valid cameras and writes it to the front of `out`: what any
+    /// of them may see, as fine as any of them wants. The level functions are those of the same
+    /// views. Neither blocks nor allocates.
     pub fn build(
         &mut self,
         views: &Views,
@@ -220,8 +228,9 @@ impl Traversal {
         Ok(())
     }
 
-    /// Splits leaves until edge neighbours differ by one level at most. Each leaf of level q asks for the four nodes of
-    /// level q + 1 across its edges; those that a split brings into being ask in their turn, as they come later.
+    /// Splits leaves until edge neighbours differ by one level at most. Each leaf of level q asks
+    /// for the four nodes of level q + 1 across its edges; those that a split brings into being ask
+    /// in their turn, as they come later.
     fn restrict<R: HeightRanges>(&mut self, search: &Search<'_, R>, capacity: usize) -> Result<(), Full> {
         let mut at = 0;
         while at < self.found.len() {
@@ -237,7 +246,8 @@ impl Traversal {
         Ok(())
     }
 
-    /// Splits the leaf that covers `target` until `target` is in the tree, or is found to be invisible.
+    /// Splits the leaf that covers `target` until `target` is in the tree, or is found to be
+    /// invisible.
     fn reach<R: HeightRanges>(&mut self, search: &Search<'_, R>, target: NodeId, capacity: usize) -> Result<(), Full> {
         let root = self.world.root();
         while self.table.get(target).is_none() {
@@ -251,7 +261,8 @@ impl Traversal {
                     break found as usize;
                 }
             };
-            // Sparse levels end so that a neighbour is never missing; a damaged index may say otherwise.
+            // Sparse levels end so that a neighbour is never missing; a damaged index may say
+            // otherwise.
             if self.found[covering].is_split || !search.has_children(Layer::Elevation, self.found[covering].id) {
                 return Ok(());
             }

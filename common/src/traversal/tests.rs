@@ -265,7 +265,8 @@ proptest! {
         prop_assert!(tree.len() <= nodes as usize && ids(&tree, ELEVATION_LEAF).len() <= leaves as usize);
         prop_assert!(stats.is_cut_short || tree == full);
         prop_assert!(!(stats.is_cut_short && full.len() + 4 < nodes as usize / 4 && full.len() < leaves as usize));
-        // The other way round: a coarse node's box may be in view where those of its children are not.
+        // The other way round: a coarse node's box may be in view where those of its children are
+        // not.
         prop_assert!(!tree.is_empty() || full.is_empty());
     }
 }

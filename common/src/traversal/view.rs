@@ -12,8 +12,9 @@ pub trait HeightRanges {
     /// The range of a node, `None` when the node does not exist.
     fn range(&self, node: NodeId) -> Option<[f32; 2]>;
 
-    /// Whether the children of a node have tiles of a layer: all that exist, or none. Asked for layers and levels of which a world
-    /// has tiles at all; in worlds without sparse levels they always have.
+    /// Whether the children of a node have tiles of a layer: all that exist, or none. Asked for
+    /// layers and levels of which a world has tiles at all; in worlds without sparse levels they
+    /// always have.
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
         let _ = (layer, node);
         true
@@ -56,14 +57,17 @@ const TOLERANCE_M: f64 = 1e-5;
 /// A unit vector this far on the wrong side of a plane through the eye lies in it.
 const ROUNDING: f64 = 1e-12;
 
-/// Planes at most: of the sides and the eye 5, of the box's axes 3, of the silhouettes along them 2 each.
+/// Planes at most: of the sides and the eye 5, of the box's axes 3, of the silhouettes along them 2
+/// each.
 const MAX_NORMALS: usize = 14;
 
-/// The view frustum, a pyramid without end, as half spaces that hold it: it is seen from a box's side as well.
+/// The view frustum, a pyramid without end, as half spaces that hold it: it is seen from a box's
+/// side as well.
 ///
-/// Its own planes alone would keep boxes larger than the pyramid is wide, beside it. A box and the pyramid are apart
-/// exactly when one of these planes lies between them (separating axes): the planes of the pyramid, those of the box,
-/// and those along an edge of each; all of them go through the eye.
+/// Its own planes alone would keep boxes larger than the pyramid is wide, beside it. A box and the
+/// pyramid are apart exactly when one of these planes lies between them (separating axes): the
+/// planes of the pyramid, those of the box, and those along an edge of each; all of them go through
+/// the eye.
 #[derive(Debug, Clone, Copy)]
 pub struct Frustum {
     eye: DVec3,
@@ -176,7 +180,8 @@ mod tests {
             timestamp_nanos: 0,
         };
         let frustum = Frustum::new(&camera);
-        // The view goes below the ground some 200 m away; no plane of it has all of these boxes outside.
+        // The view goes below the ground some 200 m away; no plane of it has all of these boxes
+        // outside.
         let ground = |min: [f64; 2], max: [f64; 2]| WorldBox {
             min: DVec3::new(min[0], min[1], 0.0),
             max: DVec3::new(max[0], max[1], 100.0),

@@ -1,5 +1,6 @@
-//! JPEG pictures put together from blocks that were encoded before: what differs between two uses of a block is its mean alone, so a
-//! picture costs some copied words per block (ITU-T T.81, annex F; sequential, Huffman, three components, no subsampling).
+//! JPEG pictures put together from blocks that were encoded before: what differs between two uses
+//! of a block is its mean alone, so a picture costs some copied words per block (ITU-T T.81, annex
+//! F; sequential, Huffman, three components, no subsampling).
 
 use crate::archive;
 use std::io;
@@ -113,8 +114,8 @@ impl Frame {
         }
     }
 
-    /// Packs a block's coefficients but the first, in zigzag order, as multiples of their steps. `kind`: 0 brightness, 1 colour
-    /// difference.
+    /// Packs a block's coefficients but the first, in zigzag order, as multiples of their steps.
+    /// `kind`: 0 brightness, 1 colour difference.
     pub(super) fn pack(&self, kind: usize, details: &[i32]) -> Packed {
         let codes = &self.details[kind];
         let mut packed = Packed::new();
@@ -153,8 +154,8 @@ impl Frame {
         words
     }
 
-    /// A tile. `block` says for each block, by column and row from the north west, the means of brightness and colour differences,
-    /// from -128 to 127, and the rest of it.
+    /// A tile. `block` says for each block, by column and row from the north west, the means of
+    /// brightness and colour differences, from -128 to 127, and the rest of it.
     pub(super) fn tile<'a>(&self, mut block: impl FnMut(u32, u32) -> ([i32; 3], [&'a Packed; 3])) -> Vec<u8> {
         let mut bits = Bits { bytes: self.head.clone(), ..Bits::default() };
         let mut before = [0; 3];
@@ -227,7 +228,8 @@ mod tests {
             let expected = 128 - 60 + column as u8 * 40;
             assert!([r, g, b].iter().all(|v| v.abs_diff(expected) <= 2) && a == 255, "{r} {g} {b}, not {expected}");
         }
-        // Brighter on one side of a block than on the other; a chequered one with a colour of its own.
+        // Brighter on one side of a block than on the other; a chequered one with a colour of its
+        // own.
         assert!(texel(0, 11)[1] > texel(7, 11)[1] + 10);
         assert!(texel(3, 20)[1].abs_diff(texel(4, 20)[1]) > 2);
         assert!(texel(3, 20)[2] > texel(3, 20)[1] + 20);

@@ -1,10 +1,12 @@
-//! Terrain that takes many bytes and little time, for load tests: gigabytes of tiles of which no two are equal. It looks like
-//! hills under a grainy film; it is there to be read, cached and thrown out, not to be looked at.
+//! Terrain that takes many bytes and little time, for load tests: gigabytes of tiles of which no
+//! two are equal. It looks like hills under a grainy film; it is there to be read, cached and
+//! thrown out, not to be looked at.
 //!
-//! Heights are value noise of five wavelengths, from one table of random numbers: the same function of position on every level. Colours
-//! are a tone, value noise too, one for each block of 8 x 8 texels, and grain, which is one of some thousand blocks that are made and
-//! encoded once. Which one it is is a hash of the block's place, the same for all tiles that hold it. Each level has grain as fine
-//! as its own texels: what a half-band filter makes of the finer level's is nothing.
+//! Heights are value noise of five wavelengths, from one table of random numbers: the same function
+//! of position on every level. Colours are a tone, value noise too, one for each block of 8 x 8
+//! texels, and grain, which is one of some thousand blocks that are made and encoded once. Which
+//! one it is is a hash of the block's place, the same for all tiles that hold it. Each level has
+//! grain as fine as its own texels: what a half-band filter makes of the finer level's is nothing.
 
 mod jpeg;
 
@@ -23,8 +25,8 @@ const MEAN_M: f32 = 700.0;
 const TONES: [(f64, f32); 3] = [(700.0, 40.0), (61.0, 25.0), (11.0, 20.0)];
 /// Blocks of grain, a power of two.
 const BLOCKS: u32 = 4096;
-/// Coefficients of a block that are not zero by rule, of brightness and of colour differences, and the largest of them. They give
-/// tiles of about 60 kB.
+/// Coefficients of a block that are not zero by rule, of brightness and of colour differences, and
+/// the largest of them. They give tiles of about 60 kB.
 const COEFFICIENTS: [i64; 2] = [50, 29];
 const MOST: f32 = 3.5;
 
@@ -86,8 +88,8 @@ impl Bulk {
         quantized(MEAN_M + self.sum(&HEIGHTS, x, y))
     }
 
-    /// The colour tile of a column and row of tiles, on the level whose texels have this size, lattice units; `tile` is their number
-    /// along its side, without the border.
+    /// The colour tile of a column and row of tiles, on the level whose texels have this size,
+    /// lattice units; `tile` is their number along its side, without the border.
     pub(crate) fn color_tile(&self, at: [u32; 2], tile: u32, texel: f64) -> Vec<u8> {
         let blocks = i64::from(tile / BLOCK);
         self.frame.tile(|column, row| {

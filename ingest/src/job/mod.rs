@@ -68,7 +68,8 @@ pub struct Job {
 
 /// Memory that a working thread needs at most (a window of a source in samples and pixels), bytes.
 const THREAD_BYTES: u64 = 64 << 20;
-/// The least memory that an ingest can promise to stay under: program, libraries, one thread, a small cache.
+/// The least memory that an ingest can promise to stay under: program, libraries, one thread, a
+/// small cache.
 pub const LEAST_MEMORY_BYTES: u64 = 256 << 20;
 /// Memory per node of the tree for height ranges and the archives' directories, bytes.
 const NODE_BYTES: u64 = 100;
@@ -133,7 +134,8 @@ impl Job {
     /// Does it. `stop` ends it early; `note` hears what the user should know.
     ///
     /// # Errors
-    /// [`IngestError`]. Nothing is left in the output then, except a finished database that was there before.
+    /// [`IngestError`]. Nothing is left in the output then, except a finished database that was
+    /// there before.
     pub fn run(
         &self,
         stop: Arc<AtomicBool>,
@@ -368,7 +370,8 @@ pub(crate) fn quieten_gdal(memory_bytes: u64) {
         // An option that cannot be set costs memory or a file beside the source, not correctness.
         gdal::config::set_config_option(key, &value).ok();
     }
-    // A server that does not answer ends the work instead of holding it for ever; the user's own settings win.
+    // A server that does not answer ends the work instead of holding it for ever; the user's own
+    // settings win.
     for (key, value) in [
         ("GDAL_HTTP_CONNECTTIMEOUT", "20"),
         ("GDAL_HTTP_LOW_SPEED_TIME", "30"),
@@ -381,7 +384,8 @@ pub(crate) fn quieten_gdal(memory_bytes: u64) {
     }
 }
 
-/// Makes a database whose three files (elevation, colour, ranges) `make` writes under the names that it is given.
+/// Makes a database whose three files (elevation, colour, ranges) `make` writes under the names
+/// that it is given.
 pub(crate) fn finish_database(
     folder: &Path,
     may_overwrite: bool,

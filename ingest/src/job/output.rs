@@ -1,4 +1,5 @@
-//! The output folder: files are written under other names and renamed when all is done, the manifest last.
+//! The output folder: files are written under other names and renamed when all is done, the
+//! manifest last.
 
 use crate::IngestError;
 use crate::work::Work;
@@ -10,7 +11,8 @@ use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, Ma
 const FILES: [&str; 4] = [MANIFEST_FILE, ELEVATION_FILE, COLOR_FILE, NODES_FILE];
 const PART: &str = ".part";
 
-/// The folder of a database that is being made. Dropped before [`Output::finish`] it leaves what was there before.
+/// The folder of a database that is being made. Dropped before [`Output::finish`] it leaves what
+/// was there before.
 #[derive(Debug)]
 pub(super) struct Output {
     folder: PathBuf,

@@ -34,7 +34,8 @@ pub(super) struct Parts<'a> {
     pub(super) lonlat: Option<LonLatTable>,
 }
 
-/// What an ingest says of ground without data: area of it and of holes, km², and its share of the world.
+/// What an ingest says of ground without data: area of it and of holes, km², and its share of the
+/// world.
 pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f64) -> String {
     let became = match mode {
         Voids::Fill => "filled from around it".to_owned(),
@@ -108,8 +109,8 @@ fn elevation_encoding(has_validity: bool) -> &'static str {
     if has_validity { "terravision-elevation-2" } else { "terravision-elevation-1" }
 }
 
-/// West, south, east, north of a world in degrees; `None` when PROJ cannot tell. A world across the date line goes around
-/// the body unless `crosses`: then its west is the greater one.
+/// West, south, east, north of a world in degrees; `None` when PROJ cannot tell. A world across the
+/// date line goes around the body unless `crosses`: then its west is the greater one.
 pub(super) fn bounds_deg(world: &World, srs: &SpatialRef, crosses: bool) -> Option<[f64; 4]> {
     let geographic = traditional(srs.geog_cs().ok()?);
     let transform = CoordTransform::new(srs, &geographic).ok()?;
@@ -155,7 +156,8 @@ pub(super) fn archive_info(
             "version": "1",
             "format": format,
             "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
-            // Zooms and rows count as in web maps, but the root is a square of this CRS, not the globe.
+            // Zooms and rows count as in web maps, but the root is a square of this CRS, not the
+            // globe.
             "terravision": { "layer": layer, "crs": target.crs, "world": plan.world, "payload": payload },
         })
         .to_string(),

@@ -8,7 +8,8 @@ use std::path::Path;
 use terravision_common::database::{Manifest, Source};
 use terravision_common::world::World;
 
-/// One object: where the database is, what it covers, its layers with their sizes, and what was said on the way.
+/// One object: where the database is, what it covers, its layers with their sizes, and what was
+/// said on the way.
 #[must_use]
 pub fn summary(path: &Path, manifest: &Manifest, notes: &[Note]) -> Value {
     let world = World::new(manifest.world).ok();

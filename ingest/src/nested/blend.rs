@@ -8,13 +8,14 @@ pub(super) const BLEND: usize = 16;
 /// A post of a block: its height, and whether that comes from a source as fine as the level.
 pub(super) type Post = Option<(bool, f32)>;
 
-/// The share of the finer height at each post of the middle of a block that is `BLEND` wider on each side: 1 for posts that are
-/// far from coarser ones, less towards them.
+/// The share of the finer height at each post of the middle of a block that is `BLEND` wider on
+/// each side: 1 for posts that are far from coarser ones, less towards them.
 pub(super) fn shares(posts: &[Post], around: Rect) -> Vec<f32> {
     let [width, height] = around.size;
     let is_coarse = |k: usize| posts[k].is_some_and(|(is_fine, _)| !is_fine);
     let most = BLEND + 1;
-    // Posts to the next coarse one along the row; exact distances are found from those of the rows around.
+    // Posts to the next coarse one along the row; exact distances are found from those of the rows
+    // around.
     let mut along = vec![most; posts.len()];
     for row in 0..height {
         let line = row * width..(row + 1) * width;

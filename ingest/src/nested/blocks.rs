@@ -18,8 +18,8 @@ pub(super) fn meeting(size: [u64; 2], rect: Rect) -> Vec<usize> {
     y.flat_map(|row| x.clone().map(move |column| row * columns + column)).collect()
 }
 
-/// Samples of a coarse level that lie beyond the world's extent, where no source need be, are those of its border: `last` is the last
-/// column and row inside.
+/// Samples of a coarse level that lie beyond the world's extent, where no source need be, are those
+/// of its border: `last` is the last column and row inside.
 pub(super) fn repeat_border<T: Copy>(samples: &mut [Option<T>], rect: Rect, last: [i64; 2]) {
     let [width, height] = rect.size;
     let inside = [0, 1].map(|axis| last[axis] - rect.origin[axis]);

@@ -1,4 +1,5 @@
-//! Colour levels where pictures are finer than the rest, and a tint as fine as the elevation elsewhere.
+//! Colour levels where pictures are finer than the rest, and a tint as fine as the elevation
+//! elsewhere.
 
 use super::blocks::{BLOCK, meeting, repeat_border, samples_of};
 use super::elevation::ElevationLevels;
@@ -22,7 +23,8 @@ use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 use terravision_common::world::COLOR_BORDER;
 
-/// How far around the nodes of a level texels are made, too: tiles have a border, and the next level's filter reads them.
+/// How far around the nodes of a level texels are made, too: tiles have a border, and the next
+/// level's filter reads them.
 const MARGIN: usize = COLOR_BORDER as usize + REACH;
 
 /// What the steps share.
@@ -100,7 +102,8 @@ impl Color<'_> {
         if level >= world.levels() {
             return Vec::new();
         }
-        // With tiles of fewer texels than posts a colour node of this level has finer elevation than this; it exists then, too.
+        // With tiles of fewer texels than posts a colour node of this level has finer elevation
+        // than this; it exists then, too.
         let nodes = self.elevation.nodes.of_level(level.max(world.finest_elevation_level()));
         nodes.into_iter().filter(|node| node.q() <= q).map(|node| node.ancestor(q)).collect()
     }
@@ -131,7 +134,8 @@ impl Color<'_> {
         blocks.filter(|block| !made.contains(block) && !self.is_covered(q, level, nodes, *block)).collect()
     }
 
-    /// Samples blocks of a level; how many texels of each node have a source, and the nodes that have one as fine as the level.
+    /// Samples blocks of a level; how many texels of each node have a source, and the nodes that
+    /// have one as fine as the level.
     fn sample(&self, q: u8, level: &Level<Rgb>, blocks: &BTreeSet<usize>) -> Result<(Known, Vec<NodeId>), IngestError> {
         let blocks: Vec<usize> = blocks.iter().copied().collect();
         let found = Mutex::new((Known::new(), Vec::new()));
@@ -196,7 +200,8 @@ impl Color<'_> {
         Ok(rows.flat_map(|row| row[1..=block.size[0]].iter().copied()).collect())
     }
 
-    /// The tint of a block, from the finest elevation that is everywhere under it, but no finer than the texels.
+    /// The tint of a block, from the finest elevation that is everywhere under it, but no finer
+    /// than the texels.
     fn tinted(&self, q: u8, block: Rect) -> Result<Vec<Rgb>, IngestError> {
         let world = &self.plan.world;
         let finest = world.finest_elevation_level();

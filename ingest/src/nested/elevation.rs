@@ -55,7 +55,8 @@ impl Elevation<'_> {
         Lattice { step: self.plan.elevation.step * f64::from(1u32 << (q - finest)), ..self.plan.elevation }
     }
 
-    /// Samples all levels. `wanted` are nodes that have to exist whatever the data: finer colour lies below them.
+    /// Samples all levels. `wanted` are nodes that have to exist whatever the data: finer colour
+    /// lies below them.
     pub(super) fn levels(&self, wanted: &[NodeId]) -> Result<ElevationLevels, IngestError> {
         let world = &self.plan.world;
         let finest = world.finest_elevation_level();
@@ -114,7 +115,8 @@ impl Elevation<'_> {
         blocks
     }
 
-    /// Blocks that the nodes of the level need, and that are neither made nor wholly filtered from the level below.
+    /// Blocks that the nodes of the level need, and that are neither made nor wholly filtered from
+    /// the level below.
     fn blocks_of_nodes(&self, q: u8, level: &Level<f32>, nodes: &Nodes, made: &BTreeSet<usize>) -> Vec<usize> {
         let side = self.side();
         let rects = nodes.of_level(q).into_iter().filter(|node| !nodes.has_children(*node)).map(|node| {
@@ -125,7 +127,8 @@ impl Elevation<'_> {
         blocks.into_iter().filter(is_left).collect()
     }
 
-    /// Samples blocks of a level; the nodes that have data as fine as the level, and the range of the sources.
+    /// Samples blocks of a level; the nodes that have data as fine as the level, and the range of
+    /// the sources.
     fn sample(&self, q: u8, level: &Level<f32>, blocks: &[usize]) -> Result<(Vec<NodeId>, [f32; 2]), IngestError> {
         let found = Mutex::new((Vec::new(), EMPTY));
         let (lattice, side) = (self.lattice(q), self.side() as i64);

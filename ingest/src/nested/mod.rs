@@ -7,9 +7,10 @@
 //!   level 5 ▓▓▓▓▓▓▓▓▓▓▓▓▓▓▓▓       30 m, everywhere
 //! ```
 //!
-//! A source's own level is the one whose spacing is nearest to its own (but at most 7 % coarser). At each level, from the finest
-//! up, blocks are sampled where sources of this level lie, or where nodes lie that have none below; what has nodes below is
-//! filtered from them. Finer heights pass over into coarser ones within some posts ([`blend`]).
+//! A source's own level is the one whose spacing is nearest to its own (but at most 7 % coarser).
+//! At each level, from the finest up, blocks are sampled where sources of this level lie, or where
+//! nodes lie that have none below; what has nodes below is filtered from them. Finer heights pass
+//! over into coarser ones within some posts ([`blend`]).
 
 mod blend;
 mod blocks;

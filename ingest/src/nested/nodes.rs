@@ -6,7 +6,8 @@ use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 use terravision_common::world::World;
 
-/// The nodes of one pyramid that exist, by level. A node has all of its children or none; so the tree can be cut anywhere.
+/// The nodes of one pyramid that exist, by level. A node has all of its children or none; so the
+/// tree can be cut anywhere.
 #[derive(Debug, Clone)]
 pub(crate) struct Nodes {
     world: World,
@@ -58,8 +59,9 @@ impl Nodes {
         })
     }
 
-    /// Adds what a level needs besides the nodes with data: the parents of the level below; around the parents, where it is
-    /// elevation, their neighbours, so that levels of neighbouring leaves never differ by more than one; all siblings.
+    /// Adds what a level needs besides the nodes with data: the parents of the level below; around
+    /// the parents, where it is elevation, their neighbours, so that levels of neighbouring leaves
+    /// never differ by more than one; all siblings.
     pub(crate) fn close(&mut self, q: u8) {
         let world = self.world;
         if q > self.finest() {

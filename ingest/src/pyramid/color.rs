@@ -1,7 +1,8 @@
 //! The next coarser colour level: a half-band filter between cells.
 //!
-//! Texel i of the coarser level covers texels 2i and 2i + 1 of the finer one. Eight taps, Lanczos' window of two lobes
-//! widened by two (`sinc(x/2)·sinc(x/4)` at ±0.5, ±1.5, ±2.5, ±3.5), in 128ths, in whole numbers: the same everywhere.
+//! Texel i of the coarser level covers texels 2i and 2i + 1 of the finer one. Eight taps, Lanczos'
+//! window of two lobes widened by two (`sinc(x/2)·sinc(x/4)` at ±0.5, ±1.5, ±2.5, ±3.5), in 128ths,
+//! in whole numbers: the same everywhere.
 
 use super::BLOCK;
 use crate::IngestError;

@@ -1,8 +1,10 @@
-//! Which posts were measured, which were made up, and where there is no ground: for all levels, from the finest's voids.
+//! Which posts were measured, which were made up, and where there is no ground: for all levels,
+//! from the finest's voids.
 //!
-//! Of each post `[ground, measured]`, 255ths (`terravision_common::validity`). On the finest level it is all or nothing. A
-//! coarser level is `[1, 2, 1]` filtered both ways: the narrowest filter that keeps a straight rim where it is, so that no rim
-//! moves by more than a fraction of the finer posts' distance from level to level.
+//! Of each post `[ground, measured]`, 255ths (`terravision_common::validity`). On the finest level
+//! it is all or nothing. A coarser level is `[1, 2, 1]` filtered both ways: the narrowest filter
+//! that keeps a straight rim where it is, so that no rim moves by more than a fraction of the finer
+//! posts' distance from level to level.
 
 use super::BLOCK;
 use crate::IngestError;
@@ -261,7 +263,8 @@ mod tests {
         finest(level, voids, &corners_of(level.size()), &std::env::temp_dir(), &Work::quiet(threads)).unwrap()
     }
 
-    /// A spiral of one post's width from a corner into the middle of many blocks, and a lake that it does not touch.
+    /// A spiral of one post's width from a corner into the middle of many blocks, and a lake that
+    /// it does not touch.
     fn is_spiral(i: usize, j: usize) -> bool {
         let (x, y) = (i as i64 - 400, j as i64 - 400);
         let ring = x.abs().max(y.abs());
@@ -271,8 +274,8 @@ mod tests {
     #[test]
     fn what_reaches_a_corner_is_clipped_and_lakes_and_bays_are_filled_in_any_number_of_threads() {
         let size = [801u64, 801];
-        // A comb: a row along the border to a corner, teeth across all blocks, joined far from it; a lake between two teeth; and a gap
-        // that reaches a side and no corner.
+        // A comb: a row along the border to a corner, teeth across all blocks, joined far from it;
+        // a lake between two teeth; and a gap that reaches a side and no corner.
         let is_bay = |i: usize, j: usize| i < 5 && (300..310).contains(&j);
         let is_lake = |i: usize, j: usize| (300..310).contains(&i) && (405..415).contains(&j) || is_bay(i, j);
         let is_comb = |i: usize, j: usize| {

@@ -1,7 +1,9 @@
-//! Voids filled from coarser levels, the coarsest first (push-pull: Gortler et al., The Lumigraph, 1996).
+//! Voids filled from coarser levels, the coarsest first (push-pull: Gortler et al., The Lumigraph,
+//! 1996).
 //!
-//! A void post is interpolated from the coarser level by the half-band filter's own `[-1, 9, 9, -1]/16`, then relaxed a
-//! few times towards the mean of its neighbours, so that no crease shows where the hole begins.
+//! A void post is interpolated from the coarser level by the half-band filter's own `[-1, 9, 9,
+//! -1]/16`, then relaxed a few times towards the mean of its neighbours, so that no crease shows
+//! where the hole begins.
 
 use super::BLOCK;
 use crate::IngestError;
@@ -13,7 +15,8 @@ use std::path::Path;
 /// Relaxations, and so how far around a block has to be known.
 const ROUNDS: usize = 6;
 
-/// Fills the coarsest level's voids with the mean of what it has, or with `otherwise` when it has nothing.
+/// Fills the coarsest level's voids with the mean of what it has, or with `otherwise` when it has
+/// nothing.
 ///
 /// # Errors
 /// What the file system says.
@@ -27,7 +30,8 @@ pub fn fill_coarsest(level: &Level<f32>, otherwise: f32) -> std::io::Result<()> 
     level.write(all, &heights)
 }
 
-/// A level with its voids filled from the next coarser level, which has none; only of these of its blocks.
+/// A level with its voids filled from the next coarser level, which has none; only of these of its
+/// blocks.
 ///
 /// # Errors
 /// [`IngestError`].

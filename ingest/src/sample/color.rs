@@ -21,8 +21,8 @@ pub(crate) fn eight_bits(color: [f32; 3]) -> Rgb {
     color.map(|v| (f64::from(v.clamp(0.0, 255.0)) + 0.5) as u8)
 }
 
-/// Samples the finest level; returns it and the number of texels without a source. The first source that has data at a
-/// texel gives its colour.
+/// Samples the finest level; returns it and the number of texels without a source. The first source
+/// that has data at a texel gives its colour.
 ///
 /// # Errors
 /// [`IngestError`].

@@ -53,7 +53,8 @@ fn height_of(sampled: Sampled<1>) -> f32 {
     }
 }
 
-/// Samples the finest level; voids are NaN. The first source that has data at a post gives its height.
+/// Samples the finest level; voids are NaN. The first source that has data at a post gives its
+/// height.
 ///
 /// # Errors
 /// [`IngestError`].

@@ -1,11 +1,13 @@
 //! The kernel that samples a piece of a source.
 //!
-//! Catmull-Rom cubic: it passes through the samples, so a source on its own lattice is copied. Where the target is
-//! coarser than the source the kernel is widened by the ratio, so that it averages (as GDAL's warper does). Where a
-//! sample under the kernel is void, a triangle (bilinear) kernel over what is left takes its place, and the result is
-//! void when more than half of that kernel's weight is.
+//! Catmull-Rom cubic: it passes through the samples, so a source on its own lattice is copied.
+//! Where the target is coarser than the source the kernel is widened by the ratio, so that it
+//! averages (as GDAL's warper does). Where a sample under the kernel is void, a triangle (bilinear)
+//! kernel over what is left takes its place, and the result is void when more than half of that
+//! kernel's weight is.
 //!
-//! Heights whose spacing hardly changes are sampled by a sharper kernel, [`Kernel::of_heights`] (`sharp`).
+//! Heights whose spacing hardly changes are sampled by a sharper kernel, [`Kernel::of_heights`]
+//! (`sharp`).
 
 use super::sharp;
 use crate::source::window::Window;
@@ -69,8 +71,9 @@ impl Kernel {
         self.range
     }
 
-    /// Taps along an axis around position `at` (pixel centres are whole) as indices in the window, with weights that
-    /// sum to 1. Beyond the window (which ends only where the source does) its border is repeated.
+    /// Taps along an axis around position `at` (pixel centres are whole) as indices in the window,
+    /// with weights that sum to 1. Beyond the window (which ends only where the source does) its
+    /// border is repeated.
     fn taps(&mut self, axis: usize, at: f64, origin: i64, count: usize, support: f64, shape: fn(f64) -> f64) {
         let scale = self.scale[axis];
         let taps = &mut self.weights[axis];
@@ -105,8 +108,8 @@ impl Kernel {
         }
     }
 
-    /// The window's value at a position `[column, row]` in source pixels (centres are whole numbers); `None` where it
-    /// is void.
+    /// The window's value at a position `[column, row]` in source pixels (centres are whole
+    /// numbers); `None` where it is void.
     pub fn sample<const C: usize>(&mut self, window: &Window<C>, position: [f64; 2]) -> Option<[f32; C]> {
         if let Some(at) = self.pixel_at(window, position) {
             let pixel = window.known(at)?;
@@ -204,7 +207,8 @@ impl Kernel {
     }
 }
 
-/// A position so close to a pixel's centre is on it: coordinates have gone through a projection's rounding.
+/// A position so close to a pixel's centre is on it: coordinates have gone through a projection's
+/// rounding.
 const SNAP_PX: f64 = 1e-4;
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Where the samples of a target block lie in a source.
 //!
-//! Transforming every sample is slow: positions are transformed on a coarse grid and interpolated between, as GDAL's
-//! approximate transformer does, where that is good to a hundredth of a pixel; else each is transformed.
+//! Transforming every sample is slow: positions are transformed on a coarse grid and interpolated
+//! between, as GDAL's approximate transformer does, where that is good to a hundredth of a pixel;
+//! else each is transformed.
 
 use crate::error::{IngestError, gdal_message};
 use crate::plan::Lattice;
@@ -49,7 +50,8 @@ impl Mapper {
         Ok(Self { transform, inverse: inverse.0, size, period })
     }
 
-    /// Pixel positions (centres whole) of points in the database's CRS; not finite where there is none.
+    /// Pixel positions (centres whole) of points in the database's CRS; not finite where there is
+    /// none.
     fn positions(&self, mut x: Vec<f64>, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         if let Some(transform) = &self.transform {
             // Points that cannot be transformed come back infinite, which is all we need to know.

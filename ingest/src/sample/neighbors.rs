@@ -1,13 +1,15 @@
 //! Which files continue another one: sheets of one grid that lie side by side, or overlap.
 //!
-//! A kernel that stands near the edge of a sheet needs samples beyond it. Where another file of the layer has them on the same
-//! grid (the same CRS, pixels of the same size, a whole number of pixels away), they are taken from there, as if
-//! the sheets were one raster. Else a terrace of the kernel's width would run along every sheet's border.
+//! A kernel that stands near the edge of a sheet needs samples beyond it. Where another file of the
+//! layer has them on the same grid (the same CRS, pixels of the same size, a whole number of pixels
+//! away), they are taken from there, as if the sheets were one raster. Else a terrace of the
+//! kernel's width would run along every sheet's border.
 
 use crate::source::Raster;
 use crate::store::Rect;
 
-/// How far, in pixels, a file may be off the grid of another one: producers round the positions of corners.
+/// How far, in pixels, a file may be off the grid of another one: producers round the positions of
+/// corners.
 const TOLERANCE_PX: f64 = 0.1;
 
 /// A file with samples on the grid of another one.
@@ -55,7 +57,8 @@ fn turn(raster: &Raster) -> Option<i64> {
     is_whole.then_some(turn.round() as i64)
 }
 
-/// All files of a layer with pixels at most `reach` away from those of file `index`, in the layer's order, itself among them.
+/// All files of a layer with pixels at most `reach` away from those of file `index`, in the layer's
+/// order, itself among them.
 pub(super) fn neighbors<V>(sources: &[(Raster, V)], index: usize, reach: [usize; 2]) -> Vec<Neighbor> {
     let raster = &sources[index].0;
     let own = Rect::new([0, 0], raster.size);

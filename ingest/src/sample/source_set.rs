@@ -1,4 +1,5 @@
-//! All sources of a layer as one thread samples them: which files are open, and what lies beyond the edge of one.
+//! All sources of a layer as one thread samples them: which files are open, and what lies beyond
+//! the edge of one.
 
 use super::kernel::Kernel;
 use super::mapper::Mapper;
@@ -15,7 +16,8 @@ use std::collections::VecDeque;
 /// Files that a thread may have open.
 const MAX_OPEN: usize = 24;
 
-/// Things by number that are made when they are needed first; when there are too many, the oldest goes.
+/// Things by number that are made when they are needed first; when there are too many, the oldest
+/// goes.
 #[derive(Debug)]
 struct Kept<T> {
     items: Vec<Option<T>>,
@@ -43,8 +45,8 @@ impl<T> Kept<T> {
 /// How a file is opened.
 type Open<'a, V, R> = fn(&'a Raster, &'a V) -> Result<R, IngestError>;
 
-/// All sources of a layer, for one thread: opened when a block first meets them, closed when others are needed more.
-/// (A world may have more files than a process may have open.)
+/// All sources of a layer, for one thread: opened when a block first meets them, closed when others
+/// are needed more. (A world may have more files than a process may have open.)
 pub struct SourceSet<'a, V, R> {
     sources: &'a [(Raster, V)],
     bounds: &'a [Bounds],
@@ -58,7 +60,8 @@ pub struct SourceSet<'a, V, R> {
 }
 
 impl<'a, V, R> SourceSet<'a, V, R> {
-    /// The sources, with their bounds, for samples on a lattice; `kernel` makes the kernel for so many source pixels per sample.
+    /// The sources, with their bounds, for samples on a lattice; `kernel` makes the kernel for so
+    /// many source pixels per sample.
     pub fn new(
         sources: &'a [(Raster, V)],
         bounds: &'a [Bounds],
@@ -72,7 +75,8 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         Self { sources, bounds, target, lattice, open, kernel, samplers, readers, range: [f32::MAX, f32::MIN] }
     }
 
-    /// Least and greatest sample of the sources that were met so far: where they have data and are on top.
+    /// Least and greatest sample of the sources that were met so far: where they have data and are
+    /// on top.
     #[must_use]
     pub fn range(&self) -> [f32; 2] {
         self.range
@@ -162,8 +166,8 @@ impl<'a, V, R> SourceSet<'a, V, R> {
     }
 }
 
-/// A rectangle of the grid of source `index`, from it and its neighbours: of several that have data at a pixel, the first. Pixels that
-/// no file has are those of the nearest border.
+/// A rectangle of the grid of source `index`, from it and its neighbours: of several that have data
+/// at a pixel, the first. Pixels that no file has are those of the nearest border.
 fn read_window<const C: usize>(
     neighbors: &[Neighbor],
     index: usize,
@@ -205,7 +209,8 @@ fn read_window<const C: usize>(
     Ok(window)
 }
 
-/// The pixel that stands for one beyond all files: straight across the own border if there is one, else at the corner.
+/// The pixel that stands for one beyond all files: straight across the own border if there is one,
+/// else at the corner.
 fn nearest_border(rect: Rect, own: Rect, place: [usize; 2], is_covered: &[bool]) -> Option<usize> {
     let clamped = [0, 1].map(|k| {
         let first = (own.origin[k] - rect.origin[k]).max(0);

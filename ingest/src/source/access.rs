@@ -1,15 +1,18 @@
 //! What a file may lead to.
 //!
-//! GDAL chooses a driver by what a file *contains*. Some contents are not a raster but a list of other files or
-//! addresses: a `dem.tif` that is a VRT reads any file of this machine, one that describes a map service sends
-//! requests. Such a driver is used only when the **name** asks for it (`.vrt`, `WMS:…`, `https://…`, `/vsi…/`), or
-//! with `--trust-vrt`. Three layers, so that nothing nested slips through:
+//! GDAL chooses a driver by what a file *contains*. Some contents are not a raster but a list of
+//! other files or addresses: a `dem.tif` that is a VRT reads any file of this machine, one that
+//! describes a map service sends requests. Such a driver is used only when the **name** asks for it
+//! (`.vrt`, `WMS:…`, `https://…`, `/vsi…/`), or with `--trust-vrt`. Three layers, so that nothing
+//! nested slips through:
 //!
 //! 1. every dataset is opened with a list of drivers that has none of these ([`Access::drivers`]);
-//! 2. what lies beside a file and is opened with it (overviews, masks), what its tags name as overviews, and labels of
-//!    data in other files are looked at before and after ([`Access::check_before`], [`Access::check_after`]); a `.vrt` is read and
-//!    its sources are kept under its folder (`vrt.rs`);
-//! 3. the program takes the drivers that no name asks for out of GDAL altogether ([`Access::restrict_process`]).
+//! 2. what lies beside a file and is opened with it (overviews, masks), what its tags name as
+//!    overviews, and labels of data in other files are looked at before and after
+//!    ([`Access::check_before`], [`Access::check_after`]); a `.vrt` is read and its sources are
+//!    kept under its folder (`vrt.rs`);
+//! 3. the program takes the drivers that no name asks for out of GDAL altogether
+//!    ([`Access::restrict_process`]).
 
 use super::vrt;
 use gdal::{Dataset, DatasetOptions, DriverManager, GdalOpenFlags, Metadata};
@@ -28,8 +31,8 @@ enum AskedBy {
     Trust,
 }
 
-/// Drivers whose files name other files or addresses (GDAL 3.12 and before). Label formats whose data lie in a file
-/// beside them are not among them: [`LABELS`].
+/// Drivers whose files name other files or addresses (GDAL 3.12 and before). Label formats whose
+/// data lie in a file beside them are not among them: [`LABELS`].
 const LEADING: [(&str, AskedBy); 26] = [
     ("VRT", AskedBy::Ending),
     ("DERIVED", AskedBy::Trust),
@@ -177,7 +180,8 @@ pub(super) fn check_neighbors(path: &Path) -> Result<(), String> {
 }
 
 impl Access {
-    /// The drivers that may open a name: all but those that lead elsewhere, and the one that the name asks for.
+    /// The drivers that may open a name: all but those that lead elsewhere, and the one that the
+    /// name asks for.
     fn drivers(self, name: &str) -> Option<Vec<String>> {
         if self.trusts_links {
             return None;
@@ -202,7 +206,8 @@ impl Access {
         Dataset::open_ex(name, options)
     }
 
-    /// Looks at a name before GDAL does. A message continues the sentence that begins with the name.
+    /// Looks at a name before GDAL does. A message continues the sentence that begins with the
+    /// name.
     pub(super) fn check_before(self, name: &str) -> Result<(), String> {
         if self.trusts_links {
             return Ok(());
@@ -247,8 +252,9 @@ impl Access {
         Ok(())
     }
 
-    /// For a program that makes one world: takes out of GDAL what none of its names asks for, so that nothing nested
-    /// (an overview, a source of a source) can reach further than the files that were named.
+    /// For a program that makes one world: takes out of GDAL what none of its names asks for, so
+    /// that nothing nested (an overview, a source of a source) can reach further than the files
+    /// that were named.
     pub fn restrict_process<'a>(self, names: impl IntoIterator<Item = &'a PathBuf>) {
         if self.trusts_links {
             return;

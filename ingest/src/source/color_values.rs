@@ -1,4 +1,5 @@
-//! What samples of pictures mean: bands, alpha, undeclared fill, the stretch of more than eight bits.
+//! What samples of pictures mean: bands, alpha, undeclared fill, the stretch of more than eight
+//! bits.
 
 use super::Note;
 use super::open::open_raster;
@@ -34,8 +35,8 @@ impl ColorValues {
         raster.is_data(band, sample) && !self.fill.contains(&sample)
     }
 
-    /// Works out what the samples of colour sources mean: one stretch for all that need one, so that no edge shows
-    /// between files.
+    /// Works out what the samples of colour sources mean: one stretch for all that need one, so
+    /// that no edge shows between files.
     ///
     /// # Errors
     /// [`IngestError`]: a band that does not exist, a file that cannot be read.
@@ -76,7 +77,8 @@ impl ColorValues {
         Ok(Some(samples))
     }
 
-    /// Samples of the picture, those left out that alpha, a mask, "no data" or undeclared fill hide.
+    /// Samples of the picture, those left out that alpha, a mask, "no data" or undeclared fill
+    /// hide.
     fn shown_samples(
         &mut self,
         raster: &Raster,
@@ -195,7 +197,8 @@ fn thin_mask(raster: &Raster) -> Result<Option<Vec<bool>>, IngestError> {
     Ok(Some(mask.data().iter().map(|m| *m != 0).collect()))
 }
 
-/// Undeclared fill among samples: values that producers use for it and that stand alone, and absurd ones.
+/// Undeclared fill among samples: values that producers use for it and that stand alone, and absurd
+/// ones.
 fn fill_of(samples: impl Iterator<Item = f32>) -> Vec<f32> {
     let mut counts = [[0; 2]; SENTINELS.len()];
     let mut huge = None;
@@ -219,7 +222,8 @@ struct Stretch {
     why: &'static str,
 }
 
-/// How samples of more than eight bits become eight. A glint or two decide nothing: almost all samples do.
+/// How samples of more than eight bits become eight. A glint or two decide nothing: almost all
+/// samples do.
 fn stretch(samples: &mut [f32], is_float: bool) -> Stretch {
     samples.sort_unstable_by(f32::total_cmp);
     let (Some(&least), Some(&most)) = (samples.first(), samples.last()) else {

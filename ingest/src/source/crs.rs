@@ -28,8 +28,8 @@ pub(crate) fn definition(srs: &SpatialRef) -> Option<String> {
     srs.to_wkt().ok().filter(|t| !t.is_empty()).or_else(|| srs.to_projjson().ok())
 }
 
-/// The EPSG code that a CRS states, if the code means this CRS. (GDAL matches user-defined systems to codes a little
-/// too readily: the code's own definition has to give the same projection.)
+/// The EPSG code that a CRS states, if the code means this CRS. (GDAL matches user-defined systems
+/// to codes a little too readily: the code's own definition has to give the same projection.)
 pub(crate) fn epsg_of(srs: &SpatialRef) -> Option<u32> {
     if srs.auth_name().as_deref() != Some("EPSG") {
         return None;
@@ -44,7 +44,8 @@ fn is_metric_plane(srs: &SpatialRef) -> bool {
     srs.is_projected() && (srs.linear_units() - 1.0).abs() < 1e-9
 }
 
-/// Bodies that names and sizes of ellipsoids tell: name, words, equatorial radius (IAU WGCCRE 2015), metres.
+/// Bodies that names and sizes of ellipsoids tell: name, words, equatorial radius (IAU WGCCRE
+/// 2015), metres.
 const BODIES: [(&str, &[&str], f64); 8] = [
     ("Earth", &["wgs", "nad83", "nad27", "etrs", "grs 1980", "grs80"], 6_378_137.0),
     ("Mars", &["mars"], 3_396_190.0),
@@ -100,7 +101,8 @@ impl TargetCrs {
         parse("the CRS of the database", &self.crs.wkt)
     }
 
-    /// Latitude of a point of the plane, degrees, on Earth; `None` elsewhere, and where PROJ knows none.
+    /// Latitude of a point of the plane, degrees, on Earth; `None` elsewhere, and where PROJ knows
+    /// none.
     #[must_use]
     pub fn latitude_deg(&self, [x, y]: [f64; 2]) -> Option<f64> {
         if self.body.name != "Earth" {
@@ -118,7 +120,8 @@ impl TargetCrs {
         raster.wkt == self.crs.wkt || (raster.epsg.is_some() && raster.epsg == self.crs.epsg)
     }
 
-    /// Chooses: what the user gave; else the first source's own plane if it is in metres; else a plane for the data.
+    /// Chooses: what the user gave; else the first source's own plane if it is in metres; else a
+    /// plane for the data.
     ///
     /// # Errors
     /// [`IngestError`] when what was given is not a plane in metres, or the data cannot be located.

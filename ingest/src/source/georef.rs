@@ -4,7 +4,8 @@ use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 use std::path::Path;
 
-/// `x = c0 + c1·column + c2·row`, `y = c3 + c4·column + c5·row`; pixel corners are whole numbers (GDAL's order).
+/// `x = c0 + c1·column + c2·row`, `y = c3 + c4·column + c5·row`; pixel corners are whole numbers
+/// (GDAL's order).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine(pub [f64; 6]);
 
@@ -35,7 +36,8 @@ impl Affine {
     }
 }
 
-/// A dataset's affine map: its geotransform, or the one that fits its ground control points to half a pixel.
+/// A dataset's affine map: its geotransform, or the one that fits its ground control points to half
+/// a pixel.
 pub(crate) fn affine_of(dataset: &Dataset) -> Option<Affine> {
     if let Ok(transform) = dataset.geo_transform() {
         let affine = Affine(transform);
@@ -45,8 +47,9 @@ pub(crate) fn affine_of(dataset: &Dataset) -> Option<Affine> {
     fit(&points)
 }
 
-/// Why a raster whose position is told in another way than by an affine map has none, and what straightens it; `None`
-/// when it has no position at all. Continues the sentence that begins with the file.
+/// Why a raster whose position is told in another way than by an affine map has none, and what
+/// straightens it; `None` when it has no position at all. Continues the sentence that begins with
+/// the file.
 pub(crate) fn bent(dataset: &Dataset, path: &Path, srs: Option<&SpatialRef>) -> Option<String> {
     let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let stem = path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
@@ -75,8 +78,8 @@ pub(crate) fn bent(dataset: &Dataset, path: &Path, srs: Option<&SpatialRef>) -> 
     }
 }
 
-/// Least squares fit of an affine map to points `[column, row, x, y]`; `None` when they are too few, lie on a line, or
-/// are not on any affine map to within half a pixel.
+/// Least squares fit of an affine map to points `[column, row, x, y]`; `None` when they are too
+/// few, lie on a line, or are not on any affine map to within half a pixel.
 fn fit(points: &[[f64; 4]]) -> Option<Affine> {
     if points.len() < 3 {
         return None;

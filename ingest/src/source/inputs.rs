@@ -1,4 +1,5 @@
-//! From what the user names to rasters: files, folders, archives, addresses, and whatever else GDAL has names for.
+//! From what the user names to rasters: files, folders, archives, addresses, and whatever else GDAL
+//! has names for.
 
 use super::access::{Access, leads_elsewhere, names_a_list};
 use super::{Note, Raster};
@@ -77,7 +78,8 @@ impl Inputs<'_> {
         if let Some(reason) = is_local.then(|| not_readable(local)).flatten() {
             return Err(IngestError::source(shown, reason));
         }
-        // GDAL knows best what is a name; whether there is such a file matters for the message alone.
+        // GDAL knows best what is a name; whether there is such a file matters for the message
+        // alone.
         let failed = match self.open(&name, &shown) {
             Ok(found) => return self.single(found, note).map(|raster| vec![raster]),
             Err(error) => error,
@@ -233,8 +235,8 @@ impl Failed {
     }
 }
 
-/// Rasters of one folder or archive are tiles of one layer: one CRS, and no two at the same place (which would be a
-/// picture beside its elevation, or a mask).
+/// Rasters of one folder or archive are tiles of one layer: one CRS, and no two at the same place
+/// (which would be a picture beside its elevation, or a mask).
 fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> {
     let names = || list(&rasters.iter().map(|r| r.path.display().to_string()).collect::<Vec<_>>());
     if rasters.iter().any(|r| r.wkt != rasters[0].wkt) {
@@ -305,7 +307,8 @@ fn folder_members(folder: &Path, shown: &Path) -> Result<Vec<(String, PathBuf)>,
     Ok(names)
 }
 
-/// What an archive's member is called on the command line: as GDAL names it, against the folder of the process.
+/// What an archive's member is called on the command line: as GDAL names it, against the folder of
+/// the process.
 fn in_archive(prefix: &str, shown: &Path, member: &Path) -> PathBuf {
     let outer = shown.to_string_lossy();
     let inner = if outer.contains("://") { address(&outer) } else { outer.into_owned() };

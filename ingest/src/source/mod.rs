@@ -1,6 +1,6 @@
-//! Source rasters: what a name stands for ([`inputs`]) and may lead to ([`access`]), where they lie ([`georef`], [`crs`], [`area`])
-//! and which part of them is wanted ([`region`]), what their samples mean ([`values`], [`color_values`]), and how to read
-//! them ([`raster`], [`open`]).
+//! Source rasters: what a name stands for ([`inputs`]) and may lead to ([`access`]), where they lie
+//! ([`georef`], [`crs`], [`area`]) and which part of them is wanted ([`region`]), what their
+//! samples mean ([`values`], [`color_values`]), and how to read them ([`raster`], [`open`]).
 
 pub mod access;
 pub mod area;

@@ -10,7 +10,8 @@ use gdal::raster::RasterBand;
 
 /// Opens a described source again.
 pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
-    // What may be opened was settled when it was described; other drivers have no business with it now.
+    // What may be opened was settled when it was described; other drivers have no business with it
+    // now.
     Access::default()
         .open(&raster.open_name, Some(&raster.driver))
         .or_else(|_| Access::default().open(&raster.open_name, None))
@@ -61,7 +62,8 @@ pub(super) fn read_mask(
     Ok(Some(mask.data().iter().map(|m| *m != 0).collect()))
 }
 
-/// Which samples of a rectangle of elevation an alpha band shows at all; `None` where there is no alpha band.
+/// Which samples of a rectangle of elevation an alpha band shows at all; `None` where there is no
+/// alpha band.
 pub(super) fn read_alpha(
     raster: &Raster,
     dataset: &Dataset,

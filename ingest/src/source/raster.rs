@@ -127,8 +127,8 @@ impl Raster {
         })
     }
 
-    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the file. Without its full name, which
-    /// may have a password in it.
+    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the
+    /// file. Without its full name, which may have a password in it.
     pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
         let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
         IngestError::source(&self.path, format!("{what}: {reason}"))
@@ -148,8 +148,8 @@ impl Raster {
         crs::parse("the CRS of a source", &self.wkt)
     }
 
-    /// Pixel positions (corner convention) on a grid over the raster, `side`² of them, along the outermost pixel
-    /// centres when `at_centers`, else along the edge.
+    /// Pixel positions (corner convention) on a grid over the raster, `side`² of them, along the
+    /// outermost pixel centres when `at_centers`, else along the edge.
     pub(crate) fn grid(&self, side: usize, at_centers: bool) -> (Vec<f64>, Vec<f64>) {
         let inset = if at_centers { 0.5 } else { 0.0 };
         let along = |k: usize, count: usize| {

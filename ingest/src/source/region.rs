@@ -1,7 +1,8 @@
 //! `--bounds`: the part of the data that becomes a world.
 //!
-//! First in longitude and latitude (or the CRS of the bounds), so that the world's plane is chosen for that part; then as
-//! a rectangle of the world's CRS, which is what the world covers and what sources are read for.
+//! First in longitude and latitude (or the CRS of the bounds), so that the world's plane is chosen
+//! for that part; then as a rectangle of the world's CRS, which is what the world covers and what
+//! sources are read for.
 
 use super::crs::{body_of, parse};
 use super::raster::{Raster, traditional};
@@ -19,15 +20,16 @@ const MARGIN_SHARE: f64 = 0.05;
 /// What is left of a source.
 #[derive(Debug, Clone)]
 pub struct Crop {
-    /// Longitudes and latitudes of the region, degrees, for a source around the whole body; empty for others, whose part tells.
+    /// Longitudes and latitudes of the region, degrees, for a source around the whole body; empty
+    /// for others, whose part tells.
     pub lon_lat: Arc<Vec<[f64; 2]>>,
     /// Least and greatest easting and northing in the world's CRS, once it is chosen.
     pub rect: Option<[[f64; 2]; 2]>,
 }
 
 impl Crop {
-    /// Cuts what a source covers down to the rectangle and up to a post around it, so that the posts of the world cover it; on
-    /// the source's own lattice if its samples are one.
+    /// Cuts what a source covers down to the rectangle and up to a post around it, so that the
+    /// posts of the world cover it; on the source's own lattice if its samples are one.
     pub(crate) fn cut(&self, low: &mut [f64; 2], high: &mut [f64; 2], spacing: f64, is_lattice: bool) {
         let Some([from, to]) = self.rect else { return };
         for axis in 0..2 {
@@ -49,7 +51,8 @@ impl Crop {
 /// Bounds as the user gave them, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Region {
-    /// West, south, east, north; east is greater than west, beyond 180 degrees across the date line.
+    /// West, south, east, north; east is greater than west, beyond 180 degrees across the date
+    /// line.
     bounds: [f64; 4],
     /// Their CRS; longitude and latitude when the user gave none.
     crs: Option<String>,
@@ -88,7 +91,8 @@ impl Region {
                 ));
             }
             if west > east {
-                // Across the date line, unless that is most of the way around: then they were exchanged.
+                // Across the date line, unless that is most of the way around: then they were
+                // exchanged.
                 if east + 360.0 - west > 180.0 {
                     return fail(reversed(bounds));
                 }
@@ -180,7 +184,8 @@ impl Region {
     }
 }
 
-/// The parts of sources that a rectangle of the world's CRS needs; those that have none in it are left out.
+/// The parts of sources that a rectangle of the world's CRS needs; those that have none in it are
+/// left out.
 pub(crate) fn parts_in(
     rasters: Vec<Raster>,
     rect: [[f64; 2]; 2],
@@ -217,7 +222,8 @@ fn transformed(points: Vec<[f64; 2]>, from: &SpatialRef, to: &SpatialRef) -> Res
     Ok(x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(|(x, y)| [x, y]).collect())
 }
 
-/// The part of a raster around points of its CRS, a margin for kernels included; `None` when they lie beside it.
+/// The part of a raster around points of its CRS, a margin for kernels included; `None` when they
+/// lie beside it.
 fn window(raster: &Raster, points: &[[f64; 2]]) -> Option<Raster> {
     let inverse = raster.affine.inverse()?;
     let mut pixels: Vec<[f64; 2]> = points.iter().map(|[x, y]| inverse.apply(*x, *y)).collect();

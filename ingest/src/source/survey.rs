@@ -109,7 +109,8 @@ impl Question<'_> {
 }
 
 impl Survey {
-    /// Reads all of a source (whole bytes apart, in which nothing can be wrong). Fill is looked for when `finds_fill`.
+    /// Reads all of a source (whole bytes apart, in which nothing can be wrong). Fill is looked for
+    /// when `finds_fill`.
     pub(super) fn of(
         raster: &Raster,
         values: &ElevationValues,
@@ -164,7 +165,8 @@ impl Part {
     }
 }
 
-/// Rectangles `[x, y, width, height]` of rows that lie together in the file, not larger than a thread may hold.
+/// Rectangles `[x, y, width, height]` of rows that lie together in the file, not larger than a
+/// thread may hold.
 fn parts_of(raster: &Raster) -> Result<Vec<[usize; 4]>, IngestError> {
     let dataset = open_raster(raster)?;
     let band = dataset.rasterband(1).map_err(|e| unreadable(raster, &e))?;

@@ -28,8 +28,8 @@ pub(super) const SENTINELS: [f32; 11] = [
 ];
 /// A sentinel stands alone: no other sample is within so many units of it.
 pub(super) const SENTINEL_GAP: f32 = 300.0;
-/// Between what the ground of bodies lies, metres, with a little to spare. (Earth: Challenger Deep and Everest; others: the
-/// laser altimeters' and radars' global grids.)
+/// Between what the ground of bodies lies, metres, with a little to spare. (Earth: Challenger Deep
+/// and Everest; others: the laser altimeters' and radars' global grids.)
 const GROUND: [(&str, [f64; 2]); 5] = [
     ("Earth", [-11_100.0, 9_000.0]),
     ("Mars", [-9_000.0, 22_000.0]),
@@ -225,8 +225,9 @@ pub(super) fn grouped(value: f64) -> String {
     if value < 0.0 && digits != "0" { format!("-{text}") } else { text }
 }
 
-/// Sentinels that stand alone, and how many samples have them. `counts` has for each how many samples have it, and how
-/// many are near it. Two sentinels may be neighbours (-32768 and -32767): each alone counts, both together do too.
+/// Sentinels that stand alone, and how many samples have them. `counts` has for each how many
+/// samples have it, and how many are near it. Two sentinels may be neighbours (-32768 and -32767):
+/// each alone counts, both together do too.
 pub(super) fn lone_sentinels(counts: &[[u64; 2]; SENTINELS.len()]) -> Vec<(f32, u64)> {
     let is_alone = |i: usize| {
         let others: u64 = (0..SENTINELS.len())
@@ -241,7 +242,8 @@ pub(super) fn lone_sentinels(counts: &[[u64; 2]; SENTINELS.len()]) -> Vec<(f32, 
 /// Metres in a unit of length, by the names that files use; `None` for other names.
 #[must_use]
 pub fn meters_in(unit: &str) -> Option<f64> {
-    // International foot and US survey foot: 0.3048 m, 1200/3937 m (NIST Special Publication 811, appendix B).
+    // International foot and US survey foot: 0.3048 m, 1200/3937 m (NIST Special Publication 811,
+    // appendix B).
     Some(match unit.trim().to_ascii_lowercase().as_str() {
         "" | "m" | "metre" | "metres" | "meter" | "meters" | "mètre" => 1.0,
         "ft" | "foot" | "feet" | "international foot" | "foot_international" => 0.3048,
@@ -254,7 +256,8 @@ pub fn meters_in(unit: &str) -> Option<f64> {
     })
 }
 
-/// Heights whose unit nobody tells are metres, but over a plane in feet they are feet: so publish those who survey in feet.
+/// Heights whose unit nobody tells are metres, but over a plane in feet they are feet: so publish
+/// those who survey in feet.
 fn unit_of_plane(raster: &Raster, srs: &SpatialRef, note: &mut dyn FnMut(Note)) -> f64 {
     let plane = srs.linear_units();
     if !srs.is_projected() || (plane / 0.3048 - 1.0).abs() > 1e-4 {

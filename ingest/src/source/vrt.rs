@@ -1,8 +1,9 @@
-//! A VRT's sources, before GDAL opens it: they have to lie under the folder of the VRT that was named.
+//! A VRT's sources, before GDAL opens it: they have to lie under the folder of the VRT that was
+//! named.
 //!
-//! GDAL opens sources by content, with all its drivers, and a VRT may name any file, archive or address in many of its
-//! elements. So its XML is read here: names of sources are followed (a source that is a VRT too), everything else that
-//! looks like a name is refused.
+//! GDAL opens sources by content, with all its drivers, and a VRT may name any file, archive or
+//! address in many of its elements. So its XML is read here: names of sources are followed (a
+//! source that is a VRT too), everything else that looks like a name is refused.
 
 use super::access::{check_neighbors, leads_elsewhere};
 use quick_xml::escape::unescape;
@@ -29,7 +30,8 @@ const WORDS: [&str; 8] =
 /// Domains of metadata that name datasets.
 const NAMING_DOMAINS: [&str; 3] = ["OVERVIEWS", "ProxyOverviewRequest", "GEOLOCATION"];
 
-/// Checks the VRT at `path`, which exists. The message continues the sentence that begins with its name.
+/// Checks the VRT at `path`, which exists. The message continues the sentence that begins with its
+/// name.
 pub(super) fn check(path: &Path) -> Result<(), String> {
     let folder = folder_of(path).and_then(|f| f.canonicalize()).map_err(|e| format!("cannot be read: {e}"))?;
     check_file(path, &folder, 0)

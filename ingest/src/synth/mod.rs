@@ -1,8 +1,8 @@
 //! A synthetic world: `dem.tif` and `ortho.tif`.
 //!
-//! Both are made block by block, each a pure function of position and seed; a block of the photo covers a block of the
-//! DEM, whose heights it needs. The photo's edges are on the DEM's outer posts; the DEM, as pixels with an area, sticks
-//! out by half a pixel.
+//! Both are made block by block, each a pure function of position and seed; a block of the photo
+//! covers a block of the DEM, whose heights it needs. The photo's edges are on the DEM's outer
+//! posts; the DEM, as pixels with an area, sticks out by half a pixel.
 
 pub mod noise;
 pub mod ortho;
@@ -28,9 +28,11 @@ use terrain::Terrain;
 const EPSG: u32 = 32632;
 /// Where the world's middle is, metres.
 const MIDDLE: [f64; 2] = [500_000.0, 5_200_000.0];
-/// Where in the endless terrain its south west corner is: small worlds have a lake and mountains, too.
+/// Where in the endless terrain its south west corner is: small worlds have a lake and mountains,
+/// too.
 const CORNER: [f64; 2] = [17_500.0, 16_500.0];
-/// Posts along a block's side; the photo has twice as many pixels. Also the tile size of both files.
+/// Posts along a block's side; the photo has twice as many pixels. Also the tile size of both
+/// files.
 const BLOCK: usize = 256;
 
 /// What is asked for, checked.
@@ -73,8 +75,8 @@ struct Maker {
 }
 
 impl Maker {
-    /// Metres east and north of the world's south west corner. Positions do not depend on the size: a smaller world is
-    /// the south west of a larger one.
+    /// Metres east and north of the world's south west corner. Positions do not depend on the size:
+    /// a smaller world is the south west of a larger one.
     fn place(&self, column: f64, row: f64) -> [f64; 2] {
         [CORNER[0] + column * self.spacing_m, CORNER[1] + (self.size as f64 - row) * self.spacing_m]
     }
@@ -183,7 +185,8 @@ pub fn write(options: &SynthOptions, stop: Arc<AtomicBool>, shows_progress: bool
     Ok(())
 }
 
-/// What GDAL complains of: blocks are written late, from its cache, and that a disk is full is then no caller's error.
+/// What GDAL complains of: blocks are written late, from its cache, and that a disk is full is then
+/// no caller's error.
 struct Complaints(Arc<Mutex<Option<String>>>);
 
 impl Complaints {

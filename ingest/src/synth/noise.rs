@@ -1,4 +1,5 @@
-//! Gradient noise from hashes: a pure function of position and seed, with no table that limits its extent.
+//! Gradient noise from hashes: a pure function of position and seed, with no table that limits its
+//! extent.
 //!
 //! Only additions, multiplications, `floor` and `sqrt` are used: the same bits on every machine.
 
@@ -48,8 +49,8 @@ pub fn unit(hash: u32) -> f32 {
     (hash >> 8) as f32 * (1.0 / (1 << 24) as f32)
 }
 
-/// The lattice cell of a point, and where in it the point is. (A cast and a step down: `floor` is a call into the C
-/// library on processors as old as the ones that we build for.)
+/// The lattice cell of a point, and where in it the point is. (A cast and a step down: `floor` is a
+/// call into the C library on processors as old as the ones that we build for.)
 #[inline]
 fn cell(x: f64) -> (i64, f32) {
     let whole = x as i64;
@@ -57,7 +58,8 @@ fn cell(x: f64) -> (i64, f32) {
     (whole, (x - whole as f64) as f32)
 }
 
-/// What both kinds of noise begin with: gradients at a cell's corners, and the four planes at a point in it.
+/// What both kinds of noise begin with: gradients at a cell's corners, and the four planes at a
+/// point in it.
 #[inline]
 fn planes(x: f64, y: f64, seed: u32) -> ([f32; 2], [[f32; 2]; 4], [f32; 4]) {
     let ((ix, u), (iy, v)) = (cell(x), cell(y));

@@ -1,4 +1,5 @@
-//! Colours of the synthetic world, as an aerial photograph would show them: sunlit from the north west.
+//! Colours of the synthetic world, as an aerial photograph would show them: sunlit from the north
+//! west.
 
 use super::noise::{direction, hash, noise, octaves, smoothstep, unit};
 use super::terrain::{LAKE_M, Terrain};
@@ -121,8 +122,8 @@ impl Painter {
 
     /// Sunlight: a little of it is in every aerial photograph, and it is what shows relief.
     fn lit(&self, color: Color, slope: [f32; 2], snow: f32) -> Color {
-        // To the sun: north west, 50 degrees high (as relief maps have it; real photographs north of the tropics have
-        // it in the south, which the eye inverts).
+        // To the sun: north west, 50 degrees high (as relief maps have it; real photographs north
+        // of the tropics have it in the south, which the eye inverts).
         let [east, north, up] = [-0.4545f32, 0.4545, 0.766];
         let cosine =
             (up - east * slope[0] - north * slope[1]) / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();

@@ -1,9 +1,9 @@
 //! Heights of the synthetic world.
 //!
-//! Mountains are a ridged multifractal (Musgrave, in Texturing and Modeling, 2003) over warped space. Each octave is
-//! damped where the ones before are already steep, so that slopes are smooth and crests and valley heads are rough:
-//! what erosion does, for the price of a derivative. Below, valleys are filled to gently undulating floors, and what
-//! lies under the lake level is a lake.
+//! Mountains are a ridged multifractal (Musgrave, in Texturing and Modeling, 2003) over warped
+//! space. Each octave is damped where the ones before are already steep, so that slopes are smooth
+//! and crests and valley heads are rough: what erosion does, for the price of a derivative. Below,
+//! valleys are filled to gently undulating floors, and what lies under the lake level is a lake.
 
 use super::noise::{noise_and_slope, octaves, smoothstep};
 
@@ -76,7 +76,8 @@ impl Terrain {
         sum
     }
 
-    /// Noise whose finer octaves fade where the coarser ones are steep, about 0 to 1: spurs and gullies between.
+    /// Noise whose finer octaves fade where the coarser ones are steep, about 0 to 1: spurs and
+    /// gullies between.
     fn spurs(&self, x: f64, y: f64) -> f32 {
         const OCTAVES: u32 = 10;
         let (mut sum, mut amplitude) = (0.0f32, 1.0f32);

@@ -1,4 +1,5 @@
-//! What the tests of ingest share: rasters made on the spot, folders that go away, the program run with a deadline.
+//! What the tests of ingest share: rasters made on the spot, folders that go away, the program run
+//! with a deadline.
 
 #![allow(dead_code, clippy::unwrap_used, reason = "each test binary uses its own part; a test fails by panicking")]
 
@@ -58,7 +59,8 @@ pub(crate) struct Tiff<'a, T> {
 pub(crate) const UTM: &str = "EPSG:32632";
 
 impl<T: GdalType + Copy + 'static> Tiff<'_, T> {
-    /// One band of `f(column, row)` in UTM, spacing 10, north up from easting 500000, northing 5000000.
+    /// One band of `f(column, row)` in UTM, spacing 10, north up from easting 500000, northing
+    /// 5000000.
     pub(crate) fn utm(size: [usize; 2], f: impl Fn(usize, usize) -> T) -> Self {
         let band = (0..size[0] * size[1]).map(|k| f(k % size[0], k / size[0])).collect();
         Self {

@@ -27,10 +27,12 @@ pub struct PictureArgs {
     /// Width and height of the picture, pixels [default: the path's own, else 1280x720]
     #[arg(long, value_name = "WxH")]
     pub size: Option<PictureSize>,
-    /// Draw several cameras that the pose carries, as this file says: a stereo pair, a cube, the cameras of a drone
+    /// Draw several cameras that the pose carries, as this file says: a stereo pair, a cube, the
+    /// cameras of a drone
     ///
-    /// All of them are drawn from one tree, into one picture or into a picture each. --size and --vfov, or the path, are for
-    /// views that have none of their own. The format, with examples: docs/views.md.
+    /// All of them are drawn from one tree, into one picture or into a picture each. --size and
+    /// --vfov, or the path, are for views that have none of their own. The format, with examples:
+    /// docs/views.md.
     #[arg(long, value_name = "FILE.json")]
     pub views: Option<PathBuf>,
     /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at

@@ -9,8 +9,8 @@
 //! Whatever happens, no process and no segment is left: both belong to values that end them when
 //! they are dropped. Only SIGKILL leaves segments; the next start removes them.
 //!
-//! * [`mod@run`]: the launcher's ends of the segments; starts the stages and watches them. [`pilot`]:
-//!   the camera.
+//! * [`mod@run`]: the launcher's ends of the segments; starts the stages and watches them.
+//!   [`pilot`]: the camera.
 //! * [`stage`]: one process; [`supervisor`], [`restart`], [`hang`]: what becomes of one that dies
 //!   or hangs.
 //! * [`outcome`], [`kept`]: how a flight ended, and what it leaves. [`notices`], [`progress`]: what

@@ -1,4 +1,5 @@
-//! Which poses are flown: finite, in range, near the world, newer than the one before. Others are refused and counted.
+//! Which poses are flown: finite, in range, near the world, newer than the one before. Others are
+//! refused and counted.
 
 use super::Incoming;
 use super::message::{Message, SentPose};
@@ -13,7 +14,8 @@ use terravision_common::surface::CrsFrame;
 const LARGEST_ANGLE_DEG: f64 = 1e6;
 /// No clock shows more, not even one in nanoseconds that is given for seconds.
 const LARGEST_TIME: f64 = 1e20;
-/// So many poses from the past, each newer than the one before, are those of a sender that started again: its clock counts.
+/// So many poses from the past, each newer than the one before, are those of a sender that started
+/// again: its clock counts.
 const CLOCK_SET_BACK: u32 = 30;
 
 /// Causes for which a pose is refused.
@@ -72,7 +74,8 @@ pub struct Gate {
     settings: GateSettings,
     /// Time of the newest pose.
     newest_s: Option<f64>,
-    /// Time of the last pose from the past, and how many of them came one behind the other with growing times.
+    /// Time of the last pose from the past, and how many of them came one behind the other with
+    /// growing times.
     past: (f64, u32),
     accepted: u64,
     lifted: u64,

@@ -1,8 +1,9 @@
 //! From a path's coordinates to the world's.
 //!
-//! The launcher does without GDAL: `proj4rs` knows the usual projections, and EPSG codes by their PROJ strings. How the
-//! world's datum lies to WGS 84 only PROJ knows for sure: ingest asked it, and the manifest has the answer
-//! ([`LonLatTable`]). Only easting and northing are transformed; heights stay as they are.
+//! The launcher does without GDAL: `proj4rs` knows the usual projections, and EPSG codes by their
+//! PROJ strings. How the world's datum lies to WGS 84 only PROJ knows for sure: ingest asked it,
+//! and the manifest has the answer ([`LonLatTable`]). Only easting and northing are transformed;
+//! heights stay as they are.
 //!
 //! What had to be guessed (a datum that nothing tells of) is said in [`Georeference::take_doubts`].
 
@@ -108,7 +109,8 @@ impl fmt::Debug for Transform {
 }
 
 impl Georeference {
-    /// The CRS of that name, given by a PROJ string or an EPSG code; without both no other CRS can be brought into it.
+    /// The CRS of that name, given by a PROJ string or an EPSG code; without both no other CRS can
+    /// be brought into it.
     #[must_use]
     pub fn new(name: String, epsg: Option<u32>, proj4: Option<&str>) -> Self {
         let proj4 = proj4.map(str::to_owned);
@@ -199,8 +201,8 @@ impl Georeference {
         self.transform_from(&name, from).map(Some)
     }
 
-    /// From a system on the world's own datum: nothing shifts then. `None` when the other's datum is another one, or the
-    /// world's projection is not known here.
+    /// From a system on the world's own datum: nothing shifts then. `None` when the other's datum
+    /// is another one, or the world's projection is not known here.
     fn on_own_datum(&self, name: &str, text: &str) -> Option<Transform> {
         let own = self.proj4.as_deref().or_else(|| definition(self.epsg?))?;
         // On WGS 84 the common way is the exact one.
@@ -252,7 +254,8 @@ impl Georeference {
         Ok(Transform { from_name, to_name, way })
     }
 
-    /// The plane of a world whose manifest has no table: it needs none, or was made before there were any.
+    /// The plane of a world whose manifest has no table: it needs none, or was made before there
+    /// were any.
     fn plane_of_old_database(&self, text: &str) -> Result<Plane, Error> {
         let known = self.epsg.and_then(definition);
         let (datum, shifted) = match (datum_of(text), known) {
@@ -291,7 +294,8 @@ impl Georeference {
         }
     }
 
-    /// How far a place of the world is from itself in two planes of one longitude and latitude, metres.
+    /// How far a place of the world is from itself in two planes of one longitude and latitude,
+    /// metres.
     fn shift_between(&self, plain: &Plane, shifted: &Plane) -> Option<f64> {
         let wgs84 = Plane::parse(WGS84_LONLAT).ok()?;
         let lonlat = shifted.to(&wgs84, self.place).ok()?;
@@ -324,7 +328,8 @@ impl Transform {
         })
     }
 
-    /// A heading in the world's CRS: what was north there is not quite north here (meridian convergence).
+    /// A heading in the world's CRS: what was north there is not quite north here (meridian
+    /// convergence).
     ///
     /// # Errors
     /// [`CrsError::NoPlace`].

@@ -5,7 +5,8 @@ use terravision_common::lonlat::{proj_value, without_datum};
 /// What a PROJ string tells of its datum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Datum {
-    /// It lies to WGS 84 as the string says, or as good as on it, or is a sphere's or another body's.
+    /// It lies to WGS 84 as the string says, or as good as on it, or is a sphere's or another
+    /// body's.
     Known,
     /// NAD27, whose shift is in grids that are not here.
     Nad27,
@@ -30,7 +31,8 @@ pub(super) fn datum_of(text: &str) -> Datum {
     let radius = number("R").or_else(|| number("a"));
     let is_sphere = proj_value(text, "R").is_some() || (number("a").is_some() && number("a") == number("b"));
     let is_elsewhere = radius.is_some_and(|radius| !(6.3e6..6.4e6).contains(&radius));
-    // The ellipsoids of WGS 84 and GRS 80: systems on them are within 2 m of each other, with few exceptions.
+    // The ellipsoids of WGS 84 and GRS 80: systems on them are within 2 m of each other, with few
+    // exceptions.
     let is_modern = ellipsoid.as_deref().is_some_and(|e| matches!(e, "wgs84" | "grs80" | "sphere"))
         || (ellipsoid.is_none() && radius.is_none_or(|radius| (radius - 6_378_137.0).abs() < 0.5));
     if is_sphere || is_elsewhere || is_modern { Datum::Known } else { Datum::Unknown }

@@ -71,7 +71,8 @@ fn limited(path: &Path, from: impl Read, limit: u64) -> Result<Vec<u8>, PathErro
     Ok(bytes)
 }
 
-/// The file of an archive that is flown: doc.kml, as Google Earth has it, else the first .kml, else the first .gpx.
+/// The file of an archive that is flown: doc.kml, as Google Earth has it, else the first .kml, else
+/// the first .gpx.
 fn unpack(path: &Path, file: &mut File, len: u64) -> Result<(PathBuf, Vec<u8>), PathError> {
     let fail = |path: &Path, error| match error {
         zip::ZipError::TooLarge => PathError::TooLarge { path: path.to_owned(), limit: MAX_XML_BYTES },

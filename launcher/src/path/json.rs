@@ -1,7 +1,7 @@
 //! Camera paths in JSON: one pose per frame (`"frames"`), or poses at moments (`"keyframes"`).
 //!
-//! Numbers are read one by one, so that a wrong one is named by its frame and key. Unknown keys are ignored, and cost no
-//! memory: of a file there is the text, and what is flown of it.
+//! Numbers are read one by one, so that a wrong one is named by its frame and key. Unknown keys are
+//! ignored, and cost no memory: of a file there is the text, and what is flown of it.
 
 use super::crs::{CrsError, Georeference, Transform};
 use super::spline::{self, Spline};
@@ -16,7 +16,8 @@ use terravision_common::camera::MAX_SIDE_PX;
 /// Most keyframes that are read.
 const MAX_KEYFRAMES: usize = 1_000_000;
 
-/// Keyframes are at least so far apart, seconds, and not farther from 0 than that: the speeds between them are finite.
+/// Keyframes are at least so far apart, seconds, and not farther from 0 than that: the speeds
+/// between them are finite.
 const SHORTEST_STEP: f64 = 1e-6;
 const MAX_TIME: f64 = 1e10;
 
@@ -98,7 +99,8 @@ impl<'de> serde::Deserialize<'de> for Key {
     }
 }
 
-/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`, which is kept.
+/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`,
+/// which is kept.
 struct EachOf<'e, F, E> {
     each: F,
     error: &'e mut Option<E>,

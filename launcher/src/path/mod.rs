@@ -1,8 +1,8 @@
 //! Camera paths: where the camera is in every frame.
 //!
-//! A path comes from a JSON file with a pose per frame ([`json`]), a JSON file with poses at moments, a KML file
-//! ([`kml`]: a tour, views, a track or a line), a GPX track ([`gpx`]), or is the built-in [`orbit`]. All become a
-//! [`CameraPath`] in the world's own CRS.
+//! A path comes from a JSON file with a pose per frame ([`json`]), a JSON file with poses at
+//! moments, a KML file ([`kml`]: a tour, views, a track or a line), a GPX track ([`gpx`]), or is
+//! the built-in [`orbit`]. All become a [`CameraPath`] in the world's own CRS.
 
 pub mod crs;
 mod datum;
@@ -38,7 +38,8 @@ const KML_ROOTS: [&str; 5] = ["kml", "Document", "Folder", "Placemark", "Tour"];
 /// All roots that are read.
 const ROOTS: [&str; 6] = ["gpx", "kml", "Document", "Folder", "Placemark", "Tour"];
 
-/// Where the camera is and looks. The position is easting, northing and height in the world's CRS, metres.
+/// Where the camera is and looks. The position is easting, northing and height in the world's CRS,
+/// metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Easting, northing, height, metres.
@@ -60,7 +61,8 @@ pub struct PathSettings {
     pub height: Option<u32>,
     /// Vertical field of view, radians.
     pub vfov_rad: Option<f64>,
-    /// Horizontal field of view, radians, where the path gives that one; the vertical one wins over it.
+    /// Horizontal field of view, radians, where the path gives that one; the vertical one wins over
+    /// it.
     pub hfov_rad: Option<f64>,
     /// Frames per second.
     pub fps: Option<f64>,
@@ -75,7 +77,8 @@ pub enum Course {
     Frames(Vec<Pose>),
     /// A round of poses, one per frame, that is flown again and again.
     Round(Vec<Pose>),
-    /// Poses at moments, in pieces with cuts between them; each piece begins where the time of the one before ends.
+    /// Poses at moments, in pieces with cuts between them; each piece begins where the time of the
+    /// one before ends.
     Timed(Vec<Spline>),
 }
 
@@ -98,7 +101,8 @@ pub trait Ground {
         self.height_m(x, y).is_some()
     }
 
-    /// A height that the ground at a position is surely not above, where one is known without reading the ground.
+    /// A height that the ground at a position is surely not above, where one is known without
+    /// reading the ground.
     fn bound_m(&self, _x: f64, _y: f64) -> Option<f64> {
         None
     }
@@ -107,8 +111,8 @@ pub trait Ground {
 /// How a path that is given in time or along the ground is flown.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CourseOptions {
-    /// Height above ground of a track, metres; none for the way's own heights, where it has them, else for
-    /// 150 m.
+    /// Height above ground of a track, metres; none for the way's own heights, where it has them,
+    /// else for 150 m.
     pub agl_m: Option<f64>,
     /// Whether rests within a segment of a track are flown in full.
     pub keeps_rests: bool,
@@ -221,7 +225,8 @@ pub(crate) fn shorten(text: &str) -> String {
 }
 
 impl Course {
-    /// Number of frames at `fps` frames per second, played `speed` times as fast; `None` for a course without end.
+    /// Number of frames at `fps` frames per second, played `speed` times as fast; `None` for a
+    /// course without end.
     ///
     /// # Errors
     /// [`PathError::TooLong`].
@@ -231,7 +236,8 @@ impl Course {
             Self::Frames(poses) => poses.len() as f64,
             Self::Timed(pieces) => {
                 let seconds = pieces.last().map_or(0.0, Spline::end) - pieces.first().map_or(0.0, Spline::start);
-                // The last moment is a frame too; the small term forgives a rounding error just below it.
+                // The last moment is a frame too; the small term forgives a rounding error just
+                // below it.
                 (seconds * fps / speed + 1e-6).floor() + 1.0
             }
         };
@@ -245,8 +251,8 @@ impl Course {
         Ok(Some(frames as u64))
     }
 
-    /// The pose of a frame below [`Course::frame_count`]; a function of the frame's number alone, so that any part of
-    /// a flight is the same as in the whole.
+    /// The pose of a frame below [`Course::frame_count`]; a function of the frame's number alone,
+    /// so that any part of a flight is the same as in the whole.
     #[must_use]
     pub fn pose(&self, frame: u64, fps: f64, speed: f64) -> Option<Pose> {
         match self {

@@ -1,9 +1,12 @@
-//! The built-in path: around the point of the world with the strongest relief, or around a place that was asked for.
+//! The built-in path: around the point of the world with the strongest relief, or around a place
+//! that was asked for.
 //!
-//! Radius, height and pitch follow from the relief, so that the mountain fills the picture, and from the distance of
-//! elevation posts, so that these do not. The path depends on the world and on what was asked for alone.
+//! Radius, height and pitch follow from the relief, so that the mountain fills the picture, and
+//! from the distance of elevation posts, so that these do not. The path depends on the world and on
+//! what was asked for alone.
 //!
-//! The camera stays over the world: where a whole round would leave it, the camera swings to and fro on the side that does not.
+//! The camera stays over the world: where a whole round would leave it, the camera swings to and
+//! fro on the side that does not.
 
 use super::{CameraPath, Course, Ground, PathSettings, Pose};
 use crate::machine::grouped;
@@ -21,15 +24,19 @@ const ROUND_POINTS: usize = 72;
 const LEAST_SWING: f64 = 0.15;
 /// Share of the part of a round over the world that is swung through.
 const SWING_SHARE: f64 = 0.55;
-/// Near the border a mountain is taken if its relief is this many times that of the best one farther in.
+/// Near the border a mountain is taken if its relief is this many times that of the best one
+/// farther in.
 const BORDER_FACTOR: f64 = 1.25;
-/// Of mountains near the border the highest is taken whose relief is at least this share of the strongest.
+/// Of mountains near the border the highest is taken whose relief is at least this share of the
+/// strongest.
 const NEARLY_STRONGEST: f64 = 0.8;
-/// Posts are at most this many pixels apart where the camera looks, in a picture of 720 lines and 60 degrees.
+/// Posts are at most this many pixels apart where the camera looks, in a picture of 720 lines and
+/// 60 degrees.
 const MAX_POST_PX: f64 = 20.0;
 /// Focal length of that picture, pixels.
 const REFERENCE_FOCAL_PX: f64 = 360.0 * 1.732_050_807_568_877_2;
-/// Where a round begins, turns counted counter-clockwise from east: in the south west, where the light comes from behind.
+/// Where a round begins, turns counted counter-clockwise from east: in the south west, where the
+/// light comes from behind.
 const FIRST_TURN: f64 = 0.625;
 
 /// The extent of a world: south west and north east corner in its CRS.
@@ -116,13 +123,15 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> Orbi
         None => survey.strongest(ground, 1.1 * largest),
     };
     let Mountain { summit, relief } = mountain;
-    // Half-way up the mountain is the middle of the picture; a place that was asked for is it itself.
+    // Half-way up the mountain is the middle of the picture; a place that was asked for is it
+    // itself.
     let target = if wishes.around.is_some() { summit } else { summit - DVec3::Z * 0.45 * relief };
     let eye_z = |radius: f64| match wishes.height_m {
         Some(height) => summit.z + height,
         None => usual_height(ground, target, relief, radius),
     };
-    // Six reliefs away a mountain is some 10 degrees high: with the slopes before it, it fills the picture.
+    // Six reliefs away a mountain is some 10 degrees high: with the slopes before it, it fills the
+    // picture.
     let wanted = wishes.radius_m.unwrap_or((6.0 * relief).clamp(0.4 * largest, largest));
     let mut radius = wanted;
     let mut notes = why;
@@ -166,7 +175,8 @@ pub fn orbit(extent: &Extent, ground: &dyn Ground, wishes: &OrbitWishes) -> Orbi
     Orbit { path, note }
 }
 
-/// High enough to look into the valleys behind, never lower than a third of the relief above what is flown over.
+/// High enough to look into the valleys behind, never lower than a third of the relief above what
+/// is flown over.
 fn usual_height(ground: &dyn Ground, target: DVec3, relief: f64, radius: f64) -> f64 {
     let round = Round { centre: target.truncate(), radius };
     let clearance = (0..ROUND_POINTS)
@@ -204,7 +214,8 @@ impl Round {
         let is_over: Vec<bool> = (0..ROUND_POINTS)
             .map(|i| {
                 let place = self.at(i as f64 / ROUND_POINTS as f64);
-                // Over ground that was made up within the data, too: mountains in radar data are full of it.
+                // Over ground that was made up within the data, too: mountains in radar data are
+                // full of it.
                 extent.distance(place) == 0.0 && ground.height_m(place.x, place.y).is_some()
             })
             .collect();
@@ -218,7 +229,8 @@ impl Round {
             .max_by_key(|(run, first)| (*run, ROUND_POINTS - first));
         match longest {
             Some((run, first)) if run as f64 >= LEAST_SWING * ROUND_POINTS as f64 => {
-                // Well inside of the first point and the last: there half the picture would lie beyond the border.
+                // Well inside of the first point and the last: there half the picture would lie
+                // beyond the border.
                 let half = 0.5 * (run - 1) as f64 / ROUND_POINTS as f64;
                 Swing::Arc { middle: (first as f64 / ROUND_POINTS as f64 + half).fract(), half: SWING_SHARE * half }
             }
@@ -272,7 +284,8 @@ impl<'a> Survey<'a> {
         self.extent.low + DVec2::new(i as f64, j as f64) * self.spacing
     }
 
-    /// The lowest and the highest height around a lattice point, and where the highest is; infinite without heights.
+    /// The lowest and the highest height around a lattice point, and where the highest is; infinite
+    /// without heights.
     fn around(&self, i: usize, j: usize) -> (f64, f64, (usize, usize)) {
         let (mut low, mut high, mut peak) = (f64::INFINITY, f64::NEG_INFINITY, (i, j));
         for y in j.saturating_sub(self.window)..self.rows.min(j + self.window + 1) {
@@ -306,8 +319,8 @@ impl<'a> Survey<'a> {
             .collect()
     }
 
-    /// The mountain to fly around, and why. One at least `reach` inside of the border is preferred, round which there is
-    /// ground to see behind it.
+    /// The mountain to fly around, and why. One at least `reach` inside of the border is preferred,
+    /// round which there is ground to see behind it.
     fn strongest(&self, ground: &dyn Ground, reach: f64) -> (Mountain, String) {
         let summits = self.summits();
         let shorter = self.extent.size().min_element();

@@ -1,16 +1,18 @@
 //! A recorded way as it is in a file, and the times at which it is flown.
 //!
-//! Receivers write wrong times: before they know the date (1980), after a rollover, when their clock is set. One wrong time
-//! must not cost the whole recording. So of each segment the longest sequence of growing times is kept, also when its parts
-//! stand out of order; few points that are far from all others in time are passed over; a point without time lies between its
-//! neighbours, by distance. Nothing of it is silent: [`Tally`] counts.
+//! Receivers write wrong times: before they know the date (1980), after a rollover, when their
+//! clock is set. One wrong time must not cost the whole recording. So of each segment the longest
+//! sequence of growing times is kept, also when its parts stand out of order; few points that are
+//! far from all others in time are passed over; a point without time lies between its neighbours,
+//! by distance. Nothing of it is silent: [`Tally`] counts.
 
 use glam::DVec2;
 use std::cmp::Ordering;
 
 /// Speed of a way without times, metres per second.
 pub(super) const DEFAULT_SPEED: f64 = 25.0;
-/// Slowest and fastest at which points without time before the first or behind the last time are flown, metres per second.
+/// Slowest and fastest at which points without time before the first or behind the last time are
+/// flown, metres per second.
 const SPEEDS: [f64; 2] = [1.0, 300.0];
 /// A few points that are so far from all others in time have a wrong date, seconds...
 const FAR_SECONDS: f64 = 6.0 * 3600.0;
@@ -82,7 +84,8 @@ pub(super) fn with_times(segment: &Segment, tally: &mut Tally) -> Vec<Timed> {
             Stamp::At(t) => given.push((i, t)),
         }
     }
-    // A receiver of five points a second writes whole seconds: of points of one time the first counts, as always.
+    // A receiver of five points a second writes whole seconds: of points of one time the first
+    // counts, as always.
     let all_given = given.len();
     given.dedup_by(|next, first| next.1 == first.1);
     let repeated = all_given - given.len();
@@ -158,7 +161,8 @@ fn at_even_speed(points: &[Recorded]) -> Vec<Timed> {
     timed
 }
 
-/// The points whose times are kept, in the order of their times, and those without time between them.
+/// The points whose times are kept, in the order of their times, and those without time between
+/// them.
 fn between(points: &[Recorded], given: &[(usize, f64)], kept: &[(usize, f64)], tally: &mut Tally) -> Vec<Timed> {
     let timed = |i: usize, t: f64| Timed { t, place: points[i].place, height_m: points[i].height_m };
     let has_time = |i: usize| matches!(points[i].stamp, Stamp::At(_));
@@ -167,7 +171,8 @@ fn between(points: &[Recorded], given: &[(usize, f64)], kept: &[(usize, f64)], t
     let seconds = last.1 - first.1;
     let speed = if seconds > 0.0 { (way / seconds).clamp(SPEEDS[0], SPEEDS[1]) } else { DEFAULT_SPEED };
     let mut out = Vec::with_capacity(points.len());
-    // How many points up to each are kept: parts that were sorted have others of them between their ends.
+    // How many points up to each are kept: parts that were sorted have others of them between their
+    // ends.
     let mut kept_before = vec![0u32; points.len() + 1];
     kept.iter().for_each(|(i, _)| kept_before[i + 1] = 1);
     (0..points.len()).for_each(|i| kept_before[i + 1] += kept_before[i]);
@@ -275,8 +280,8 @@ pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The longest part, in this order, whose times grow; of points of one time the first (M. L. Fredman, "On computing the length
-/// of longest increasing subsequences", 1975).
+/// The longest part, in this order, whose times grow; of points of one time the first (M. L.
+/// Fredman, "On computing the length of longest increasing subsequences", 1975).
 fn longest_growing(points: &[(usize, f64)]) -> Vec<(usize, f64)> {
     // Of each length the sequence that ends earliest, as the place of its last point.
     let mut ends: Vec<usize> = Vec::new();

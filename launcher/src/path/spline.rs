@@ -1,13 +1,15 @@
 //! A smooth flight through poses at given moments.
 //!
-//! Position: cubic Hermite pieces whose tangents are those of the parabola through three neighbouring poses
-//! (non-uniform Catmull-Rom; Bessel tangents), at most three times the slower neighbour's speed, as for monotone curves
-//! (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980). So velocity is continuous: no corner. Attitude: the same on the
-//! sphere of rotations, as Bézier curves built of spherical interpolations (Shoemake, "Animating rotation with
-//! quaternion curves", SIGGRAPH 1985), along the shorter arc between neighbours; angular velocity is continuous too.
-//! A rotation along the shorter arc tilts the horizon where heading and pitch change together. So the view's direction is that of
-//! the rotation, and roll goes from key to key by itself, as a number: between level poses the horizon stays level. Only
-//! where the view may come near the vertical, where heading and roll are one turn, the rotation has its roll, too.
+//! Position: cubic Hermite pieces whose tangents are those of the parabola through three
+//! neighbouring poses (non-uniform Catmull-Rom; Bessel tangents), at most three times the slower
+//! neighbour's speed, as for monotone curves (Fritsch and Carlson, "Monotone piecewise cubic
+//! interpolation", 1980). So velocity is continuous: no corner. Attitude: the same on the sphere of
+//! rotations, as Bézier curves built of spherical interpolations (Shoemake, "Animating rotation
+//! with quaternion curves", SIGGRAPH 1985), along the shorter arc between neighbours; angular
+//! velocity is continuous too. A rotation along the shorter arc tilts the horizon where heading and
+//! pitch change together. So the view's direction is that of the rotation, and roll goes from key
+//! to key by itself, as a number: between level poses the horizon stays level. Only where the view
+//! may come near the vertical, where heading and roll are one turn, the rotation has its roll, too.
 
 use super::Pose;
 use glam::{DQuat, DVec3};
@@ -50,7 +52,8 @@ struct Knot {
     hop_m: f64,
 }
 
-/// Poses at most that steep, and that far apart in heading, have no steeper view between them than 74 degrees.
+/// Poses at most that steep, and that far apart in heading, have no steeper view between them than
+/// 74 degrees.
 const STEEPEST_LEVEL_RAD: f64 = 60.0 / 180.0 * PI;
 const WIDEST_LEVEL_RAD: f64 = 120.0 / 180.0 * PI;
 
@@ -63,7 +66,8 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// The flight through these keys. `None` unless there is one and moments grow from each to the next.
+    /// The flight through these keys. `None` unless there is one and moments grow from each to the
+    /// next.
     #[must_use]
     pub fn new(keys: &[Key]) -> Option<Self> {
         let grows = keys.windows(2).all(|pair| pair[0].t < pair[1].t);
@@ -84,7 +88,8 @@ impl Spline {
             })
             .collect();
         for i in 1..knots.len() {
-            // q and -q are one attitude; the shorter arc is the one between quaternions of one hemisphere.
+            // q and -q are one attitude; the shorter arc is the one between quaternions of one
+            // hemisphere.
             if knots[i].attitude.dot(knots[i - 1].attitude) < 0.0 {
                 knots[i].attitude = -knots[i].attitude;
             }
@@ -99,7 +104,8 @@ impl Spline {
             let (velocity, spin, roll_speed) = match (before, after) {
                 (Some(a), Some(b)) => {
                     let weight = a.seconds / (a.seconds + b.seconds);
-                    // Beside a fast piece a slow one would swing far out, and one that stands still would move.
+                    // Beside a fast piece a slow one would swing far out, and one that stands still
+                    // would move.
                     let fastest = 3.0 * a.velocity.length().min(b.velocity.length());
                     let velocity = a.velocity.lerp(b.velocity, weight).clamp_length_max(fastest);
                     let spin = a.spin.lerp(b.spin, weight).clamp_length_max(a.fastest_spin().min(b.fastest_spin()));
@@ -145,7 +151,8 @@ impl Spline {
         };
         let h = b.t - a.t;
         let s = (t - a.t) / h;
-        // Relative to the first end: coordinates of millions of metres would cost digits in the products.
+        // Relative to the first end: coordinates of millions of metres would cost digits in the
+        // products.
         let step = b.position - a.position;
         let (s2, s3) = (s * s, s * s * s);
         let mut position = a.position
@@ -182,8 +189,9 @@ struct Slope {
 }
 
 impl Slope {
-    /// The angular velocity at an end above which the Bézier curve's inner points would leave the half of the sphere
-    /// around it, where the shorter arc jumps to the other side; and which would swing out more than half the turn.
+    /// The angular velocity at an end above which the Bézier curve's inner points would leave the
+    /// half of the sphere around it, where the shorter arc jumps to the other side; and which would
+    /// swing out more than half the turn.
     fn fastest_spin(&self) -> f64 {
         let turn = self.spin.length() * self.seconds;
         (0.5 * turn).min(0.45 * (PI - turn)).max(0.0) * 3.0 / self.seconds
@@ -192,7 +200,8 @@ impl Slope {
 
 fn slope(a: &Knot, b: &Knot) -> Slope {
     let seconds = b.t - a.t;
-    // The axis of a rotation is the same before and after it, so this vector serves the frames of both ends.
+    // The axis of a rotation is the same before and after it, so this vector serves the frames of
+    // both ends.
     let turn = (a.attitude.inverse() * b.attitude).normalize();
     Slope {
         seconds,
@@ -208,8 +217,8 @@ fn bezier(q0: DQuat, q1: DQuat, q2: DQuat, q3: DQuat, s: f64) -> DQuat {
     slerp(slerp(a, b, s), slerp(b, c, s), s)
 }
 
-/// Along the shorter arc. Written out: `DQuat::slerp` falls back to a chord for close quaternions, which shows as a
-/// tremble of the camera.
+/// Along the shorter arc. Written out: `DQuat::slerp` falls back to a chord for close quaternions,
+/// which shows as a tremble of the camera.
 fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
     let mut turn = (a.inverse() * b).normalize();
     if turn.w < 0.0 {
@@ -218,7 +227,8 @@ fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
     (a * DQuat::from_scaled_axis(turn.to_scaled_axis() * s)).normalize()
 }
 
-/// The rotation that takes camera axes (x right, y forward, z up, of a camera that looks north) to the pose's.
+/// The rotation that takes camera axes (x right, y forward, z up, of a camera that looks north) to
+/// the pose's.
 fn attitude_from_pose(pose: &Pose) -> DQuat {
     DQuat::from_rotation_z(-pose.heading_rad)
         * DQuat::from_rotation_x(pose.pitch_rad)
@@ -344,7 +354,8 @@ mod tests {
             }
         }
 
-        /// Velocity, of the position and of the camera's axes, is the same just before and just after every key.
+        /// Velocity, of the position and of the camera's axes, is the same just before and just
+        /// after every key.
         #[test]
         fn there_is_no_corner(
             raw in proptest::collection::vec((0.1..5.0, -50.0..50.0, -180.0..180.0, -80.0..80.0, -40.0..40.0), 3..7)

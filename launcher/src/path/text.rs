@@ -1,10 +1,12 @@
 //! From bytes to text: the encodings in which programs write XML and JSON.
 //!
-//! Names and descriptions are not looked at, only numbers, times and the names of elements, all of them ASCII. So what
-//! cannot be decoded in a text that is ASCII otherwise becomes U+FFFD and does no harm.
+//! Names and descriptions are not looked at, only numbers, times and the names of elements, all of
+//! them ASCII. So what cannot be decoded in a text that is ASCII otherwise becomes U+FFFD and does
+//! no harm.
 
-/// Characters of windows-1252 at 0x80 to 0x9F (WHATWG Encoding Standard, index windows-1252; five have none). ISO-8859-1
-/// is read with the same table, as the standard says: its own characters there are control codes that no text has.
+/// Characters of windows-1252 at 0x80 to 0x9F (WHATWG Encoding Standard, index windows-1252; five
+/// have none). ISO-8859-1 is read with the same table, as the standard says: its own characters
+/// there are control codes that no text has.
 const WINDOWS_1252: [char; 32] = [
     '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž', '\u{8f}', '\u{90}', '‘', '’',
     '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}', 'ž', 'Ÿ',
@@ -12,7 +14,8 @@ const WINDOWS_1252: [char; 32] = [
 /// An XML declaration is not longer than that.
 const DECLARATION_BYTES: usize = 512;
 
-/// The text without byte order mark, in the encoding that the mark, the first bytes or the XML declaration tell.
+/// The text without byte order mark, in the encoding that the mark, the first bytes or the XML
+/// declaration tell.
 ///
 /// # Errors
 /// What was found, in words, when it is in an encoding that is not read here.
@@ -30,7 +33,8 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, String> {
             Some("iso-8859-1" | "iso8859-1" | "iso_8859-1" | "latin1" | "latin-1" | "windows-1252" | "cp1252") => {
                 bytes.iter().map(|&byte| windows_1252(byte)).collect()
             }
-            // UTF-16 is declared by texts that were saved as UTF-8 later: this one can be read as ASCII, so it was.
+            // UTF-16 is declared by texts that were saved as UTF-8 later: this one can be read as
+            // ASCII, so it was.
             _ => {
                 String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
             }

@@ -1,7 +1,8 @@
 //! Times as programs write them into GPX and KML.
 
-/// Seconds since 1970 of a time like `2024-05-01T10:00:00.5Z` or `…+02:00` (the profile of ISO 8601 that XML Schema's
-/// dateTime is), also as some programs write it: a space for the T, `+0200`, `+02`, a comma before fractions, no seconds.
+/// Seconds since 1970 of a time like `2024-05-01T10:00:00.5Z` or `…+02:00` (the profile of ISO 8601
+/// that XML Schema's dateTime is), also as some programs write it: a space for the T, `+0200`,
+/// `+02`, a comma before fractions, no seconds.
 pub(super) fn seconds_from_iso8601(text: &str) -> Option<f64> {
     let (date, time) = text.trim().split_once(['T', 't', ' '])?;
     let digits = |text: &str, most: usize| -> Option<i64> {
@@ -39,7 +40,8 @@ pub(super) fn seconds_from_iso8601(text: &str) -> Option<f64> {
     if !is_valid || parts.next().is_some() {
         return None;
     }
-    // Days from the civil calendar; H. Hinnant, "chrono-compatible low-level date algorithms", days_from_civil.
+    // Days from the civil calendar; H. Hinnant, "chrono-compatible low-level date algorithms",
+    // days_from_civil.
     let shifted = if month <= 2 { year - 1 } else { year };
     let era = shifted.div_euclid(400);
     let year_of_era = shifted.rem_euclid(400);

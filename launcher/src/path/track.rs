@@ -1,8 +1,9 @@
-//! A recorded or drawn way (GPX, and tracks and lines of KML) as a flight: resampled in time, smoothed as receivers tremble, set
-//! above the smoothed ground, with the camera looking at the ground where it will be a few seconds later.
+//! A recorded or drawn way (GPX, and tracks and lines of KML) as a flight: resampled in time,
+//! smoothed as receivers tremble, set above the smoothed ground, with the camera looking at the
+//! ground where it will be a few seconds later.
 //!
-//! Where nothing was recorded for long, between segments or within one, there is a cut, or a short hop when the way goes on
-//! nearby. A rest within a segment is shortened. Both are told.
+//! Where nothing was recorded for long, between segments or within one, there is a cut, or a short
+//! hop when the way goes on nearby. A rest within a segment is shortened. Both are told.
 
 use super::recording::{self, DEFAULT_SPEED, Segment, Tally, Timed};
 use super::spline::{Key, Spline};
@@ -14,7 +15,8 @@ use terravision_common::surface;
 
 /// Default height above ground, metres.
 pub(super) const DEFAULT_AGL_M: f64 = 150.0;
-/// Seconds between two knots of the resampled way; longer ones are sampled more coarsely, to [`MAX_KNOTS`] knots.
+/// Seconds between two knots of the resampled way; longer ones are sampled more coarsely, to
+/// [`MAX_KNOTS`] knots.
 const KNOT_SECONDS: f64 = 0.5;
 /// Most knots of a resampled way, and some for each piece of it.
 const MAX_KNOTS: f64 = 400_000.0;
@@ -24,9 +26,11 @@ const SMOOTH_SECONDS: f64 = 3.0;
 const SMOOTH_HEIGHT_SECONDS: f64 = 6.0;
 /// How far ahead the camera looks, seconds...
 const AHEAD_SECONDS: f64 = 8.0;
-/// ... but at least this many heights above ground, so that it does not stare at the ground when it is slow.
+/// ... but at least this many heights above ground, so that it does not stare at the ground when it
+/// is slow.
 const AHEAD_HEIGHTS: f64 = 3.0;
-/// Boxes of places that are looked at for one look ahead, so that a camera that never gets anywhere costs no more than others.
+/// Boxes of places that are looked at for one look ahead, so that a camera that never gets anywhere
+/// costs no more than others.
 const AHEAD_BOXES: usize = 4096;
 
 /// Between segments, a gap of at most this many seconds is flown as it was.
@@ -35,12 +39,13 @@ const GAP_SECONDS: f64 = 60.0;
 const SILENCE_SECONDS: f64 = 600.0;
 /// ... and longer than this many usual steps: a ship writes a point in ten minutes.
 const SILENCE_STEPS: f64 = 50.0;
-/// Over a gap the camera hops when the way goes on not farther than that, metres; else there is a cut.
+/// Over a gap the camera hops when the way goes on not farther than that, metres; else there is a
+/// cut.
 const HOP_M: f64 = 500.0;
 /// Nothing that is recorded is faster, metres per second: two devices, or a point that is wrong.
 const FASTEST: f64 = 1000.0;
-/// A rest lasts at least this long, seconds, stays within this distance of where it begins, metres, and
-/// is shortened to no less than this, seconds.
+/// A rest lasts at least this long, seconds, stays within this distance of where it begins, metres,
+/// and is shortened to no less than this, seconds.
 const REST_SECONDS: f64 = 120.0;
 const REST_M: f64 = 30.0;
 const SHORTENED_SECONDS: f64 = 2.0;
@@ -227,7 +232,8 @@ fn join(ended: Option<f64>, begun: Option<f64>, distance: f64, breaks: &mut Brea
 
 /// Where a recording stays at a place for long, it does so for a short while.
 fn shorten_rests(points: &mut Vec<Timed>, breaks: &mut Breaks) {
-    // Windows that stay near their first point, one behind the other: as many steps as there are points.
+    // Windows that stay near their first point, one behind the other: as many steps as there are
+    // points.
     let mut windows: Vec<[usize; 2]> = Vec::new();
     for i in 0..points.len() {
         match windows.last_mut() {
@@ -280,7 +286,8 @@ struct Flight<'a> {
 }
 
 impl Flight<'_> {
-    /// Whether the way's own heights are flown: they are there, and are those of something that flies.
+    /// Whether the way's own heights are flown: they are there, and are those of something that
+    /// flies.
     fn choose_heights(&mut self, pieces: &[Vec<Timed>], warnings: &mut Vec<String>) {
         let points = pieces.iter().flatten();
         let above: Option<Vec<f64>> = points
@@ -367,8 +374,8 @@ fn resample(points: &[Timed], step: f64) -> Vec<(DVec2, f64)> {
     sampled
 }
 
-/// Finds the place that the camera looks at: some knots ahead and some metres away; past the end of the way, along its last
-/// direction.
+/// Finds the place that the camera looks at: some knots ahead and some metres away; past the end of
+/// the way, along its last direction.
 struct Ahead<'a> {
     places: &'a [DVec2],
     knots: usize,
@@ -420,7 +427,8 @@ impl<'a> Ahead<'a> {
     }
 }
 
-/// Twice the mean over a window, which is nearly a bell; the window shrinks towards both ends, so that these stay.
+/// Twice the mean over a window, which is nearly a bell; the window shrinks towards both ends, so
+/// that these stay.
 fn smooth<T>(values: &[T], radius: usize) -> Vec<T>
 where
     T: Copy + Default + std::ops::Add<Output = T> + std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T>,

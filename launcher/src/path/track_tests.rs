@@ -53,8 +53,8 @@ fn the_place_ahead_is_the_first_that_is_away_far_enough() {
 
 #[test]
 fn a_camera_that_gets_nowhere_looks_at_few_boxes() {
-    // All places but those of the camera lie on a circle that is a little too near: the worst for boxes. The bound on boxes is a
-    // bound on the work, so that this ends.
+    // All places but those of the camera lie on a circle that is a little too near: the worst for
+    // boxes. The bound on boxes is a bound on the work, so that this ends.
     let circle = (0..100_000).map(|i| DVec2::from_angle(f64::from(i)) * 449.0);
     let places: Vec<DVec2> = std::iter::repeat_n(DVec2::ZERO, 100_000).chain(circle).collect();
     let ahead = Ahead::new(&places, 16);

@@ -1,8 +1,9 @@
 //! XML as programs write it, as a tree of elements.
 //!
-//! Prefixes are not looked at, declared or not, as Google Earth does. A document type is passed over; one that declares
-//! entities is refused, as these could read files or grow without bound. The work grows with the length of the text alone:
-//! lines are counted on the way, attributes other than those of a point are not looked at, and what no path needs is not kept.
+//! Prefixes are not looked at, declared or not, as Google Earth does. A document type is passed
+//! over; one that declares entities is refused, as these could read files or grow without bound.
+//! The work grows with the length of the text alone: lines are counted on the way, attributes other
+//! than those of a point are not looked at, and what no path needs is not kept.
 
 use super::{PathError, printable};
 use quick_xml::errors::{Error, IllFormedError, SyntaxError};
@@ -17,7 +18,8 @@ const MAX_ELEMENTS: usize = 4_000_000;
 const MAX_DEPTH: usize = 1000;
 /// The attributes that are kept: all that a path needs.
 const ATTRIBUTES: [&str; 2] = ["lat", "lon"];
-/// Elements that no path needs with all that is in them. Views in an update are changes of a feature, none of their own.
+/// Elements that no path needs with all that is in them. Views in an update are changes of a
+/// feature, none of their own.
 const PASSED_OVER: [&str; 8] =
     ["extensions", "ExtendedData", "Style", "StyleMap", "Schema", "description", "Update", "metadata"];
 
@@ -153,7 +155,8 @@ impl<'t> Builder<'_, 't> {
         if parent.is_none() && !self.roots.contains(&name) {
             return Err(PathError::UnknownFormat { path: self.path.to_owned(), found: what_is(name) });
         }
-        // A planner's route has its way between the points that were set in their extensions (Garmin's rpt).
+        // A planner's route has its way between the points that were set in their extensions
+        // (Garmin's rpt).
         if PASSED_OVER.contains(&name) && !(name == "extensions" && parent == Some("rtept")) {
             self.passed = 1;
             return Ok(());

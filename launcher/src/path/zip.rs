@@ -1,7 +1,8 @@
-//! The few things of a ZIP archive that a KMZ needs: its directory, and one file out of it (PKWARE APPNOTE 6.3.10).
+//! The few things of a ZIP archive that a KMZ needs: its directory, and one file out of it (PKWARE
+//! APPNOTE 6.3.10).
 //!
-//! Nothing is believed: sizes and offsets are checked against the archive, what is unpacked is cut at a limit and has to have
-//! its checksum.
+//! Nothing is believed: sizes and offsets are checked against the archive, what is unpacked is cut
+//! at a limit and has to have its checksum.
 
 use flate2::Crc;
 use flate2::read::DeflateDecoder;
@@ -68,7 +69,8 @@ fn read_at(file: &mut (impl Read + Seek), at: u64, count: u64) -> Result<Vec<u8>
     Ok(bytes)
 }
 
-/// The files in an archive of `len` bytes whose name `wanted` accepts, in the order of its directory.
+/// The files in an archive of `len` bytes whose name `wanted` accepts, in the order of its
+/// directory.
 pub(super) fn entries(
     file: &mut (impl Read + Seek),
     len: u64,
@@ -95,7 +97,8 @@ pub(super) fn entries(
             .ok_or_else(broken)?;
         directory_end = record_at;
     }
-    // What stands before the archive (a program that unpacks itself) moves everything by its length.
+    // What stands before the archive (a program that unpacks itself) moves everything by its
+    // length.
     let shift = directory_end.checked_sub(size).and_then(|real| real.checked_sub(at)).ok_or_else(broken)?;
     if size > MAX_DIRECTORY_BYTES {
         return Err(ZipError::Reason("its directory has more than 16 MiB".into()));
@@ -158,7 +161,8 @@ pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &Entry, limit: u6
     file.seek(SeekFrom::Start(entry.header_at + 30 + name + extra))?;
     let packed = file.take(entry.packed);
     let mut bytes = Vec::new();
-    // One byte more than said, so that a file that is longer than it says is noticed and not only cut.
+    // One byte more than said, so that a file that is longer than it says is noticed and not only
+    // cut.
     match entry.method {
         0 => packed.take(entry.size + 1).read_to_end(&mut bytes)?,
         8 => DeflateDecoder::new(packed).take(entry.size + 1).read_to_end(&mut bytes)?,

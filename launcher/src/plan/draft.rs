@@ -241,7 +241,8 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig, which is worth a warning.
+/// A pose is lifted out of the ground; a camera that it carries stays where it is on its rig, which
+/// is worth a warning.
 fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl Ground, world: &World) -> Vec<String> {
     let is_below = |eye: DVec3| {
         let DVec3 { x, y, z } = world.crs_frame().place(eye);

@@ -56,8 +56,8 @@ pub struct FlightPlan {
     pub live: Option<LiveCamera>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
-    /// Depth and ground of every frame, if they go into files, of each view by itself. Before the folders of frames, in which their
-    /// folders may be.
+    /// Depth and ground of every frame, if they go into files, of each view by itself. Before the
+    /// folders of frames, in which their folders may be.
     pub data_sets: Vec<DataSet>,
     /// The folder of frames, or one for each view, if that is where they go.
     pub folders: Vec<FrameFolder>,

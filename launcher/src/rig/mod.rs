@@ -1,5 +1,5 @@
-//! Files of views (`--views`): the cameras that a pose carries, and how their pictures are put together. docs/views.md explains
-//! the format.
+//! Files of views (`--views`): the cameras that a pose carries, and how their pictures are put
+//! together. docs/views.md explains the format.
 
 mod error;
 

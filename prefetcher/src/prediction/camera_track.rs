@@ -1,4 +1,4 @@
-//! Where the camera is going to be.
+//! Prediction of the camera.
 
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -6,21 +6,22 @@ use terravision_common::camera::Camera;
 use terravision_common::rig::{View, Views};
 use terravision_common::run::Prediction;
 
-/// Poses that are remembered.
+/// Number of poses that are kept.
 const POSES: usize = 128;
-/// Speed is measured over this time: long enough that the jitter of poses means little, short enough to follow a bend.
+/// Speed is measured over this time: long enough that jitter of poses matters little, short enough
+/// to follow a bend.
 const BASE_SECS: f64 = 0.2;
-/// A camera that was not heard of for this long rests.
+/// A camera without a new pose for this long counts as resting.
 const REST_SECS: f64 = 0.5;
-/// The field of view is widened by this much per second ahead: the path may bend.
+/// The field of view is widened by this much per second ahead, because the path may bend.
 const WIDENING_RAD_PER_SEC: f64 = 0.2;
 /// The widest field of view, vertically.
 const WIDEST_RAD: f64 = 2.4;
 
-/// A pose as numbers that go on as they go: no angle jumps.
+/// A pose as continuous numbers: angles do not wrap.
 type Pose = [f64; 6];
 
-/// The poses of late, and what follows from them.
+/// Recent poses, and the prediction from them.
 #[derive(Debug)]
 pub struct CameraTrack {
     poses: VecDeque<(f64, Pose)>,
@@ -38,7 +39,7 @@ fn secs(nanos: u64) -> f64 {
 }
 
 impl CameraTrack {
-    /// Takes the newest camera, as it was seen at `now`. A camera without a time of its own is of that time.
+    /// Takes the newest camera, read at `now`. A camera without a time of its own gets that time.
     pub fn see(&mut self, camera: &Camera, now_nanos: u64) {
         if self.newest == Some(*camera) {
             return;
@@ -49,7 +50,7 @@ impl CameraTrack {
         let mut pose = [x, y, z, heading_rad, pitch_rad, roll_rad];
         if let Some((before, last)) = self.poses.back() {
             if time <= *before {
-                // Time runs forward; another flight, or another clock, begins anew.
+                // Time runs forward; for another flight, or another clock, start afresh.
                 self.poses.clear();
             } else {
                 for angle in 3..6 {
@@ -65,7 +66,8 @@ impl CameraTrack {
         self.newest = Some(*camera);
     }
 
-    /// The camera `ahead_secs` after `now`, with the field of view widened, at the same scale; `None` before the first.
+    /// The predicted camera `ahead_secs` after `now`, with a wider field of view at the same scale;
+    /// `None` before the first pose.
     #[must_use]
     pub fn predict(&self, now_nanos: u64, ahead_secs: f64, prediction: Prediction) -> Option<Camera> {
         let camera = self.newest?;
@@ -82,11 +84,11 @@ impl CameraTrack {
         let pitch_rad = pitch_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
         let moved = Camera { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, ..camera };
         let predicted = widened(&moved, WIDENING_RAD_PER_SEC * ahead_secs);
-        // A jump may throw the prediction out of all bounds.
+        // After a jump the prediction may be far out of bounds.
         Some(if predicted.is_valid() { predicted } else { widened(&camera, WIDENING_RAD_PER_SEC * ahead_secs) })
     }
 
-    /// Speed now, and gain of speed, per second and per second squared.
+    /// Current speed and acceleration, per second and per second squared.
     fn motion(&self, prediction: Prediction) -> Option<(Pose, Pose)> {
         let &(time, pose) = self.poses.back()?;
         let before = |secs: f64| {
@@ -106,7 +108,7 @@ impl CameraTrack {
                 let old = before(2.0 * BASE_SECS).filter(|old| middle.0 - old.0 > 1e-3);
                 let Some(old) = old else { return Some((late, resting)) };
                 let early = slope(old, middle);
-                // Each slope is the speed in the middle of its time.
+                // Each slope is the speed in the middle of its interval.
                 let between = 0.5 * (time - old.0);
                 let gain = std::array::from_fn(|axis| (late[axis] - early[axis]) / between);
                 let half = 0.5 * (time - middle.0);
@@ -116,15 +118,15 @@ impl CameraTrack {
     }
 }
 
-/// Views with wider fields of view, for poses that were predicted so far ahead.
+/// Views with wider fields of view, for poses that are predicted this far ahead.
 #[must_use]
 pub fn widened_views(views: &Views, ahead_secs: f64) -> Views {
     let wider = |view: &View| View { camera: widened(&view.camera, WIDENING_RAD_PER_SEC * ahead_secs), ..*view };
     Views::new(views.iter().map(wider)).unwrap_or(*views)
 }
 
-/// The camera with a wider field of view, and a picture as much larger: a pixel stays as wide as it was, so that the
-/// levels that are wanted stay the same.
+/// The camera with a wider field of view, and with a picture that is larger in proportion: the size
+/// of a pixel stays the same, and so do the wanted levels.
 fn widened(camera: &Camera, by_rad: f64) -> Camera {
     let vfov_rad = (camera.vfov_rad + by_rad.max(0.0)).min(WIDEST_RAD.max(camera.vfov_rad));
     let factor = (0.5 * vfov_rad).tan() / (0.5 * camera.vfov_rad).tan();

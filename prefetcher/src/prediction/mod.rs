@@ -1,5 +1,5 @@
-//! The view that is going to be, and the tiles that it wants: [`CameraTrack`] predicts it from the cameras that were seen, or
-//! [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree for it.
+//! The predicted view, and the tiles that it wants. [`CameraTrack`] predicts it from recent
+//! cameras, or [`Oracle`] knows it from the path; [`WantedTiles`] searches the tree.
 
 mod camera_track;
 mod oracle;
@@ -89,8 +89,8 @@ impl<R: HeightRanges> Ahead<R> {
     }
 }
 
-/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at the end of the next
-/// cycle is there.
+/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
+/// the end of the next cycle is there.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;

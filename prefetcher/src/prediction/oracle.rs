@@ -1,28 +1,29 @@
-//! Cameras that are known to come: the launcher tells those of a path. What prediction is measured against.
+//! Future cameras of a known path, which the launcher sends. Predictions are compared with them.
 
 use std::collections::VecDeque;
 use terravision_common::camera::Camera;
 use terravision_common::shm::{CameraRecord, Consumer, ShmError};
 
-/// Views that are looked at in each cycle, evenly spread over twice the time ahead.
+/// Views that are searched in each cycle, evenly spread over twice the time ahead.
 const VIEWS: u64 = 8;
 
-/// The cameras to come.
+/// The future cameras.
 #[derive(Debug)]
 pub struct Oracle {
     ring: Consumer<CameraRecord>,
-    /// Moment in the flight and camera, in order.
+    /// Time in the flight and camera, in order.
     to_come: VecDeque<(u64, Camera)>,
 }
 
 impl Oracle {
-    /// Takes cameras from a ring; their times are counted from the first frame's moment.
+    /// Takes cameras from a ring. Their times are relative to the first frame.
     #[must_use]
     pub fn new(ring: Consumer<CameraRecord>) -> Self {
         Self { ring, to_come: VecDeque::new() }
     }
 
-    /// Cameras from `now`, counted from the first frame's moment, until twice the time ahead, the soonest first.
+    /// Cameras from `now`, relative to the first frame, up to twice the time ahead, in order of
+    /// time.
     ///
     /// # Errors
     /// [`ShmError`] when the ring is corrupt.
@@ -34,7 +35,7 @@ impl Oracle {
                 self.to_come.push_back((camera.timestamp_nanos, camera));
             }
         }
-        // The newest of those that have passed is where the camera is now.
+        // The newest camera that has passed is the current one.
         while self.to_come.get(1).is_some_and(|(at, _)| *at <= now_nanos) {
             self.to_come.pop_front();
         }
@@ -85,7 +86,7 @@ mod tests {
         };
         assert_eq!(east(0, 400), [100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0]);
         assert_eq!(east(1050, 800), [1300.0, 1500.0, 1700.0, 1900.0, 2100.0, 2300.0, 2500.0, 2700.0]);
-        // A path that rests, or ends, has one view.
+        // A path that pauses, or ends, has a single view.
         assert_eq!(east(5900, 800), [5900.0]);
         assert_eq!(east(90_000, 800), [5900.0]);
     }

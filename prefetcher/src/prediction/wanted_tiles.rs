@@ -35,7 +35,7 @@ pub struct WantedTiles<R> {
 }
 
 impl<R: HeightRanges> WantedTiles<R> {
-    /// For views of a world whose nodes have these ranges of height.
+    /// A search for views of a world whose nodes have these ranges of height.
     #[must_use]
     pub fn new(world: &World, ranges: R, limits: TreeLimits) -> Self {
         Self {
@@ -48,7 +48,8 @@ impl<R: HeightRanges> WantedTiles<R> {
         }
     }
 
-    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a level, the near first.
+    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a
+    /// level, the near first.
     pub fn tiles(&mut self, pose: &Camera, views: &Views, resolution: &Resolution) -> &[Tile] {
         let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
         let level = LevelFunction::for_views(pose, views, &self.world, exaggeration, measure, r_z_px, r_c_px);

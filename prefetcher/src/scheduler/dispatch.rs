@@ -1,4 +1,5 @@
-//! The scheduler at work: takes what has ended, finds room for what has arrived, asks for more.
+//! One step of the scheduler: takes ended work, finds slots for payloads that have arrived, and
+//! makes new requests.
 
 use super::request_table::State;
 use super::{Priority, Scheduler, TileEvent};
@@ -10,11 +11,12 @@ use terravision_common::ids::{FrameNumber, Sequence, SlotKey};
 use terravision_common::outcome::{Outcome, TileFailure};
 use terravision_common::shm::{Control, Counter, Gauge, Residency};
 
-/// Payloads of a layer that wait for a slot or a decoder, at most: more are not asked for before these are through.
+/// Upper bound of the payloads of a layer that wait for a slot or a decoder: while there are this
+/// many, no more tiles of the layer are requested.
 const HELD: usize = 64;
 
 impl Scheduler {
-    /// Takes what has ended, finds room for what has arrived, asks for more.
+    /// Takes ended work, finds slots for payloads that have arrived, and makes new requests.
     pub fn step(&mut self, now: u64, control: &Control, executor: &mut impl Executor) {
         let mut ended = std::mem::take(&mut self.ended);
         executor.drain(&mut ended);
@@ -49,7 +51,7 @@ impl Scheduler {
     ) {
         let Some((tile, load)) = self.table.answered(ticket) else { return };
         let State::Fetching { asked_at, cycle, .. } = load.state else { return };
-        // A request that was made anew tells how fast the link is, and that it has lost the one before.
+        // A repeated request shows how fast the link is, and that the link lost the first one.
         let start_nanos = resent_at_nanos.map_or(asked_at, |resent_at| resent_at.max(asked_at));
         let latency = at_nanos.saturating_sub(start_nanos);
         let of_cycle = resent_at_nanos.is_none().then_some(cycle);
@@ -63,7 +65,7 @@ impl Scheduler {
                 self.table.held[tile.layer as usize] += 1;
             }
             Err(failure) => {
-                // "There is none" is an answer; anything else is a loss.
+                // "No such tile" is an answer; anything else is a loss.
                 if failure == TileFailure::Missing {
                     self.window.came(of_cycle, latency);
                 }
@@ -97,7 +99,7 @@ impl Scheduler {
 
     fn fail(&mut self, tile: Tile, failure: TileFailure, now: u64, control: &Control) {
         let load = self.table.fail(tile);
-        // What is only expected is no loss yet: a frame may never want it, or find it there.
+        // A predicted tile is not yet missed: a frame may never want it, or find it resident.
         if load.as_ref().is_none_or(|load| load.priority != Priority::Ahead) {
             let frame = load.map_or(self.head.frame, |load| load.frame);
             self.lose(tile, frame, failure, now, control);
@@ -105,7 +107,7 @@ impl Scheduler {
         self.tell(tile, Outcome::Unavailable { failure });
     }
 
-    /// A frame lacks a tile that cannot be read: the launcher is told once.
+    /// Reports to the launcher, once, that a frame lacks a tile that cannot be read.
     pub(super) fn lose(&mut self, tile: Tile, frame: FrameNumber, failure: TileFailure, now: u64, control: &Control) {
         if self.table.is_first_told(tile) {
             control.count(Counter::TilesUnavailable, 1);
@@ -113,7 +115,8 @@ impl Scheduler {
         }
     }
 
-    /// Ends a load that is not being decoded. The cycle of its request, if that was under way.
+    /// Ends a load that is not being decoded. Returns the cycle of its request, if that was in
+    /// flight.
     fn give_up(&mut self, tile: Tile, control: &Control, executor: &mut impl Executor) -> Option<CycleNumber> {
         let (ticket, cycle) = self.table.give_up(tile)?;
         executor.cancel(ticket);
@@ -121,14 +124,15 @@ impl Scheduler {
         Some(cycle)
     }
 
-    /// Ends a load because nothing wants its tile any more, or something else more: that says nothing about the link.
+    /// Ends a load because its tile is no longer wanted, or something else is more urgent: this
+    /// says nothing about the link.
     pub(super) fn cancel(&mut self, tile: Tile, control: &Control, executor: &mut impl Executor) {
         if let Some(cycle) = self.give_up(tile, control, executor) {
             self.window.cancelled(cycle);
         }
     }
 
-    /// Finds slots for payloads that have arrived: the urgent first.
+    /// Finds slots for payloads that have arrived, the most urgent first.
     fn place(&mut self, control: &Control, executor: &mut impl Executor) {
         if self.table.held == self.table.decoding {
             return;
@@ -150,7 +154,7 @@ impl Scheduler {
             };
             let Some(guard) = guard else {
                 if priority == Priority::Ahead {
-                    // The view came to want other tiles than were expected.
+                    // The view came to want other tiles than predicted.
                     self.give_up(tile, control, executor);
                 } else {
                     is_full[layer] = true;
@@ -171,7 +175,8 @@ impl Scheduler {
         }
     }
 
-    /// Nothing of the tile's layer finds room; the preparer has to know when nothing here is going to change that.
+    /// No tile of this layer finds a slot. Tells the preparer, if nothing here is going to change
+    /// that.
     fn no_room(&mut self, tile: Tile, completed: Sequence) {
         let layer = tile.layer as usize;
         if self.table.decoding[layer] == 0 && self.told_no_room[layer] != Some(completed) {
@@ -180,7 +185,7 @@ impl Scheduler {
         }
     }
 
-    /// Asks for what is listed, as far as the window goes.
+    /// Requests listed tiles, as far as the window allows.
     fn ask(&mut self, now: u64, control: &Control, executor: &mut impl Executor) {
         if std::mem::take(&mut self.is_passed_over) {
             self.table.rewind();
@@ -197,7 +202,7 @@ impl Scheduler {
                     && priority == Priority::Now
                     && let Some(predicted) = self.table.last_predicted()
                 {
-                    // What is needed now takes the place of what is only expected.
+                    // A tile that is needed now replaces a request for a predicted tile.
                     self.cancel(predicted, control, executor);
                     place = self.window.ask();
                 }
@@ -213,7 +218,7 @@ impl Scheduler {
         }
     }
 
-    /// The next tile of a list that has to be asked for; the list then stands at it.
+    /// The next tile of a list that has to be requested; the list's position is then at this tile.
     fn next(&mut self, priority: Priority, executor: &impl Executor) -> Option<Tile> {
         loop {
             let list = &self.table.lists[priority as usize];
@@ -230,15 +235,15 @@ impl Scheduler {
         }
     }
 
-    /// A cycle is over: the window is judged, and lists are gone through from their beginning: what could not be read may be
-    /// asked for again by now.
+    /// Ends a cycle: adapts the window, and starts again at the beginning of all lists, because
+    /// tiles that could not be read may be requested again by now.
     pub fn end_cycle(&mut self, control: &Control) {
         self.window.end_cycle();
         self.table.rewind();
         self.show(control);
     }
 
-    /// Shows in the control block how things stand.
+    /// Writes the state of the prefetcher to the control block.
     pub fn show(&self, control: &Control) {
         control.set_gauge(Gauge::PrefetchWindow, self.window.n().into());
         control.set_gauge(Gauge::TileLatencyNanos, self.latency_nanos().unwrap_or(0));

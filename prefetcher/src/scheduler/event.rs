@@ -1,16 +1,16 @@
-//! What the scheduler tells of its work.
+//! Events of the scheduler.
 
 use terravision_common::database::Tile;
 use terravision_common::event::{Event, EventContent, SpanName};
 use terravision_common::ids::FrameNumber;
 use terravision_common::outcome::TileFailure;
 
-/// Requests are shown on tracks of their own in a trace, from this number on.
+/// In a trace, tracks from this number on show requests.
 const FIRST_TRACK: u32 = 1000;
-/// Tracks that requests are spread over.
+/// Number of tracks for requests.
 const TRACKS: u64 = 64;
 
-/// What the launcher is told.
+/// An event for the launcher.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TileEvent {
     /// A request was answered.
@@ -37,7 +37,8 @@ pub enum TileEvent {
         /// How long it took.
         duration_nanos: u64,
     },
-    /// A tile that a frame wants, or one of the top levels, was found to be unavailable; told once for each tile.
+    /// A tile that a frame wants, or one of the top levels, is unavailable; reported once for each
+    /// tile.
     Unavailable {
         /// The tile.
         tile: Tile,
@@ -48,7 +49,7 @@ pub enum TileEvent {
         /// When, nanoseconds of the monotonic clock.
         at_nanos: u64,
     },
-    /// A tile that was unavailable came after all.
+    /// A tile that had been unavailable has arrived.
     Came {
         /// The tile.
         tile: Tile,
@@ -58,7 +59,7 @@ pub enum TileEvent {
 }
 
 impl TileEvent {
-    /// As the launcher is told of it.
+    /// The event as it is sent to the launcher.
     #[must_use]
     pub fn to_event(self) -> Event {
         let span = |name, tile: Tile, frame: FrameNumber, start_nanos, duration_nanos| {

@@ -1,8 +1,10 @@
-//! The scheduler: which tiles are asked for, in which order, what is given up, and what is evicted for what.
+//! The scheduler: which tiles are requested, in which order, which requests are cancelled, and
+//! which tiles are evicted.
 //!
-//! Three lists say what is wanted: what the newest frame lacks, what of the top levels is not there yet, and what the
-//! predicted view lacks, each coarse to fine, in this order. A list replaces the one before; what is on none of them is
-//! given up, waiting in line or on the wire. A tile's states:
+//! There are three lists of wanted tiles, in order of priority: tiles that the newest frame lacks,
+//! missing tiles of the top levels, and tiles that the predicted view lacks. Each list is sorted
+//! coarse to fine. A new list replaces the one before. Tiles that are on no list are given up,
+//! whether queued or in flight. The states of a tile:
 //!
 //! ```text
 //!            the window has a place             payload           a slot            decoded
@@ -13,14 +15,16 @@
 //!     └── the store allows it ──── Unavailable           (given up)      Unavailable
 //! ```
 //!
-//! When a tile that could not be read is asked for again is for the store to say ([`Executor::recent_failure`]), and so is
-//! when a request is made anew. The scheduler asks, re-prioritises and cancels (docs/retries.md).
+//! The store decides when a tile that could not be read is requested again
+//! ([`Executor::recent_failure`]), and when a request is repeated. The scheduler asks,
+//! re-prioritises and cancels (docs/retries.md).
 //!
-//! Every tile of a new want list that is there, or that cannot be read, is told again: a preparer that lost its memory
-//! learns it so. Slots: a tile that a frame wants takes the one that was longest neither wanted nor expected, of those
-//! that no frame in flight names; a tile that is only expected takes none that is wanted or expected now.
+//! For each new want list, the outcomes of all tiles that are resident or cannot be read are sent
+//! again, so that a restarted preparer learns them. Slots: a tile that a frame wants takes the slot
+//! that has been neither wanted nor predicted for the longest time, of those that no frame in
+//! flight uses. A tile that is only predicted never takes a slot that is wanted or predicted now.
 //!
-//! [`request_table`] has the lists and what became of the tiles on them, [`dispatch`] does what follows from them.
+//! [`request_table`] holds the lists and the states of their tiles, [`dispatch`] acts on them.
 
 mod dispatch;
 mod event;
@@ -38,18 +42,18 @@ use terravision_common::shm::{Activity, Control, Gauge, PoolWriter, Residency, S
 use terravision_common::top_levels::top_levels;
 use terravision_common::world::World;
 
-/// How often the view is predicted and the window judged: about 5 times a second (design §9).
+/// How often the view is predicted and the window adapted: 5 times a second.
 pub const CYCLE_NANOS: u64 = 200_000_000;
-/// A want list's sequence is at most so many frames ahead of the last that was completed; a larger one is nonsense, and
-/// would keep its tiles for ever.
+/// Upper bound of how far the sequence of a want list is ahead of the last completed frame. A
+/// larger one is invalid, and its tiles would never be evicted.
 const MOST_AHEAD: u64 = 1 << 16;
 
-/// Why a tile is asked for; the more urgent first.
+/// Why a tile is requested, the most urgent first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Priority {
     /// The newest frame lacks it.
     Now,
-    /// It is of the top levels.
+    /// It belongs to the top levels.
     Top,
     /// The predicted view lacks it.
     Ahead,
@@ -72,17 +76,17 @@ pub struct Scheduler {
     window: RequestWindow,
     /// Time from request to residency, smoothed.
     latency_nanos: Option<f64>,
-    /// Tiles of a list were passed over because too many of their layer are held.
+    /// Tiles of a list were skipped because too many payloads of their layer wait.
     is_passed_over: bool,
-    /// Slots by layer that expected tiles may still take.
+    /// For each layer, the number of slots that predicted tiles may still take.
     room_ahead: [u32; 2],
-    /// By layer: the completed sequence at which the preparer was told that there is no room.
+    /// For each layer, the completed sequence at which the preparer was told that there is no room.
     told_no_room: [Option<Sequence>; 2],
     filled: [u64; 2],
     ended: Vec<Ended>,
-    /// For the preparer, in order; the stage takes them.
+    /// Outcomes for the preparer, in order; the stage takes them.
     pub outcomes: Vec<TileOutcome>,
-    /// For the launcher, in order; the stage takes them.
+    /// Events for the launcher, in order; the stage takes them.
     pub events: Vec<TileEvent>,
 }
 
@@ -91,7 +95,7 @@ impl Scheduler {
     #[must_use]
     pub fn new(world: &World, elevation: PoolWriter, color: PoolWriter) -> Self {
         let (top, _) = top_levels(world);
-        // Of a prefetcher before this one.
+        // Left by an earlier prefetcher.
         let held = |pool: &PoolWriter| pool.slots().filter(|slot| slot.state != SlotState::Free).count() as u64;
         let filled = [held(&elevation), held(&color)];
         let mut scheduler = Self {
@@ -110,7 +114,7 @@ impl Scheduler {
             outcomes: Vec::new(),
             events: Vec::new(),
         };
-        // A prefetcher before this one may have loaded them.
+        // An earlier prefetcher may have loaded them.
         for tile in &top {
             scheduler.lock(*tile);
         }
@@ -124,7 +128,7 @@ impl Scheduler {
         &self.window
     }
 
-    /// How long a tile takes from its request until it is there, smoothed; `None` before the first.
+    /// Time from the request of a tile until it is resident, smoothed; `None` before the first.
     #[must_use]
     pub fn latency_nanos(&self) -> Option<u64> {
         self.latency_nanos.map(|nanos| nanos as u64)
@@ -136,13 +140,13 @@ impl Scheduler {
         self.head
     }
 
-    /// Why a tile is on its way; `None` when it is not.
+    /// Why a tile is being loaded; `None` when it is not.
     #[must_use]
     pub fn priority_of(&self, tile: Tile) -> Option<Priority> {
         self.table.loads.get(&tile).map(|load| load.priority)
     }
 
-    /// What the prefetcher does now, for the launcher to watch.
+    /// The current activity, for the launcher's supervision.
     #[must_use]
     pub fn activity(&self) -> Activity {
         match (self.table.in_flight(), self.table.loads.len()) {
@@ -174,7 +178,7 @@ impl Scheduler {
         self.outcomes.push(TileOutcome::new(tile, outcome));
     }
 
-    /// Takes a new want list, with all that it lacks.
+    /// Takes a new want list: `tiles` are the missing tiles of its frame.
     pub fn want(&mut self, head: WantHead, tiles: &[Tile], now: u64, control: &Control, executor: &mut impl Executor) {
         let sequence = head.sequence.min(control.completed_sequence().saturating_add(MOST_AHEAD));
         self.head = WantHead { sequence, ..head };
@@ -202,8 +206,8 @@ impl Scheduler {
         self.relist(control, executor);
     }
 
-    /// Takes all tiles that the predicted view wants, coarse to fine: those that are there are kept longer, and the first
-    /// N that are not are asked for when nothing more urgent is.
+    /// Takes all tiles that the predicted view wants, coarse to fine. Resident ones are kept
+    /// longer; the first N that are missing are requested when nothing is more urgent.
     pub fn expect(&mut self, tiles: impl IntoIterator<Item = Tile>, control: &Control, executor: &mut impl Executor) {
         let stamp = self.stamp();
         let most = self.window.n() as usize;
@@ -221,12 +225,12 @@ impl Scheduler {
         self.relist(control, executor);
     }
 
-    /// Sequence that expected tiles are stamped with: that of the newest frame.
+    /// The sequence with which predicted tiles are stamped: that of the newest frame.
     fn stamp(&self) -> Sequence {
         self.head.sequence.max(Sequence::FIRST)
     }
 
-    /// A list has changed: what is on none any more is given up.
+    /// To be called when a list has changed: gives up tiles that are on no list any more.
     fn relist(&mut self, control: &Control, executor: &mut impl Executor) {
         for tile in self.table.relist() {
             self.cancel(tile, control, executor);

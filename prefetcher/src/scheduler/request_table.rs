@@ -1,4 +1,4 @@
-//! The request table: what is listed, what is on its way, and how far it has come.
+//! The request table: listed tiles, loads, and their states.
 
 use super::Priority;
 use crate::request_window::CycleNumber;
@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 use terravision_common::database::Tile;
 use terravision_common::ids::FrameNumber;
 
-/// How far a tile has come.
+/// The state of a load.
 #[derive(Debug)]
 pub(super) enum State {
     Fetching { ticket: u64, asked_at: u64, cycle: CycleNumber },
@@ -15,7 +15,7 @@ pub(super) enum State {
     Decoding,
 }
 
-/// A tile on its way.
+/// A tile that is being loaded.
 #[derive(Debug)]
 pub(super) struct Load {
     pub(super) state: State,
@@ -23,11 +23,11 @@ pub(super) struct Load {
     /// The frame that was the newest when it was asked for.
     pub(super) frame: FrameNumber,
     pub(super) asked_at: u64,
-    /// The lists that it was last found on.
+    /// The version of the lists in which it was last found.
     epoch: u64,
 }
 
-/// A list and how far it has been asked for.
+/// A list, and up to where its tiles have been requested.
 #[derive(Debug, Default)]
 pub(super) struct List {
     pub(super) tiles: Vec<Tile>,
@@ -44,31 +44,31 @@ pub(super) struct RequestTable {
     told_unavailable: HashSet<Tile>,
     next_ticket: u64,
     epoch: u64,
-    /// Loads by layer that have arrived and are not through.
+    /// For each layer, loads whose payloads have arrived and are not yet decoded.
     pub(super) held: [usize; 2],
     pub(super) decoding: [usize; 2],
 }
 
 impl RequestTable {
-    /// Requests that have no answer.
+    /// Requests without an answer.
     pub(super) fn in_flight(&self) -> usize {
         self.tile_of.len()
     }
 
-    /// Takes a list out, empty, to be filled anew and put back.
+    /// Takes a list out, emptied, to be refilled and put back.
     pub(super) fn take_list(&mut self, priority: Priority) -> Vec<Tile> {
         let mut tiles = std::mem::take(&mut self.lists[priority as usize].tiles);
         tiles.clear();
         tiles
     }
 
-    /// All lists are asked for from their beginning again.
+    /// Starts again at the beginning of all lists.
     pub(super) fn rewind(&mut self) {
         self.lists.iter_mut().for_each(|list| list.at = 0);
     }
 
-    /// Lists have changed: what is on its way takes its priority from them. Returns what is on none any more, but for what is
-    /// being decoded.
+    /// To be called when lists have changed: loads take their priorities from them. Returns the
+    /// loads that are on no list any more, except those that are being decoded.
     pub(super) fn relist(&mut self) -> Vec<Tile> {
         self.epoch += 1;
         self.rewind();
@@ -87,7 +87,7 @@ impl RequestTable {
         left
     }
 
-    /// A request is made; its ticket.
+    /// Records a new request. Returns its ticket.
     pub(super) fn ask(
         &mut self,
         tile: Tile,
@@ -104,13 +104,15 @@ impl RequestTable {
         ticket
     }
 
-    /// An answer came: the tile, and its load; `None` of one that was given up a moment ago.
+    /// Records an answer. Returns the tile and its load; `None` if the request has just been given
+    /// up.
     pub(super) fn answered(&mut self, ticket: u64) -> Option<(Tile, &mut Load)> {
         let tile = self.tile_of.remove(&ticket)?;
         Some((tile, self.loads.get_mut(&tile)?))
     }
 
-    /// A load ends before its tile is there. Of a request that was under way: its ticket and its cycle.
+    /// Ends a load before its tile is resident. Returns ticket and cycle of its request, if that
+    /// was in flight.
     pub(super) fn give_up(&mut self, tile: Tile) -> Option<(u64, CycleNumber)> {
         match self.loads.remove(&tile)?.state {
             State::Fetching { ticket, cycle, .. } => {
@@ -125,22 +127,23 @@ impl RequestTable {
         }
     }
 
-    /// A tile cannot be read: its load ends. What it was asked for, if it still was.
+    /// Records that a tile cannot be read, and ends its load. Returns the load, if there was one.
     pub(super) fn fail(&mut self, tile: Tile) -> Option<Load> {
         self.loads.remove(&tile)
     }
 
-    /// A frame lacks a tile that cannot be read. Whether this is the first time.
+    /// Records that a frame lacks a tile that cannot be read. Returns whether this is the first
+    /// time.
     pub(super) fn is_first_told(&mut self, tile: Tile) -> bool {
         self.told_unavailable.insert(tile)
     }
 
-    /// A tile is there. Its load, if it was one.
+    /// Records that a tile is resident. Returns its load, if there was one.
     pub(super) fn arrived(&mut self, tile: Tile) -> Option<Load> {
         self.loads.remove(&tile)
     }
 
-    /// The predicted tile that was asked for last and has not come.
+    /// The predicted tile that was requested last and has not arrived.
     pub(super) fn last_predicted(&self) -> Option<Tile> {
         let ticket_of = |load: &Load| match load.state {
             State::Fetching { ticket, .. } if load.priority == Priority::Ahead => Some(ticket),
@@ -150,7 +153,7 @@ impl RequestTable {
         open.max_by_key(|(ticket, _)| *ticket).map(|(_, tile)| tile)
     }
 
-    /// Payloads that wait for a slot, the urgent first.
+    /// Payloads that wait for a slot, the most urgent first.
     pub(super) fn waiting(&self) -> Vec<(Priority, Tile)> {
         let is_arrived = |load: &Load| matches!(load.state, State::Arrived { .. });
         let waiting = self.loads.iter().filter(|(_, load)| is_arrived(load));
@@ -159,7 +162,7 @@ impl RequestTable {
         waiting
     }
 
-    /// A tile is there. Whether it was told as unavailable before.
+    /// Records that a tile is resident. Returns whether it had been reported as unavailable.
     pub(super) fn came(&mut self, tile: Tile) -> bool {
         self.told_unavailable.remove(&tile)
     }

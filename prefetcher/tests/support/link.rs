@@ -1,4 +1,5 @@
-//! A flight over a database at the end of a simulated link, in simulated time: no clock, no network, no thread.
+//! A flight over a database at the end of a simulated link, in simulated time: no clock, no
+//! network, no thread.
 
 use super::{MS, SLOT_BYTES};
 use bytes::Bytes;
@@ -26,17 +27,17 @@ use terravision_testkit::worlds;
 
 const SEC: u64 = 1_000_000_000;
 const TICK: u64 = 5 * MS;
-/// Of a request that is no longer made anew.
+/// Timeout of a request that is no longer repeated.
 const TIMEOUT: Duration = Duration::from_secs(20);
 const LIMITS: TreeLimits = TreeLimits { nodes: 32_768, elevation_leaves: 32_768 };
 
-/// What a link does to requests and answers.
+/// Properties of a link.
 #[derive(Debug, Clone, Copy)]
 pub struct LinkFields {
     /// From a request to the first byte of its answer, on an idle link.
     pub latency_nanos: u64,
     pub bytes_per_sec: u64,
-    /// One in so many requests is lost; 0 for none.
+    /// One in this many requests is lost; 0 for none.
     pub loses_one_in: u64,
 }
 
@@ -50,16 +51,16 @@ struct Open {
     tries: u32,
 }
 
-/// Answers one request after the other, in the order in which they reach the other end. What is lost is asked for anew when
-/// the store's patience ends.
+/// Answers requests one by one, in the order in which they reach the server. A lost request is
+/// repeated when the store's patience ends.
 #[derive(Debug)]
 pub struct Link {
     fields: LinkFields,
     pub now: u64,
-    /// On their way to the other end, or in line there: message, tile, when it gets there.
+    /// Requests on their way to the server, or queued there: message, tile, time of arrival.
     line: VecDeque<(u64, Tile, u64)>,
     free_at: u64,
-    /// On their way back: when they are here, message, bytes.
+    /// Answers on their way back: time of arrival, message, bytes.
     answers: VecDeque<(u64, u64, usize)>,
     /// By ticket.
     open: BTreeMap<u64, Open>,
@@ -72,8 +73,8 @@ pub struct Link {
     pub bytes: u64,
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): numbers without a pattern, so that what is asked for anew at a steady pace is
-/// not lost at the same pace.
+/// SplitMix64 (Steele, Lea and Flood 2014): numbers without a pattern, so that what is asked for
+/// anew at a steady pace is not lost at the same pace.
 fn mixed(number: u64) -> u64 {
     let mut z = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -81,7 +82,7 @@ fn mixed(number: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Bytes of a tile on the wire, with what a request costs beside it.
+/// Bytes of a tile on the network, including the overhead of a request.
 fn bytes_of(tile: Tile) -> usize {
     match tile.layer {
         Layer::Color => 24_000,
@@ -126,7 +127,7 @@ impl Link {
                 break;
             }
             self.line.pop_front();
-            // What was given up before its first byte was sent costs nothing.
+            // A request that was cancelled before its first byte was sent costs nothing.
             if !self.ticket_of.contains_key(&message) {
                 continue;
             }
@@ -299,12 +300,13 @@ fn counter(control: &Control, counter: Counter) -> u64 {
     control.counter(counter)
 }
 
-/// Looks along a grid of rays: the share of those that meet the ground, where it is drawn as finely as wanted. A node is
-/// expanded only when the tiles of all its children are there (design §6).
+/// The share of a grid of rays that hit ground drawn at the wanted resolution. A node is expanded
+/// only when the tiles of all its children are resident.
 fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]) -> f64 {
     let lacking: HashSet<NodeId> = missing.iter().map(|tile| tile.node).collect();
     let mut is_leaf_of: HashMap<NodeId, bool> = wanted.iter().map(|tile| (tile.node, true)).collect();
-    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a tile.
+    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a
+    // tile.
     let blocked: HashSet<NodeId> =
         lacking.iter().filter(|node| node.q() + 1 < world.levels()).map(|node| node.parent()).collect();
     let nodes: Vec<NodeId> = is_leaf_of.keys().copied().collect();

@@ -1,4 +1,4 @@
-//! What the prefetcher's tests share: a world, and a executor that does what it is told when it is told.
+//! Fixtures of the prefetcher's tests: a world, and an executor under the control of the test.
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
 
 pub mod link;

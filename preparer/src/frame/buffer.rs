@@ -20,7 +20,7 @@ impl FrameBuffer {
         Self { arrays: vec![0.0; arrays * array_f32], array_f32, array_count: 0, slots: Vec::with_capacity(4 * arrays) }
     }
 
-    /// Forgets the frame.
+    /// Removes the frame.
     pub fn clear(&mut self) {
         self.array_count = 0;
         self.slots.clear();

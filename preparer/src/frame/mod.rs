@@ -23,17 +23,17 @@ use terravision_common::world::World;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FrameError {
-    /// The tree is not one that the generator writes.
+    /// The tree is not valid.
     #[error("the generator's tree cannot be used: {source}")]
     Tree {
         /// What is wrong.
         #[from]
         source: TreeError,
     },
-    /// The root is not there.
+    /// The root's tiles are missing.
     #[error(transparent)]
     RootMissing(#[from] RootMissing),
-    /// A tile went away.
+    /// A tile was evicted.
     #[error(transparent)]
     TileVanished(#[from] TileVanished),
     /// The run ended while a ring was full.
@@ -43,13 +43,14 @@ pub enum FrameError {
 
 /// Where a frame goes: the elevation ring and the ring of slots.
 pub trait FrameOutput {
-    /// Waits for a free elevation array, has it filled, publishes it, and returns its position.
+    /// Waits for a free elevation array, lets `fill` fill it, publishes it, and returns its
+    /// position.
     ///
     /// # Errors
-    /// What `fill` gives, or that the run ended.
+    /// The error of `fill`, or the run ended.
     fn array(&mut self, fill: &mut dyn FnMut(&mut [f32]) -> Result<(), TileVanished>) -> Result<u64, FrameError>;
 
-    /// Puts a slot into the ring, or keeps it until [`FrameOutput::finish`].
+    /// Writes a slot to the ring, or keeps it until [`FrameOutput::finish`].
     ///
     /// # Errors
     /// The run ended.
@@ -58,28 +59,28 @@ pub trait FrameOutput {
     /// The position that the next array will have.
     fn next_position(&self) -> u64;
 
-    /// The frame is complete: what was kept goes into the ring.
+    /// The frame is complete: writes the slots that were kept to the ring.
     ///
     /// # Errors
     /// The run ended.
     fn finish(&mut self) -> Result<(), FrameError>;
 }
 
-/// What a frame is made for.
+/// Inputs of a frame.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameRequest<'a> {
     /// The header of its tree.
     pub header: &'a TreeHeader,
-    /// The views that are drawn of it, which the header's camera carries.
+    /// The views that are drawn of it, carried by the header's camera.
     pub views: &'a Views,
     /// The level functions of these views.
     pub level: &'a LevelFunction,
 }
 
-/// What a frame was made of.
+/// Counts of the parts of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameCounts {
-    /// Tiles that it wanted.
+    /// Tiles that the frame wanted.
     pub wanted: u32,
     /// Those of them that could not be read.
     pub unavailable: u32,
@@ -116,7 +117,7 @@ impl FrameMaker {
         }
     }
 
-    /// Blocks are not cut down to what is seen: for whoever draws the frame from another eye.
+    /// Does not cull blocks: for callers that draw the frame from another eye.
     #[must_use]
     pub fn with_whole_blocks(self) -> Self {
         Self { is_culled: false, ..self }
@@ -128,7 +129,7 @@ impl FrameMaker {
         &self.truncation
     }
 
-    /// Makes one frame from a tree that was read and from the tiles that are there.
+    /// Makes one frame from a tree that has been read and from the resident tiles.
     ///
     /// # Errors
     /// [`FrameError`]; part of the frame may be in the ring then, without its end.
@@ -202,7 +203,8 @@ impl FrameMaker {
     }
 }
 
-/// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is drawn.
+/// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is
+/// drawn.
 fn ground_under_eye(world: &World, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
     let (root, surface) = (world.root(), world.surface());
     let under = surface.lattice_under(camera.eye());
@@ -224,8 +226,9 @@ fn tile_slot(
     let from_leaf = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
     let start = [from_leaf(color.node.m(), leaf.node.m()), from_leaf(color.node.n(), leaf.node.n())];
     let origin = world.node_origin(leaf.node);
-    // Vertices beyond the extent collapse onto it: facets past the first of them are nothing, unless an edge snaps, which
-    // needs the vertices that it snaps to. An edge's step is never finer than that of the leaf.
+    // Vertices beyond the extent collapse onto it: facets past the first of them are degenerate,
+    // unless an edge snaps, which needs the vertices that it snaps to. The step of an edge is never
+    // finer than that of the leaf.
     let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
     let inside = world.surface().cells_inside(origin, q);
     let end = [0, 1].map(|axis| {

@@ -1,5 +1,5 @@
-//! Elevation tiles of a leaf and of the nodes above it: heights of single vertices, and what heights
-//! of whole rows have in common with them.
+//! Elevation tiles of a leaf and of its ancestors: heights of single vertices, and functions that
+//! these share with heights of whole rows.
 
 use super::TileVanished;
 use crate::truncation::Tiles;
@@ -9,8 +9,8 @@ use terravision_common::surface::LatticePoint;
 use terravision_common::surface::tile::node_elevation;
 use terravision_common::world::World;
 
-/// The level whose elevation is smooth enough to compute levels from: with tiles of 32 intervals it has one post per
-/// side of a finest node.
+/// The level whose elevation is smooth enough to compute levels from. With tiles of 32 intervals it
+/// has one post per side of a node of level 0.
 pub const SMOOTH_LEVEL: u8 = 5;
 
 /// Elevation tiles of a node and of its ancestors, each looked up once.
@@ -26,7 +26,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
         Self { world, tiles, node, found: [None; MAX_LEVEL as usize + 1] }
     }
 
-    /// The ancestor of level `q` and a plane of its posts.
+    /// The ancestor at level `q` and a plane of its posts.
     pub(super) fn tile(&mut self, q: u8, plane: usize) -> Result<(NodeId, &'t [f32]), TileVanished> {
         let ancestor = self.node.ancestor(q);
         let found = &mut self.found[usize::from(q)];
@@ -64,11 +64,11 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
     }
 }
 
-/// Height of one vertex relative to the eye, as [`super::Heights::make`] has it: on a leaf `node`, with `floor` the level of
-/// the coarsest leaf that touches it.
+/// Height of one vertex relative to the eye, equal to that of [`super::Heights::make`]. `node`: its
+/// leaf; `floor`: the level of the coarsest leaf that touches it.
 ///
 /// # Errors
-/// [`TileVanished`] when the tile of an ancestor is not there.
+/// [`TileVanished`] when the tile of an ancestor is missing.
 pub fn vertex_height(
     world: &World,
     level: &LevelFunction,
@@ -80,20 +80,21 @@ pub fn vertex_height(
     Ok(stored(level, 0, Ancestors::new(world, tiles, node).vertex_sum(level, 0, point, floor)?))
 }
 
-/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on both sides. A level
-/// that does not take part adds an exact zero, so a sum over more levels has the same bits.
+/// Weight of level `q` in the elevation at level `l`: 1 there, falling to 0 at the next level on
+/// both sides. A level that does not take part adds an exact zero, so a sum over more levels has
+/// the same bits.
 #[inline(always)]
 pub(super) fn weight(l: f64, q: u8) -> f64 {
     (1.0 - (l - f64::from(q)).abs()).max(0.0)
 }
 
-/// A number of a plane as arrays hold it: heights from the eye, shares as they are.
+/// A number of a plane as stored in arrays: heights relative to the eye, shares unchanged.
 #[inline(always)]
 pub(super) fn stored(level: &LevelFunction, plane: usize, sum: f64) -> f32 {
     if plane == 0 { level.frame().height_from_eye(level.exaggeration() * sum) } else { sum as f32 }
 }
 
-/// The level that the smooth elevation of a vertex with this floor is taken from.
+/// The level of the smooth elevation for a vertex with this floor.
 pub(super) fn smooth_level(world: &World, floor: u8) -> u8 {
     SMOOTH_LEVEL.min(world.root().q()).max(floor)
 }

@@ -1,14 +1,18 @@
-//! Elevation arrays: the height of every vertex of an elevation leaf (design §5).
+//! Elevation arrays: the height of every vertex of an elevation leaf.
 //!
-//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels `floor(l)` and
-//! `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor of a vertex is the level of the
-//! coarsest leaf that touches it, so every leaf that has this vertex computes the same: all of it is a function of the
-//! lattice point and the floor, evaluated with the same operations in the same order.
+//! The height at a lattice point is `z_t(x, y, l)`: facet-linear elevation of pyramid levels
+//! `floor(l)` and `floor(l) + 1`, weighted by `frac(l)`, at `l = max(L_z(x, y), floor)`. The floor
+//! of a vertex is the level of the coarsest leaf that touches it, so every leaf that has this
+//! vertex computes the same: all of it is a function of the lattice point and the floor, evaluated
+//! with the same operations in the same order.
 //!
-//! `L_z` is taken on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor when that is coarser.
+//! `L_z` is evaluated on the smooth elevation: that of level [`SMOOTH_LEVEL`], or of the floor if
+//! that is coarser.
 //!
-//! In a world with validity an array goes on with the shares of its vertices ([`terravision_common::validity`]), taken from the
-//! tiles' planes just as heights are: so leaves agree on them along their edges, and holes grow and shrink as smoothly as heights.
+//! In a world with validity, the heights in an array are followed by the shares of its vertices
+//! ([`terravision_common::validity`]). They are computed from the tiles' planes in the same way as
+//! heights. So leaves agree on them along their edges, and holes grow and shrink as smoothly as
+//! heights.
 
 mod ancestors;
 
@@ -23,7 +27,7 @@ use terravision_common::surface::tile::{CellPosition, TileSampler};
 use terravision_common::surface::{Column, LatticePoint, Row};
 use terravision_common::world::World;
 
-/// An elevation tile that the frame needs is not there: the tiles changed while the frame was made.
+/// An elevation tile that the frame needs was evicted while the frame was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the elevation tile of node {node} left the pool while a frame needed it")]
 pub struct TileVanished {
@@ -35,7 +39,8 @@ pub struct TileVanished {
 #[derive(Debug)]
 pub struct Heights {
     world: World,
-    /// Lattice coordinates of columns and rows, and what their positions take from them.
+    /// Lattice coordinates of columns and rows, and the parts of positions that depend only on
+    /// them.
     columns: Vec<u64>,
     rows: Vec<u64>,
     column_terms: Vec<Column>,
@@ -46,7 +51,7 @@ pub struct Heights {
     /// Levels, then heights, of the whole array.
     levels: Vec<f64>,
     sums: Vec<f64>,
-    /// Of each row: the pyramid levels that its heights are taken from.
+    /// For each row, the pyramid levels from which its heights are taken.
     spans: Vec<RangeInclusive<u8>>,
 }
 
@@ -69,12 +74,14 @@ impl Heights {
         }
     }
 
-    /// Fills `out`, [`World::elevation_values`] numbers (more are left alone), row 0 in the south, with heights of a leaf's vertices
-    /// relative to the eye, metres, exaggerated, and the planes of validity of a world that has them. The leaf is drawn with every `1 << grid_snap`-th row and column; rows between
-    /// them are set to zero. Tiles of the leaf and of all its ancestors have to be there.
+    /// Fills `out`, [`World::elevation_values`] numbers (the rest is left alone), row 0 in the
+    /// south, with heights of a leaf's vertices relative to the eye, metres, exaggerated, and the
+    /// planes of validity of a world that has them. The leaf is drawn with every `1 <<
+    /// grid_snap`-th row and column; rows in between are set to zero. Tiles of the leaf and of all
+    /// its ancestors must be resident.
     ///
     /// # Errors
-    /// [`TileVanished`] when one is not.
+    /// [`TileVanished`] when one of them is missing.
     pub fn make(
         &mut self,
         level: &LevelFunction,
@@ -106,7 +113,7 @@ impl Heights {
         Ok(())
     }
 
-    /// Where the vertices are: columns and rows, clamped to the extent.
+    /// Computes the columns and rows of the vertices, clamped to the extent.
     fn place(&mut self, node: NodeId) {
         let surface = self.world.surface();
         for ((lattice, column), x) in self.columns.iter_mut().zip(&mut self.column_terms).zip(surface.posts(node, 0)) {
@@ -117,7 +124,8 @@ impl Heights {
         }
     }
 
-    /// The level wanted at each vertex inside the leaf's own range, and so where each row's heights are taken from.
+    /// Computes the level that each vertex needs, and from these the levels from which the heights
+    /// of each row are taken.
     fn make_levels<T: Tiles>(
         &mut self,
         level: &LevelFunction,
@@ -144,11 +152,11 @@ impl Heights {
         Ok(())
     }
 
-    /// The coarsest level that no vertex of a leaf wants finer than, at least its own. Every fourth row is looked at:
-    /// levels change by far less than one from row to row.
+    /// The coarsest level that is fine enough for every vertex of a leaf, at least the leaf's own.
+    /// Tests every fourth row: levels change by far less than one from row to row.
     ///
     /// # Errors
-    /// [`TileVanished`] when the tile with the smooth elevation is not there.
+    /// [`TileVanished`] when the tile with the smooth elevation is missing.
     pub fn lowest_level(
         &mut self,
         level: &LevelFunction,
@@ -188,7 +196,7 @@ impl Heights {
             let tile = ancestors.tile(q, plane)?;
             self.enter(tile.0);
             for j in (0..posts).step_by(grid) {
-                // What another level would add is an exact zero.
+                // Any other level would add an exact zero.
                 if !self.spans[j].contains(&q) {
                     continue;
                 }
@@ -202,7 +210,7 @@ impl Heights {
         Ok(())
     }
 
-    /// Vertices that a coarser leaf touches, too.
+    /// Computes the vertices that coarser leaves touch too.
     fn make_seams<T: Tiles>(
         &self,
         level: &LevelFunction,
@@ -246,7 +254,7 @@ impl Heights {
     }
 }
 
-/// Least and greatest of numbers, four side by side: a plain fold waits for each comparison.
+/// Minimum and maximum of numbers, in four lanes: a plain fold waits for each comparison.
 fn range_of(numbers: &[f64]) -> [f64; 2] {
     let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
     let fours = numbers.chunks_exact(4);

@@ -1,34 +1,38 @@
-//! Hidden ground: facets that lie wholly behind ground that is drawn before them need not be drawn.
+//! Occlusion: facets that lie wholly behind ground that is drawn before them need not be drawn.
 //!
-//! Leaves come near to far. Over a height field, whatever is seen along a vertical plane through the eye below the
-//! highest ground so far is hidden by that ground: a ray to it would have to come up through the surface. So one number
-//! per direction, the *horizon*, is all that has to be kept. Directions are those of an upright picture plane ahead of the
-//! eye, on which facets stay triangles whatever the camera's pitch and roll:
+//! Leaves are in near-to-far order. In a vertical plane through the eye, everything below the
+//! highest ground so far is hidden by that ground: a ray to it would have to come up through the
+//! surface. So it is sufficient to keep one number per direction, the *horizon*. Directions are
+//! those of an upright picture plane ahead of the eye, on which facets remain triangles at any
+//! pitch and roll of the camera:
 //!
 //! ```text
 //! u = across / ahead     v = up / ahead      ahead = (p − eye) · heading, horizontal
 //! ```
 //!
-//! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken from the rows and columns
-//! of drawn edges; a block of facets is hidden when its highest vertex lies below the horizon of every bin that it touches.
+//! The horizon of a bin of `u` is a lower bound of the ground's outline over the whole bin, taken
+//! from the rows and columns of drawn edges; a block of facets is hidden when its highest vertex
+//! lies below the horizon of every bin that it touches.
 //!
-//! Through a hole in the ground (`terravision_common::validity`) rays come under the surface, and out of it where there is
-//! another hole. So a leaf with a hole hides nothing, and neither does what comes after it in its directions; what was nearer
-//! goes on hiding: a ray that meets it has met no hole before.
+//! Through a hole in the ground (`terravision_common::validity`) rays get below the surface, and
+//! out again through another hole. So a leaf with a hole hides nothing, and neither does what comes
+//! after it in the same directions. Nearer ground still hides: a ray that hits it has not passed a
+//! hole before.
 
 use glam::{DVec2, Vec2, Vec3};
 use terravision_common::camera::Camera;
 use terravision_common::surface::{Surface, Vertices};
 use terravision_common::world::World;
 
-/// Bins across the picture: narrower than a facet is wide.
+/// Bins across the picture: a bin is narrower than a facet.
 const BINS: usize = 512;
-/// Every how many lines of vertices raise the horizon: it costs time, and a ridge is broader than one line.
+/// Only one in this many lines of vertices raises the horizon: each costs time, and a ridge is
+/// wider than one line.
 const LINES_APART: usize = 2;
-/// How far below the horizon hidden ground has to be, pixels: the renderer works in single precision, and its edges in
-/// 256ths of a pixel.
+/// How far below the horizon ground must be to count as hidden, pixels: the renderer works in
+/// single precision, and rasterizes edges in 256ths of a pixel.
 const MARGIN_PX: f64 = 0.25;
-/// Directions this steep, as ahead over distance, have no place on the upright plane.
+/// Steeper directions than this, as ahead over distance, are not projected onto the upright plane.
 const LEAST_AHEAD: f64 = 0.2;
 /// Leaves with a vertex nearer than this, metres ahead of the eye, neither hide nor are hidden.
 const NEAREST_M: f32 = 0.1;
@@ -45,19 +49,20 @@ pub struct Horizon {
     /// In `u` and `v`.
     margin: f32,
     bins: Vec<f32>,
-    /// Bins that may be seen through a hole, from the first to the one past the last. Nothing raises them any more.
+    /// Bins that may be seen through a hole, from the first to the one past the last. They are no
+    /// longer raised.
     holed: [usize; 2],
     /// Whether the entered leaf has a hole.
     has_hole: bool,
     /// Upright coordinates of the entered leaf's vertices, `u` in bins.
     us: Vec<f32>,
     vs: Vec<f32>,
-    /// None, when one of its vertices has no place on the upright plane.
+    /// `None` when one of its vertices cannot be projected onto the upright plane.
     entered: Option<Leaf>,
     posts: usize,
 }
 
-/// How a leaf is drawn: steps between its vertices.
+/// Steps between the drawn vertices of a leaf.
 #[derive(Debug, Clone, Copy)]
 struct Leaf {
     grid: usize,
@@ -67,7 +72,7 @@ struct Leaf {
     step: usize,
 }
 
-/// What a set of vertices spans on the upright plane.
+/// The bounds of a set of vertices on the upright plane.
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     low_u: f32,
@@ -100,9 +105,10 @@ impl Horizon {
         }
     }
 
-    /// Begins a frame. `ground_m` is the height of the ground under the eye, of any level, exaggerated; `None` where leaves do not
-    /// come near to far for this eye. Nothing is hidden then, nor from an eye beside the world, which may see under its edge,
-    /// from one under the ground, nor in a steep view.
+    /// Begins a frame. `ground_m` is the height of the ground under the eye, at any level,
+    /// exaggerated; `None` when leaves are not in near-to-far order for this eye. Then nothing is
+    /// hidden. Nothing is hidden either from an eye beside the world, which may see below its edge,
+    /// from an eye below the ground, and in a steep view.
     pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
         let (sin, cos) = camera.heading_rad.sin_cos();
         let ahead = DVec2::new(sin, cos);
@@ -124,8 +130,9 @@ impl Horizon {
         }
     }
 
-    /// Takes the vertices of the next leaf, near to far, to say what of it is [hidden](Self::is_hidden). It is drawn with every
-    /// vertex that is a multiple of `grid`, on its west, east, south and north edges of `edges`; the others are not looked at.
+    /// Takes the vertices of the next leaf, near to far; afterwards [`is_hidden`](Self::is_hidden)
+    /// tells which parts of it are hidden. The leaf is drawn with every `grid`-th vertex, and on
+    /// its west, east, south and north edges with the steps `edges`; other vertices are ignored.
     pub fn enter(&mut self, vertices: Vertices<'_>, grid: usize, edges: [usize; 4]) {
         let leaf = Leaf { grid, edges, step: edges.into_iter().fold(grid, usize::max) };
         if self.is_active && self.is_under(vertices, leaf) {
@@ -140,7 +147,7 @@ impl Horizon {
         self.has_hole = true;
     }
 
-    /// The entered leaf is drawn, at least in part: it hides what comes after it.
+    /// To be called if the entered leaf is drawn, at least in part: it hides what comes after it.
     pub fn leave(&mut self) {
         let entered = self.entered.take();
         if self.has_hole {
@@ -150,8 +157,9 @@ impl Horizon {
         }
     }
 
-    /// The directions of a leaf that has a hole are open from now on; all of them when it has no place on the upright plane. As one
-    /// range: holes beside each other are the usual case, and directions between two cost time alone.
+    /// Opens the directions of a leaf that has a hole; all directions if it cannot be projected.
+    /// The open directions are kept as one range: holes are usually side by side, and the
+    /// directions between two holes only cost time.
     fn open(&mut self, leaf: Option<Leaf>) {
         let Some(leaf) = leaf else {
             self.holed = [0, BINS];
@@ -169,8 +177,8 @@ impl Horizon {
         self.holed = if before < after { [before.min(first), after.max(end)] } else { [first, end] };
     }
 
-    /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. It is taken to be as large as the
-    /// blocks, of the longest step's sides, that it touches.
+    /// Whether a part of the entered leaf, from `x0, y0` to `x1, y1` in posts, is hidden. The part
+    /// is rounded up to blocks whose side is the longest step.
     #[must_use]
     pub fn is_hidden(&self, [x0, y0]: [usize; 2], [x1, y1]: [usize; 2]) -> bool {
         let Some(leaf) = self.entered else { return false };
@@ -196,9 +204,10 @@ impl Horizon {
         !bins.is_empty() && bins.iter().all(|bin| bounds.top + self.margin < *bin)
     }
 
-    /// Whether the eye may be under the surface that is drawn (ground that is coarse, because its tiles are on their way):
-    /// what is hidden from above is seen from there. An eye within the range of heights of a node's ground is in its box, so
-    /// that node is in the tree; one below the range is below the ground of every level.
+    /// Whether the eye may be below the drawn surface, because that is still coarse: ground that is
+    /// hidden from above is visible from there. An eye within the range of heights of a node's
+    /// ground is in its box, so that this node is in the tree; an eye below the range is below the
+    /// ground of every level.
     fn is_under(&self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
         let Some([column, row]) = vertices.cell_under_eye(leaf.step) else { return false };
         let mut rows = (row..=row + leaf.step).step_by(leaf.grid);
@@ -206,7 +215,8 @@ impl Horizon {
         rows.any(|row| columns.clone().any(|column| vertices.at(column, row).z >= 0.0))
     }
 
-    /// Finds where the vertices are on the upright plane; `false` when one has no place there.
+    /// Projects the vertices onto the upright plane. Returns `false` when one of them cannot be
+    /// projected.
     fn project(&mut self, vertices: Vertices<'_>, leaf: Leaf) -> bool {
         let ahead = self.ahead;
         let is_ahead = |corner: Vec3| corner.x * ahead.x + corner.y * ahead.y >= NEAREST_M;
@@ -225,7 +235,7 @@ impl Horizon {
         true
     }
 
-    /// The bins that something touches; none beside the picture, which is for the frustum to say.
+    /// The bins that some bounds touch; none beside the picture, which is left to frustum culling.
     fn bins_of(&self, bounds: Bounds) -> &[f32] {
         let margin = self.margin * self.bins_per_u;
         let (first, last) = (bounds.low_u - margin, bounds.high_u + margin);
@@ -236,8 +246,8 @@ impl Horizon {
         &self.bins[first as usize..=(last as usize).min(BINS - 1)]
     }
 
-    /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are drawn as they are only where
-    /// nothing collapses on them.
+    /// Raises the horizon by the drawn edges of the entered leaf. Edges on its border are used only
+    /// where no vertices collapse on them.
     fn raise(&mut self, leaf: Leaf) {
         let Leaf { grid, edges: [west, east, south, north], .. } = leaf;
         let last = self.posts - 1;
@@ -255,7 +265,8 @@ impl Horizon {
         }
     }
 
-    /// A line of vertices, straight as seen from above, so that `u` only rises or only falls along it.
+    /// Raises the horizon by a line of vertices, which is straight as seen from above, so that `u`
+    /// is monotonic along it.
     fn raise_by_line(&mut self, start: usize, [from, to]: [usize; 2], grid: usize, stride: usize) {
         let is_rising = self.us[start + from * stride] < self.us[start + to * stride];
         let vertex = |step: usize| {
@@ -263,7 +274,7 @@ impl Horizon {
             (self.us[at], self.vs[at])
         };
         let mut previous = vertex(0);
-        // Bins that the line covers from side to side.
+        // Bins that the line covers completely.
         let mut bin = previous.0.ceil().max(0.0);
         let mut lowest = f32::INFINITY;
         let mut is_inside = false;

@@ -62,7 +62,7 @@ fn nothing_is_hidden_by_a_leaf_with_a_hole_nor_by_what_is_behind_it() {
     enter_holed(&mut horizon, [-200.0, 400.0], -20.0);
     assert!(!enter(&mut horizon, [-200.0, 900.0], -20.0));
     assert!(!enter(&mut horizon, [-100.0, 1400.0], -80.0), "seen through the hole, from under the leaf before it");
-    // What was nearer hides it nevertheless.
+    // Nearer ground still hides it.
     let mut horizon = self::horizon();
     assert!(!enter(&mut horizon, [-200.0, 400.0], -20.0));
     enter_holed(&mut horizon, [-200.0, 900.0], -20.0);

@@ -1,8 +1,8 @@
-//! Tiles, as the preparer asks for them.
+//! How the preparer asks for tiles.
 //!
-//! What a frame wants is asked of a [`TileLoader`], tile by tile; what is not there is asked of the prefetcher, all of a
-//! frame together. [`wanted::WantedTiles`] is the loader of a run; tests have others. A tile's states, as the frame sees
-//! them:
+//! The preparer asks a [`TileLoader`] for each tile that a frame wants; the loader then asks the
+//! prefetcher for all missing tiles of the frame at once. [`wanted::WantedTiles`] is the loader of
+//! a run; tests have others. The states of a tile, as the frame sees them:
 //!
 //! ```text
 //!               asked, in flight, undecoded
@@ -22,18 +22,19 @@ use crate::truncation::Tiles;
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::shm::{Control, WaitError};
 
-/// How a wanted tile stands.
+/// The state of a wanted tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TileState {
-    /// It is in its pool, and stays until the frame that wanted it is completed.
+    /// It is in its pool, and stays there until the frame that wanted it is completed.
     Resident,
-    /// It is on its way, or about to be asked for.
+    /// It has been requested, or is about to be.
     Loading,
-    /// Every slot of its pool is named by a frame in flight.
+    /// Every slot of its pool is used by a frame in flight.
     NoRoom,
     /// It cannot be read.
     Unavailable {
-        /// Whether the next try may have it ([`terravision_common::outcome::TileFailure::may_pass`]).
+        /// Whether the next attempt may succeed
+        /// ([`terravision_common::outcome::TileFailure::may_pass`]).
         may_come: bool,
     },
 }
@@ -47,33 +48,34 @@ pub enum LoadError {
     Wait(#[from] WaitError),
 }
 
-/// Has tiles brought into the pools. Used by the preparer's one thread.
+/// Asks for tiles to be brought into the pools. Used by the preparer's only thread.
 pub trait TileLoader: Tiles {
-    /// Frame `frame`, at place `sequence` of the run, wants a tile: keeps it when it is there, and remembers to ask for it
-    /// when it is not. Does not block.
+    /// Frame `frame`, at place `sequence` of the run, wants a tile: pins it if it is resident,
+    /// otherwise notes that it is to be asked for. Does not block.
     fn want(&mut self, tile: Tile, frame: FrameNumber, sequence: Sequence, control: &Control) -> TileState;
 
-    /// All tiles of the frame have been wanted: asks for those that are not there. Does not block.
+    /// Asks for all missing tiles, after [`TileLoader::want`] has been called for all tiles of the
+    /// frame. Does not block.
     fn ask(&mut self, frame: FrameNumber, sequence: Sequence);
 
-    /// Waits until a tile that was asked for has come or failed, or a moment has passed.
+    /// Waits until a requested tile has arrived or failed, or a short time has passed.
     ///
     /// # Errors
     /// [`LoadError`].
     fn wait(&mut self, control: &Control) -> Result<(), LoadError>;
 
-    /// Takes in what became of tiles that were asked for, before they are wanted again.
+    /// Takes the outcomes of requested tiles, before they are wanted again.
     ///
     /// # Errors
     /// [`LoadError`].
     fn drain(&mut self) -> Result<(), LoadError>;
 
-    /// Number of tiles that the frame has found to be loading since the last [`TileLoader::drain`].
+    /// Number of tiles that the frame found to be loading since the last [`TileLoader::drain`].
     fn in_flight(&self) -> usize;
 
     /// Slots of the pool of a layer.
     fn capacity(&self, layer: terravision_common::database::Layer) -> u32;
 
-    /// The run's frames are all prepared: nothing will be wanted any more.
+    /// All frames of the run are prepared: no more tiles will be wanted.
     fn close(&mut self);
 }

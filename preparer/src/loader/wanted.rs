@@ -1,4 +1,4 @@
-//! The loader of a run: the pools as a reader sees them, the want list that the prefetcher reads, and what it answers.
+//! The loader of a run: readers of the pools, the want list for the prefetcher, and its outcomes.
 
 use super::{LoadError, TileLoader, TileState};
 use crate::frame_tree::Tile;
@@ -13,27 +13,27 @@ use terravision_common::shm::{
     WantHead, WantListWriter,
 };
 
-/// Waits of [`WAIT_BOUND`] for which a dead prefetcher is left to the launcher, which says so; where it starts another, it is left to
-/// it for ever.
+/// For this many waits of [`WAIT_BOUND`] a dead prefetcher is left to the launcher, which reports
+/// it; if the launcher restarts stages, there is no limit.
 const PEER_GRACE: u32 = 10;
 
-/// Asks the prefetcher for tiles. In the steady state it allocates nothing.
+/// Asks the prefetcher for tiles. Allocates nothing in the steady state.
 #[derive(Debug)]
 pub struct WantedTiles {
     elevation: PoolIndex,
     color: PoolIndex,
     wants: WantListWriter,
     outcomes: Consumer<TileOutcome>,
-    /// The frame that wants now.
+    /// The current frame.
     sequence: Sequence,
-    /// What it wants and lacks, in the order in which it wants it.
+    /// The missing tiles of the current frame, in the order in which it wants them.
     missing: Vec<Tile>,
-    /// What the list that is out names.
+    /// The tiles of the published list.
     asked: HashSet<Tile>,
-    /// The list that is out is not what the frame lacks.
+    /// The published list differs from the missing tiles of the frame.
     is_stale: bool,
     unavailable: HashMap<Tile, TileFailure>,
-    /// By layer: the completed sequence at which it had no room.
+    /// For each layer, the completed sequence at which it had no room.
     no_room: [Option<Sequence>; 2],
     loading: usize,
     waits_with_dead_peer: u32,
@@ -53,7 +53,7 @@ impl WantedTiles {
         ))
     }
 
-    /// Over any pools, list and ring.
+    /// A loader with these pools, want list and ring.
     #[must_use]
     pub fn new(
         elevation: PoolReader,
@@ -92,7 +92,7 @@ impl WantedTiles {
         }
     }
 
-    /// A frame's first wish.
+    /// Begins a frame, at its first wanted tile.
     fn begin(&mut self, sequence: Sequence) {
         self.sequence = sequence;
         self.is_stale = true;
@@ -100,7 +100,7 @@ impl WantedTiles {
     }
 
     fn take(&mut self, outcome: &TileOutcome) {
-        // What says nothing that can be is passed over: the tile is still missing, and will be asked for again.
+        // An invalid outcome is ignored: the tile is still missing, and will be asked for again.
         let Some((tile, outcome)) = outcome.read() else { return };
         match outcome {
             Outcome::Resident { key } => {
@@ -115,7 +115,8 @@ impl WantedTiles {
         }
     }
 
-    /// Whether the layer is known to have no room; a frame that was completed since may have made some.
+    /// Whether the layer is known to have no room. A frame that was completed since then may have
+    /// made room.
     fn has_no_room(&mut self, layer: Layer, control: &Control) -> bool {
         let Some(completed) = self.no_room[layer as usize] else { return false };
         if control.completed_sequence() > completed {
@@ -145,7 +146,8 @@ impl TileLoader for WantedTiles {
         if self.index_mut(tile.layer).keep(tile.node, sequence) {
             return TileState::Resident;
         }
-        // What cannot be read is on the list, too: whether to try again is the prefetcher's business.
+        // Tiles that cannot be read are on the list too: the prefetcher decides whether to try
+        // again.
         if self.missing.len() < self.missing.capacity() {
             self.missing.push(tile);
         }
@@ -164,8 +166,8 @@ impl TileLoader for WantedTiles {
         if sequence != self.sequence {
             self.begin(sequence);
         }
-        // Within a frame a list is replaced when more is wanted than it names. What it names and is there by now does no
-        // harm.
+        // Within a frame, a list is replaced when it lacks wanted tiles. Tiles on it that are
+        // resident by now do no harm.
         if self.is_stale {
             self.wants.publish(WantHead { sequence, frame, is_last: false }, &self.missing);
             self.asked.clear();
@@ -180,7 +182,8 @@ impl TileLoader for WantedTiles {
             self.waits_with_dead_peer = 0;
             return Ok(());
         }
-        // Nothing for a while: perhaps an outcome found its ring full. What is asked again is answered again.
+        // Nothing came for a while: perhaps an outcome found its ring full. A repeated request gets
+        // another outcome.
         self.is_stale = true;
         self.waits_with_dead_peer = if !control.is_supervised() && control.is_stage_dead(Stage::Prefetcher) {
             self.waits_with_dead_peer + 1
@@ -196,7 +199,8 @@ impl TileLoader for WantedTiles {
     fn drain(&mut self) -> Result<(), LoadError> {
         self.missing.clear();
         self.loading = 0;
-        // At most a ring full at a time, so that a prefetcher that floods it cannot keep the frame from being made.
+        // At most one ring's capacity at a time, so that a prefetcher that floods the ring cannot
+        // block the frame.
         for _ in 0..self.outcomes.capacity() {
             match self.outcomes.try_pop().map_err(WaitError::from)? {
                 Some(outcome) => self.take(&outcome),

@@ -1,5 +1,5 @@
-//! A whole flight through a preparer, over memory of this process: the test writes trees as the generator does, and
-//! reads the rings as the renderer does.
+//! A whole flight through a preparer, over memory of this process: the test writes trees as the
+//! generator does, and reads the rings as the renderer does.
 
 use super::server::{Gate, Server, TileServer};
 use bytemuck::Zeroable;
@@ -97,7 +97,8 @@ impl TileSource for Source {
     }
 }
 
-/// One frame as the renderer got it, without what differs from run to run: pool slots and ring positions.
+/// One frame as the renderer got it, without what differs from run to run: pool slots and ring
+/// positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     pub marker: FrameMarker,
@@ -120,7 +121,8 @@ pub struct Flight {
     pub first_frame: u64,
     /// Realtime mode; every so many frames one is made and the others are left out.
     pub realtime: Option<u64>,
-    /// So many frames have the top levels alone; each later one has all that the frames before it lacked.
+    /// So many frames have the top levels alone; each later one has all that the frames before it
+    /// lacked.
     pub held: Option<u64>,
 }
 

@@ -1,4 +1,5 @@
-//! What the preparer's tests share: random cases, tiles that may be missing, and the mesh as the renderer draws it.
+//! What the preparer's tests share: random cases, tiles that may be missing, and the mesh as the
+//! renderer draws it.
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses a part")]
 
 use proptest::prelude::*;
@@ -231,8 +232,9 @@ impl Mesh {
         (0..world.levels()).any(|q| self.leaves.contains(&finest.ancestor(q)))
     }
 
-    /// What is wrong with it as a surface: a lattice point with two heights, an edge that two triangles do not share
-    /// although both its sides are drawn, triangles that overlap or are turned over.
+    /// What is wrong with it as a surface: a lattice point with two heights, an edge that two
+    /// triangles do not share although both its sides are drawn, triangles that overlap or are
+    /// turned over.
     pub fn defects(&self, world: &World) -> Vec<String> {
         let mut defects = vec![];
         let mut heights = HashMap::new();
@@ -258,8 +260,8 @@ impl Mesh {
             if edges.contains(&(*b, *a)) {
                 continue;
             }
-            // The outside is on the right. On a border of the terrain there is nothing; inside, a border runs along an
-            // axis, and the lattice cell beyond its middle must not be drawn.
+            // The outside is on the right. On a border of the terrain there is nothing; inside, a
+            // border runs along an axis, and the lattice cell beyond its middle must not be drawn.
             let [w, h] = world.extent().map(u64::from);
             let (x, y) = (u64::midpoint(a.0, b.0), u64::midpoint(a.1, b.1));
             let outside = if a.1 == b.1 {

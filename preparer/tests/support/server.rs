@@ -1,4 +1,5 @@
-//! A prefetcher small enough to be seen through: it serves want lists from a source that needs no waiting.
+//! A prefetcher small enough to be seen through: it serves want lists from a source that needs no
+//! waiting.
 
 use super::flight::Source;
 use std::sync::Arc;
@@ -12,7 +13,8 @@ use terravision_common::shm::{
     Control, PoolWriter, Producer, Residency, RunState, WAIT_BOUND, WantHead, WantListReader,
 };
 
-/// Serves on a thread of its own until the last list, or the end of the run; dropped, it ends the run.
+/// Serves on a thread of its own until the last list, or the end of the run; dropped, it ends the
+/// run.
 pub struct Server {
     control: Arc<Control>,
     thread: Option<JoinHandle<()>>,
@@ -51,7 +53,8 @@ pub struct TileServer {
     pub pools: [PoolWriter; 2],
     pub wants: WantListReader,
     pub outcomes: Producer<TileOutcome>,
-    /// A list is served from this place on, and then from its beginning: the order of tiles must not matter.
+    /// A list is served from this place on, and then from its beginning: the order of tiles must
+    /// not matter.
     pub rotation: usize,
 }
 

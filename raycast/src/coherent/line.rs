@@ -1,5 +1,5 @@
 //! Rays of a line, from the bottom up (voxel-flythrough-1999 §4): each starts where its witness hit
-//! ([`crate::proof`]). A start that lies in the ground nevertheless is stepped back from.
+//! ([`crate::proof`]). If a start lies in the ground nevertheless, the ray steps back.
 
 use super::voxels::Current;
 use super::walk::{End, VoxelRays};
@@ -16,7 +16,7 @@ pub(crate) struct VoxelLines<'a, R> {
     pub(crate) rule: &'a R,
 }
 
-/// A ray that was cast: in the air at all planes from `entry` up to `reach`.
+/// A ray that has been cast: in the air at all planes from `entry` up to `reach`.
 #[derive(Debug, Clone, Copy)]
 struct Known {
     ray: Ray,
@@ -24,13 +24,13 @@ struct Known {
     reach: u32,
 }
 
-/// A ray that is cast.
+/// A ray that is being cast.
 #[derive(Debug, Clone, Copy)]
 struct Casting<'r> {
     ray: &'r Ray,
-    /// The plane at which it comes over the ground.
+    /// The plane at which it enters the ground's bounds.
     entry: u32,
-    /// The plane after which it is above all ground, or over none.
+    /// The plane after which it is above all ground, or outside its bounds.
     end: u32,
 }
 
@@ -80,7 +80,8 @@ impl<R: StartRule> VoxelLines<'_, R> {
         counts
     }
 
-    /// Casts a ray that starts where its witness hit, after a look at what that does not prove.
+    /// Casts a ray that starts where its witness hit, after checking the intervals that the witness
+    /// does not prove.
     #[inline(always)]
     fn cast_behind<'f, const APPROXIMATE: bool>(
         &'f self,
@@ -92,7 +93,7 @@ impl<R: StartRule> VoxelLines<'_, R> {
     ) -> End {
         let Casting { ray, entry, end } = *casting;
         let planes = self.rays.planes;
-        // Where the witness was not over the ground yet it says nothing.
+        // Before the witness entered the ground's bounds, it proves nothing.
         let before = witness.entry.min(witness.reach).min(end);
         let gap = if entry < before { (before + 1).min(end) } else { before };
         let start = witness.reach.max(entry);
@@ -102,7 +103,7 @@ impl<R: StartRule> VoxelLines<'_, R> {
         }
         let mut is_looked_at = false;
         for [from, to] in unproven {
-            // It hit, or came past a corner of the ground.
+            // It hit, or passed a corner of the ground.
             if !matches!(found, End::Left(plane) if plane >= gap) {
                 break;
             }
@@ -124,7 +125,7 @@ impl<R: StartRule> VoxelLines<'_, R> {
         }
     }
 
-    /// Casts a ray that no other one proves anything of.
+    /// Casts a ray without a witness.
     #[inline(always)]
     fn cast_alone<'f, const APPROXIMATE: bool>(
         &'f self,
@@ -142,7 +143,8 @@ impl<R: StartRule> VoxelLines<'_, R> {
         }
     }
 
-    /// Puts what a ray has met into the picture; the plane up to which it is in the air.
+    /// Writes what a ray has hit into the picture. Returns the plane up to which the ray is in the
+    /// air.
     #[inline(always)]
     fn put<const APPROXIMATE: bool>(
         &self,
@@ -167,7 +169,7 @@ impl<R: StartRule> VoxelLines<'_, R> {
             End::Left(plane) => plane,
         };
         self.canvas.put_sky(pixel);
-        // A ray that rose above everything is in the air for ever. Beyond the ground's border it says
+        // A ray that rose above all ground stays in the air. Beyond the ground's border it proves
         // nothing.
         if plane >= casting.end && !rays.scene.ground.is_cut() {
             rays.planes.s().len() as u32
@@ -178,7 +180,7 @@ impl<R: StartRule> VoxelLines<'_, R> {
 }
 
 impl VoxelRays<'_> {
-    /// The plane after which a ray is above all ground, or over none.
+    /// The plane after which a ray is above all ground, or outside its bounds.
     #[inline(always)]
     fn end_of(&self, ray: &Ray) -> u32 {
         let rising = self.end_of_rising(ray);
@@ -191,7 +193,7 @@ impl VoxelRays<'_> {
         let count = self.planes.s().len() as u32;
         let highest = self.scene.highest;
         if ray.direction.z > 0.0 {
-            // One more, for what lies before it.
+            // One more plane, for the interval before it.
             let after = self.planes.at_or_after(highest.max(0.0) / ray.direction.z) + 1;
             after.min(count)
         } else if ray.direction.z == 0.0 && highest < 0.0 {

@@ -1,15 +1,17 @@
-//! The planes that rays through voxels are sampled on: the same parameters for all rays of a frame.
+//! The planes on which rays through voxels are sampled: the same parameters for all rays of a
+//! frame.
 
 use crate::view::View;
 
-/// The parameters that rays are sampled at: a sampling interval apart, in voxels of the finest level that is at this distance.
+/// The parameters at which rays are sampled: one sampling interval apart, measured in voxels of the
+/// finest level at this distance.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Planes {
     s: Vec<f32>,
     /// By step ([`step_of`]) from `first_step` on, the first plane of this step or a later one.
     first: Vec<u32>,
     first_step: u32,
-    /// Of each stretch of s, from `first_stretch` on, the side of the finest voxels in it.
+    /// For each stretch of s, from `first_stretch` on, the side of the finest voxels in it.
     sides: Vec<f32>,
     first_stretch: u32,
 }
@@ -17,13 +19,14 @@ pub(crate) struct Planes {
 /// How densely rays through voxels are sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
-    /// VoxelStretch from sample to sample on the view axis.
+    /// Voxels from sample to sample on the view axis.
     pub interval_voxels: f32,
-    /// VoxelStretch that are smaller on screen are sampled as if they had this size, pixels. 0: every voxel by its own size.
+    /// Voxels that are smaller on screen than this, pixels, are sampled as if they had this size.
+    /// 0: every voxel is sampled by its own size.
     pub voxel_px: f32,
 }
 
-/// VoxelStretch and where they are.
+/// Voxels of one size, and the interval of the ray parameter in which they lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct VoxelStretch {
     /// The parameters of their nearest and of their furthest point.
@@ -32,23 +35,26 @@ pub(crate) struct VoxelStretch {
     pub(crate) side_m: f32,
 }
 
-/// log2 of the stretches of s per octave, for which the finest voxels are noted: levels are an octave
-/// apart, so that an eighth of one is a tenth of a leaf's distance.
+/// log2 of the stretches of s per octave; for each stretch the finest voxels are stored. Levels are
+/// an octave apart, so that an eighth of an octave is a tenth of a leaf's distance.
 const LOG_STRETCHES: u32 = 3;
 /// Stretches in all: 24 octaves from the nearest plane on, from a decimetre to 1,600 km.
 const STRETCHES: usize = 24 << LOG_STRETCHES;
-/// log2 of the steps per octave by which planes are found again: with 0.6 voxels from plane to plane and
-/// voxels of a pixel, a step holds few planes ([`Planes::at_or_after`] searches those of one step).
+/// log2 of the steps per octave of the index of planes. With 0.6 voxels from plane to plane and
+/// voxels as large as a pixel, a step holds few planes ([`Planes::at_or_after`] searches those of
+/// one step).
 const LOG_STEPS: u32 = 7;
 
-/// A number's octave and its place in it, in `1 << log` steps: grows with positive numbers.
+/// The octave of a number and its place within the octave, in `1 << log` steps. Monotonic for
+/// positive numbers.
 #[inline(always)]
 fn step_of(s: f32, log: u32) -> u32 {
     s.to_bits() >> (23 - log)
 }
 
 impl Planes {
-    /// Most planes: 0.6 voxels apart, about as many as a ray through a thousand tiles of 16 cells takes.
+    /// Upper bound of the number of planes: about as many as a ray needs through a thousand tiles
+    /// of 16 cells, at 0.6 voxels.
     pub(crate) const MOST: usize = 1 << 15;
 
     /// Sets them for a view of voxels, out to parameter `far`.
@@ -66,7 +72,7 @@ impl Planes {
         if finest_m.is_finite() && per_m * f64::from(finest_m) > 0.0 {
             self.fill_sides((per_m * f64::from(finest_m)) as f32, voxels, finest_m);
             let mut scale = 1.0;
-            // Past the last plane no ground would be found: rather fewer planes everywhere.
+            // No ground would be found behind the last plane: better fewer planes everywhere.
             while !self.fill(scale * per_m, scale * growth, far) {
                 scale *= 2.0;
             }
@@ -83,7 +89,7 @@ impl Planes {
             let (first, last) = (self.stretch(from), self.stretch(to));
             self.sides[first..=last.max(first)].iter_mut().for_each(|side| *side = side.min(side_m));
         }
-        // Where nothing is any interval will do: that before it.
+        // Where there are no voxels any interval is fine: use the one before.
         let mut before = finest_m;
         for side in &mut self.sides {
             *side = if side.is_finite() { *side } else { before };
@@ -91,12 +97,13 @@ impl Planes {
         }
     }
 
-    /// What is behind the eye is in the first stretch, NaN too.
+    /// Points behind the eye are in the first stretch, and so is NaN.
     fn stretch(&self, s: f32) -> usize {
         (step_of(s.max(0.0), LOG_STRETCHES).saturating_sub(self.first_stretch) as usize).min(STRETCHES - 1)
     }
 
-    /// Sets planes `per_m` of a voxel's side apart, `growth` of the parameter at least; whether all have found room.
+    /// Sets planes `per_m` of a voxel's side apart, but at least `growth` of the parameter. Returns
+    /// whether all of them fit.
     fn fill(&mut self, per_m: f64, growth: f64, far: f32) -> bool {
         self.s.clear();
         let mut s = 0.0f64;
@@ -109,7 +116,7 @@ impl Planes {
             let interval = |at: usize| (per_m * f64::from(self.sides[at])).max(growth * s);
             let mut step = interval(at);
             if at + 1 < STRETCHES && interval(at + 1) < step {
-                // Not past where finer voxels begin.
+                // Do not step over the place where finer voxels begin.
                 let end = f32::from_bits((self.first_stretch + at as u32 + 1) << (23 - LOG_STRETCHES));
                 step = step.min((f64::from(end) - s).max(interval(at + 1)));
             }
@@ -118,7 +125,7 @@ impl Planes {
         true
     }
 
-    /// Of each step, the first plane that is not before it.
+    /// For each step, the first plane that is not before it.
     fn index(&mut self) {
         self.first.clear();
         self.first_step = self.s.get(1).map_or(0, |s| step_of(*s, LOG_STEPS));
@@ -142,7 +149,8 @@ impl Planes {
         if s <= 0.0 {
             return 0;
         }
-        // Planes of earlier steps are before it, those of later ones after it: steps never fall while numbers rise.
+        // Planes of earlier steps are before it, those of later ones after it: steps never fall
+        // while numbers rise.
         let at = step_of(s, LOG_STEPS).saturating_sub(self.first_step) as usize;
         let Some(&[from, to]) = self.first.get(at..at + 2) else { return self.s.len() as u32 };
         from + self.s[from as usize..to as usize].partition_point(|&plane| plane < s) as u32
@@ -194,7 +202,7 @@ mod tests {
         for (k, at) in s.iter().enumerate() {
             assert_eq!(planes.at_or_after(*at), k as u32);
         }
-        // More planes than there is room for: fewer everywhere, but all the way.
+        // More planes than fit: fewer everywhere, but up to the end.
         let finest = VoxelStretch { range: [0.0, 1e6], side_m: 1.0 };
         planes.set(&view, &Sampling { voxel_px: 0.0, ..sampling }, std::iter::once(finest), 1e5);
         assert!(planes.s().len() <= Planes::MOST && *planes.s().last().unwrap() > 99_990.0);

@@ -1,5 +1,6 @@
-//! Where a ray passes the surface, once its samples have found it: between two samples, on the border of the ground, or at
-//! the top of a hill that is narrower than a sampling interval.
+//! Finds the intersection of a ray with the surface, once samples have found it: between two
+//! samples, on the border of the ground, or at the top of a hill that is narrower than a sampling
+//! interval.
 
 use super::voxels::{Current, cell};
 use super::walk::VoxelRays;
@@ -13,11 +14,12 @@ use glam::Vec3;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     pub(crate) plane: u32,
-    /// Its density, if it was looked at.
+    /// Its density, if it was sampled.
     pub(crate) inside: Option<f32>,
-    /// That of the sample before, if it was looked at.
+    /// The density of the sample before, if it was sampled.
     pub(crate) outside: Option<f32>,
-    /// Where between the sample before, in the air, and this one, which may be in the air too, the surface is passed.
+    /// The interval between the sample before, which is in the air, and this one, which may be in
+    /// the air too, in which the ray crosses the surface.
     pub(crate) crossing: Option<[Point; 2]>,
 }
 
@@ -28,15 +30,17 @@ pub(crate) struct Point {
     density: f32,
 }
 
-/// Halvings of a sampling interval in which a ray may pass through the top of a hill: ground of less than an eighth of it is missed.
+/// How often a sampling interval is halved in search of the top of a hill: ground narrower than an
+/// eighth of the interval is missed.
 const HALVINGS: u32 = 3;
-/// Of a ray's way to where it leaves the ground, so that rounding leaves this point over the ground.
+/// Share of a ray's length up to where it leaves the ground's bounds, so that after rounding the
+/// point is still within them.
 const JUST_BEFORE: f32 = 1.0 - 1e-6;
 
 impl VoxelRays<'_> {
-    /// Whether a ray passes through ground between plane `k` and the one before, both in the air: over the top of a hill that is
-    /// narrower there than a sampling interval, or else silhouettes show the planes as steps. `densities`: of both, one of
-    /// them at least.
+    /// Looks for ground between plane `k` and the plane before, when the ray is in the air at both:
+    /// the top of a hill that is narrower than a sampling interval. Without this, silhouettes show
+    /// the planes as steps. `densities`: at both planes, at least one of them known.
     #[inline(always)]
     pub(crate) fn between<const APPROXIMATE: bool>(
         &self,
@@ -47,13 +51,13 @@ impl VoxelRays<'_> {
         current: &Current<'_>,
         counts: &mut Counts,
     ) -> Option<Sample> {
-        // `fall` says so, too, but this is known at compile time and costs nothing.
+        // `fall` says the same, but this is known at compile time and costs nothing.
         if APPROXIMATE {
             return None;
         }
         let s = [self.planes.s()[k - 1], self.planes.s()[k]];
         let fall = fall_per_s * (s[1] - s[0]);
-        // What is not known is in the air.
+        // An unknown density counts as air.
         let [from, to] = densities.map(|density| density.unwrap_or(THRESHOLD));
         if from + to + fall <= 2.0 * THRESHOLD {
             return None;
@@ -81,8 +85,9 @@ impl VoxelRays<'_> {
         Some(Sample { plane: k as u32, inside: None, outside: None, crossing: Some(crossing) })
     }
 
-    /// The first place between two points in the air at which a ray enters the ground, as a point before and one after it.
-    /// `fall`: by how much densities fall, or rise, from one point to the other, at most.
+    /// The first place between two points in the air at which a ray enters the ground, as a point
+    /// before it and a point after it. `fall`: the largest change of density from one point to the
+    /// other.
     fn crossing<const APPROXIMATE: bool>(
         &self,
         ray: &Ray,
@@ -106,8 +111,8 @@ impl VoxelRays<'_> {
         half([from, middle]).or_else(|| half([middle, to]))
     }
 
-    /// Whether a ray that has met no sample in the ground before `plane` is in the ground where it leaves it: planes do not lie on
-    /// the border.
+    /// Whether a ray without a sample in the ground before `plane` is in the ground where it leaves
+    /// the ground's bounds: planes do not lie on the border.
     #[inline(always)]
     pub(crate) fn at_border<const APPROXIMATE: bool>(
         &self,
@@ -137,7 +142,7 @@ impl VoxelRays<'_> {
         crossing.map(|crossing| Sample { plane: after, inside: None, outside: None, crossing: Some(crossing) })
     }
 
-    /// The tile at a parameter of a ray, which is this one or beside it.
+    /// The tile at a parameter of a ray: the current one or a neighbour.
     #[inline(always)]
     pub(crate) fn tile_at(&self, ray: &Ray, s: f32, current: &Current<'_>) -> u32 {
         if current.is_over(current.at(ray.direction * current.per_m, s)) {
@@ -149,8 +154,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// Where a ray passes the surface before a sample that is in the ground: the plane before, which is in the air, and the parameter
-    /// between it and the next one, by the two densities.
+    /// The intersection before a sample in the ground: the last plane in the air, and the parameter
+    /// between it and the next plane, interpolated from the two densities.
     #[inline(always)]
     pub(crate) fn refined<const APPROXIMATE: bool>(
         &self,
@@ -174,7 +179,8 @@ impl VoxelRays<'_> {
                 let inside = here.or_else(|| density(plane)).unwrap_or(255.0);
                 let from = Point { s: planes[plane - 1], density: outside };
                 let to = Point { s: planes[plane], density: inside };
-                // What lies between the last sample in the air and the next one is for the next ray to look at, if it does.
+                // If rays look between samples, the next ray has to look between the last sample in
+                // the air and the one after it.
                 return (plane as u32 - u32::from(self.looks_between()), surface_between(from, to));
             }
             counts.steps_back += 1;
@@ -189,7 +195,8 @@ impl VoxelRays<'_> {
         self.fall.is_finite()
     }
 
-    /// Density at a parameter of a ray that is in a tile or near it; `None` where no ground is.
+    /// Density at a parameter of a ray that is in a tile or near it; `None` where there is no
+    /// ground.
     #[inline(always)]
     fn density_at<const APPROXIMATE: bool>(&self, ray: &Ray, s: f32, current: &Current<'_>) -> Option<f32> {
         let at = current.at(ray.direction * current.per_m, s);

@@ -1,14 +1,14 @@
-//! A tile of voxels as rays sample it.
+//! Samples of the voxels of a tile.
 
 use crate::model::{LOG_BLOCK, Span, THRESHOLD};
 use glam::Vec3;
 
-/// The tile that a line's rays are in: the same for many of them.
+/// The tile that the rays of a line are in: neighbouring rays often share it.
 #[derive(Clone, Copy)]
 pub(crate) struct Current<'a> {
     pub(crate) index: u32,
     pub(crate) spans: &'a [Span],
-    /// Of posts, metres above the ground's datum.
+    /// Heights of posts, metres above the ground's datum.
     pub(crate) heights: &'a [f32],
     pub(crate) densities: &'a [u8],
     pub(crate) blocks: &'a [u16],
@@ -16,27 +16,28 @@ pub(crate) struct Current<'a> {
     pub(crate) layers: usize,
     pub(crate) is_accurate: bool,
     pub(crate) per_m: f32,
-    /// The eye's place in cells and layers.
+    /// The eye's position in cells and layers.
     pub(crate) at_0: Vec3,
-    /// Layers of the ground's datum.
+    /// The ground's datum in layers.
     pub(crate) datum: f32,
 }
 
-/// A number's whole part, as a number and as an index: past any cell count for a negative number. A whole number may give
-/// the cell below it, of which it is the end.
+/// The whole part of a number, as an index and as a float. A negative number gives an index beyond
+/// any cell count. A whole number may give the cell that ends there.
 #[inline(always)]
 pub(crate) fn cell(at: f32) -> (u32, f32) {
-    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for numbers that do not fit.
+    // Adding 1.5 times 2^23 leaves no bits for fractions. A conversion would have to check for
+    // numbers that do not fit.
     let rounded = (at - 0.5) + 12_582_912.0;
     (rounded.to_bits().wrapping_sub(0x4b40_0000), rounded - 12_582_912.0)
 }
 
-/// How fast [`Current::density_by_height`] falls: so fast that up to a slope of 45 degrees it falls no faster across the surface
-/// than densities of voxels do.
+/// How fast [`Current::density_by_height`] falls per layer. Chosen so that up to a slope of 45
+/// degrees it falls no faster across the surface than densities of voxels do.
 const DENSITY_PER_LAYER: f32 = 60.0;
 
 impl Current<'_> {
-    /// Place of a point of a ray in cells and layers.
+    /// Position of a point of a ray in cells and layers.
     #[inline(always)]
     pub(crate) fn at(&self, per_s: Vec3, s: f32) -> Vec3 {
         per_s * s + self.at_0
@@ -47,8 +48,9 @@ impl Current<'_> {
         cell(at.x).0 < self.cells[0] && cell(at.y).0 < self.cells[1]
     }
 
-    /// The cell below a place, and its corner; `None` beside the tile. `is_found`: the tree says that the
-    /// place is over the tile; the difference is rounding, and the place is taken to the border.
+    /// The cell below a point, and its corner; `None` outside of the tile. `is_found`: the tree
+    /// says that the point is over the tile, so that a difference is rounding, and the point is
+    /// moved to the border.
     #[inline(always)]
     pub(crate) fn cell_at(&self, at: &mut Vec3, is_found: bool) -> Option<([u32; 2], [f32; 2])> {
         let [columns, rows] = self.cells;
@@ -64,13 +66,13 @@ impl Current<'_> {
         Some(([i, j], [low_u, low_v]))
     }
 
-    /// The number of the block of a cell.
+    /// Index of the block that holds a cell.
     #[inline(always)]
     pub(crate) fn block_of(&self, i: u32, j: u32) -> u32 {
         (j >> LOG_BLOCK) * self.cells[0].div_ceil(1 << LOG_BLOCK) + (i >> LOG_BLOCK)
     }
 
-    /// Density at a place in the cell `(i, j)`, whose corner is `low`: of voxels, or by height.
+    /// Density at a point in the cell `(i, j)`, whose corner is `low`: of voxels, or by height.
     #[inline(always)]
     pub(crate) fn density_in(&self, cell: [u32; 2], low: [f32; 2], at: Vec3, has_voxels: bool) -> f32 {
         if has_voxels { self.density(cell, low, at) } else { self.density_by_height(cell, low, at) }
@@ -81,8 +83,9 @@ impl Current<'_> {
         self.spans.get(j as usize * self.cells[0] as usize + i as usize).copied().unwrap_or_default()
     }
 
-    /// A density for a place in the cell `(i, j)` of a tile without voxels, whose corner is `low`: the threshold on the surface
-    /// that is bilinear between the cell's posts, and linear in the height above it.
+    /// Density at a point in the cell `(i, j)`, whose corner is `low`, of a tile without voxels:
+    /// the threshold on the surface that is bilinear between the cell's posts, and linear in the
+    /// height above it.
     #[inline(always)]
     pub(crate) fn density_by_height(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
         let (fu, fv) = (at.x - low[0], at.y - low[1]);
@@ -97,7 +100,7 @@ impl Current<'_> {
         THRESHOLD + DENSITY_PER_LAYER * (height - at.z)
     }
 
-    /// Trilinear density at a place in the cell `(i, j)`, whose corner is `low`.
+    /// Trilinear density at a point in the cell `(i, j)`, whose corner is `low`.
     #[inline(always)]
     pub(crate) fn density(&self, [i, j]: [u32; 2], low: [f32; 2], at: Vec3) -> f32 {
         let height = at.z.clamp(0.0, (self.layers - 2) as f32 + 1.0);

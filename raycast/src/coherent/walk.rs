@@ -1,4 +1,4 @@
-//! The samples of one ray: from plane to plane, past blocks and nodes that lie below it as a whole.
+//! The samples of one ray: from plane to plane, skipping blocks and nodes that lie wholly below it.
 
 use super::planes::Planes;
 use super::surface::Sample;
@@ -14,8 +14,8 @@ use glam::Vec3;
 pub(crate) struct VoxelRays<'a> {
     pub(crate) scene: &'a Scene<'a>,
     pub(crate) planes: &'a Planes,
-    /// How fast densities fall along a ray that comes out of the ground, per voxel, as far as it is looked
-    /// for; minus infinity where nothing is looked for between samples.
+    /// How fast densities may fall along a ray that leaves the ground, per voxel; minus infinity
+    /// when rays do not look between samples.
     pub(crate) fall: f32,
 }
 
@@ -24,7 +24,7 @@ pub(crate) struct VoxelRays<'a> {
 pub(super) enum End {
     /// A sample is in the ground.
     Hit(Sample),
-    /// All samples before this plane are in the air, and none after it is over ground.
+    /// All samples before this plane are in the air, and there is no ground after it.
     Left(u32),
 }
 
@@ -49,8 +49,9 @@ impl VoxelRays<'_> {
         })
     }
 
-    /// Looks at the samples of a ray from plane `from` up to `end`. `current` is the tile to begin in, and
-    /// where it ended. With `SKIPS` it passes over blocks and nodes that lie below it as a whole.
+    /// Takes the samples of a ray from plane `from` up to `end`. `current` is the tile to begin in,
+    /// and afterwards the tile where the walk ended. With `SKIPS` it skips blocks and nodes that
+    /// lie wholly below the ray.
     #[inline(always)]
     pub(super) fn walk<'f, const APPROXIMATE: bool, const SKIPS: bool>(
         &'f self,
@@ -63,13 +64,13 @@ impl VoxelRays<'_> {
         let planes = &self.planes.s()[..(end as usize).min(self.planes.s().len())];
         let mut k = from as usize;
         let mut is_found = false;
-        // Density at the plane before, if it was looked at.
+        // Density at the plane before, if it was sampled.
         let mut outside = None;
-        // None: no plane is before the first one.
+        // There is no plane before the first one.
         let mut looked_at = usize::MAX - 1;
         let hit = |k: usize, inside, outside| End::Hit(Sample { plane: k as u32, inside, outside, crossing: None });
         loop {
-            // A copy, so that it stays in registers.
+            // A copy, to keep it in registers.
             let tile = *current;
             let per_s = ray.direction * tile.per_m;
             let has_voxels = !APPROXIMATE && tile.is_accurate;
@@ -131,8 +132,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// The tile at the first plane from `k` on that may be in the ground, and that plane; or the plane
-    /// from which on there is no ground, `None` for the last one.
+    /// The first plane from `k` on that may be in the ground, and the tile there; or the plane from
+    /// which on there is no ground, `None` for the last one.
     #[inline(always)]
     fn next_tile<const SKIPS: bool>(
         &self,
@@ -154,8 +155,8 @@ impl VoxelRays<'_> {
         }
     }
 
-    /// The first plane from `k` on at which a ray that is above all boundary cells of a block may not be
-    /// any more.
+    /// The first plane from `k` on at which a ray may no longer be above all boundary cells of a
+    /// block.
     fn skip(&self, current: &Current<'_>, per_s: Vec3, cell: [u32; 2], height: f32, block: u32, k: usize) -> usize {
         let Some(highest) = current.blocks.get(block as usize) else { return k };
         let top = f32::from(*highest) + 1.0;
@@ -176,7 +177,7 @@ impl VoxelRays<'_> {
         if per_s.z < 0.0 {
             s = s.min((top - current.at_0.z) / per_s.z);
         }
-        // One plane early: rounding.
+        // One plane earlier, for rounding.
         k.max(self.planes.at_or_after(s).saturating_sub(1) as usize)
     }
 }

@@ -1,4 +1,4 @@
-//! Pixels of a line whose rays lie in one plane, and how far the ground under them may be followed.
+//! Pixels of a line whose rays lie in one plane, and how far the ground below them may be followed.
 
 use super::highest::HighestSeen;
 use crate::proof::Steepness;
@@ -6,25 +6,27 @@ use crate::scene::Scene;
 use crate::shade::strip::Strip;
 use glam::Vec2;
 
-/// Pixels for which the ground's steepness is looked up at once: those of a run ([`Strip`]), half of what
-/// the painter takes at once. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Pixels for which the steepness of the ground is looked up together: the pixels of a run
+/// ([`Strip`]), half of those that the painter takes together. (Measured; see `docs/techniques.md`,
+/// *Thresholds*.)
 pub(crate) const CHUNK: usize = 16;
-/// Pixels above each other from which on the ground is followed: with fewer, casting their rays costs
-/// less than looking up how steep the ground is. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// The ground is followed for at least this many pixels above each other. For fewer, casting their
+/// rays costs less than looking up how steep the ground is. (Measured; see `docs/techniques.md`,
+/// *Thresholds*.)
 const FEWEST: usize = 3;
-/// The distance up to which the ground is followed is a thousandth shorter: rounding.
+/// The distance up to which the ground is followed is reduced by a thousandth, for rounding.
 const SHORTER: f32 = 0.999;
 
-/// A line that is being found.
+/// A line whose pixels are being found.
 #[derive(Debug)]
 pub(crate) struct Target<'a> {
     /// Its pixels.
     pub(crate) strip: Strip<'a>,
-    /// For each chunk of pixels two rectangles of ground that the lines before have asked for.
+    /// For each chunk of pixels two rectangles of ground that earlier lines have looked up.
     pub(crate) seen: &'a mut [HighestSeen],
 }
 
-/// Pixels of a strip with rays in one plane, and what makes a post's place in it.
+/// Pixels of a strip whose rays lie in one plane, and the projection of posts into that plane.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Column<'a> {
     slopes: &'a Steepness,
@@ -33,26 +35,28 @@ pub(crate) struct Column<'a> {
     pub(super) last: usize,
     /// Whether they are in one row, instead of one column.
     pub(super) is_row: bool,
-    /// Column (or row) of all of them, row (or column) of pixel number 0, and from number to number: 1 or -1.
+    /// Column (or row) of all of them; row (or column) of pixel number 0, and its change from
+    /// number to number: 1 or -1.
     pub(super) fixed: f32,
     pub(super) first: f32,
     pub(super) sign: f32,
-    /// Place in the picture of pixel number 0, and from number to number.
+    /// Position of pixel number 0 in the picture, and its change from number to number.
     origin: Vec2,
     step: Vec2,
-    /// s per depth at pixel number 0, and from number to number.
+    /// s per depth at pixel number 0, and its change from number to number.
     guide: [f32; 2],
     pub(super) chunk: Chunk,
 }
 
-/// Pixels for which the ground is known to keep below the slope that they allow, up to some distance.
+/// Pixels for which the ground is known to keep below the slope that they allow, up to some
+/// distance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chunk {
-    /// Which; none at first.
+    /// Index of the chunk; `None` at first.
     index: Option<usize>,
-    /// Lowest pixel to which the cut may fall.
+    /// The lowest pixel to which the cut may fall.
     pub(super) lowest: f32,
-    /// Distance, metres, divided by the most metres per s of a ray.
+    /// Distance, metres, divided by the largest number of metres per s of a ray.
     pub(super) followed_until_s: f32,
 }
 
@@ -96,7 +100,7 @@ impl<'a> Column<'a> {
         })
     }
 
-    /// Whether pixel `k` is in it.
+    /// Whether it contains pixel `k`.
     #[inline(always)]
     pub(crate) fn holds(&self, k: usize) -> bool {
         (self.begin..=self.last).contains(&k)
@@ -108,7 +112,7 @@ impl<'a> Column<'a> {
         self.guide[0] + self.guide[1] * k
     }
 
-    /// Sees to it that the chunk of pixel `k` is known.
+    /// Computes the chunk of pixel `k`, unless it is the current one.
     #[inline(always)]
     pub(super) fn enter_chunk(&mut self, scene: &Scene<'_>, k: usize, seen: &mut [HighestSeen]) {
         if self.chunk.index != Some(k / CHUNK) {

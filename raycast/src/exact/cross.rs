@@ -1,4 +1,5 @@
-//! How an exact ray crosses a tile: from above through the pyramid of maxima, from below cell by cell.
+//! How an exact ray crosses a tile: from above through the pyramid of maxima, from below cell by
+//! cell.
 
 use super::entered::{Along, Entered, Hit};
 use crate::model::Ground;
@@ -8,13 +9,13 @@ use glam::Vec2;
 /// How a ray crossed a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Crossing {
-    /// It met the ground, or came out of it.
+    /// It hit the ground, or left it from below.
     Hit(Hit),
     /// It left, or reached its limit, at this parameter.
     Left(f32),
 }
 
-/// A cell, or a block of `2^level` cells a side, that a ray is in.
+/// The cell, or block of `2^level` cells a side, that a ray is in.
 #[derive(Debug, Clone, Copy)]
 struct Block {
     level: u32,
@@ -22,7 +23,7 @@ struct Block {
 }
 
 impl Block {
-    /// Goes down into the quarter that holds a point. `cells` of the tile.
+    /// Descends into the quarter that contains a point. `cells`: those of the tile.
     #[inline(always)]
     fn descend(&mut self, point: Vec2, cells: [u32; 2], low: Vec2, side: f32) {
         self.level -= 1;
@@ -33,8 +34,8 @@ impl Block {
         }
     }
 
-    /// Goes on to the next block along an axis, and up a level, `most` at most, where that is in
-    /// another one of the coarser level; whether there is one.
+    /// Moves to the next block along an axis, and up a level (at most to `most`) when it enters
+    /// another block of the coarser level. Returns whether there is a next block.
     #[inline(always)]
     fn advance(&mut self, axis: usize, is_up: bool, cells: [u32; 2], most: u32) -> bool {
         let before = self.at[axis] >> 1;
@@ -106,8 +107,8 @@ impl Entered<'_> {
         }
     }
 
-    /// Follows a ray that is under the ground from `from` until it comes out of it, leaves, or is past
-    /// `until`.
+    /// Follows a ray that is below the ground from `from` until it leaves the ground or the tile,
+    /// or is past `until`.
     pub(crate) fn emerge(&self, along: &Along, from: f32, until: f32, samples: &mut u64) -> Crossing {
         let cells = self.tile.cells;
         let size = Vec2::new(cells[0] as f32, cells[1] as f32);

@@ -1,4 +1,4 @@
-//! A tile of heights that exact rays are in, and where they meet its facets.
+//! The tile of heights that an exact ray is in, and the intersections with its facets.
 
 use crate::model::Tile;
 use crate::model::facet::Facet;
@@ -12,13 +12,13 @@ pub(crate) struct Hit {
     pub(crate) facet: Facet,
 }
 
-/// A ray lies under the ground when it is lower by so many metres, and by this share of the distance:
-/// less is rounding. Places along a ray are kept in 24 bits, and so are heights, so that both are off by
-/// a ten-millionth of the distance, times the slope of the ground, which a hundred of those allow for.
+/// A ray is below the ground when it is lower by this many metres plus this share of the distance;
+/// less is rounding. Parameters and heights have 24 bits, so that the error is a ten-millionth of
+/// the distance times the slope of the ground; a hundred times that is allowed for.
 pub(crate) const LEAST_BELOW_M: f32 = 1e-3;
 pub(crate) const LEAST_BELOW: f32 = 1e-5;
 
-/// A tile that rays are in.
+/// The tile that a ray is in.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Entered<'a> {
     pub(crate) index: u32,
@@ -27,13 +27,13 @@ pub(crate) struct Entered<'a> {
     pub(crate) maxima: &'a [f32],
     /// Cells per metre.
     pub(crate) per_m: f32,
-    /// The eye's place, cells from the tile's corner.
+    /// The eye's position, cells from the tile's corner.
     pub(crate) at_0: Vec2,
     /// The eye, metres above the datum.
     pub(crate) eye_height: f32,
 }
 
-/// A ray along a tile.
+/// A ray in the units of a tile.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Along {
     /// Cells per unit of s.
@@ -71,7 +71,8 @@ impl Entered<'_> {
         }
     }
 
-    /// The number of a facet among those of the tile: twice that of its south western post ([`crate::exact::projected`]), and which half.
+    /// The number of a facet within the tile: twice the number of its south western post
+    /// ([`crate::exact::projected`]), plus which half it is.
     #[inline(always)]
     pub(crate) fn facet_number(&self, facet: &Facet) -> usize {
         let [i, j] = [facet.corner.x as usize + 1, facet.corner.y as usize + 1];
@@ -86,7 +87,7 @@ impl Entered<'_> {
         at.x >= 0.0 && at.y >= 0.0 && at.x < columns as f32 && at.y < rows as f32
     }
 
-    /// Where a ray that is in the air up to `from` meets a facet, when it is over that facet from there on.
+    /// Where a ray that is in the air up to `from` hits a facet that it is over from there on.
     #[inline(always)]
     pub(crate) fn meets(&self, along: &Along, facet: &Facet, from: f32) -> Option<f32> {
         let [per_s, at_eye] = above(facet, along, self.at_0);
@@ -94,7 +95,7 @@ impl Entered<'_> {
         (per_s < 0.0 && s >= from && facet.holds(self.at(along, s)) && facet.holds(self.at(along, from))).then_some(s)
     }
 
-    /// Whether a ray lies under the ground at a parameter at which it is over the tile.
+    /// Whether a ray is below the ground at a parameter at which it is over the tile.
     pub(crate) fn is_below(&self, along: &Along, s: f32) -> bool {
         let [columns, rows] = self.tile.cells;
         let at = self.at(along, s).clamp(Vec2::ZERO, Vec2::new(columns as f32, rows as f32));
@@ -106,8 +107,8 @@ impl Entered<'_> {
         along.rise * s < facet.height + facet.slope.dot(at) - LEAST_BELOW * s - LEAST_BELOW_M
     }
 
-    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell whose corner is `low`, or with
-    /// `IS_BELOW` not under them.
+    /// The first parameter from `from` to `to` at which the ray is not above the facets of the cell
+    /// whose corner is `low`; with `IS_BELOW`, at which it is not below them.
     #[inline(always)]
     pub(crate) fn root<const IS_BELOW: bool>(
         &self,
@@ -120,7 +121,7 @@ impl Entered<'_> {
         let facets = Facet::of_cell(low, corners.map(|height| height - self.eye_height));
         let place = self.at(along, from) - low;
         let (across, per_s) = (place.x - place.y, along.per_s.x - along.per_s.y);
-        // Where it changes from one half to the other, if it does.
+        // Where it crosses the diagonal, if it does.
         let change = if across * per_s < 0.0 { from - across / per_s } else { f32::INFINITY };
         let is_south_east_first = across > 0.0 || (across == 0.0 && per_s >= 0.0);
         let order = if is_south_east_first { [0, 1] } else { [1, 0] };
@@ -155,7 +156,7 @@ mod tests {
             let at = Vec2::new(3.0 + u, 5.0 + v);
             let facet = if u >= v { south_east } else { north_west };
             assert!(facet.holds(at), "{at}");
-            // An eye at the tile's corner, straight down beside it.
+            // An eye at the tile's corner, looking straight down beside it.
             let [_, height_above] = above(&facet, &Along { per_s: Vec2::ZERO, rise: -1.0 }, at);
             assert!((height_above + height).abs() < 1e-5, "{height_above} {height}");
         }

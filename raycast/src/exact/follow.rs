@@ -1,10 +1,10 @@
 //! Following the ground along a plane of rays.
 //!
-//! Pixels above each other in a column (or beside each other in a row) have rays in one plane through the
-//! eye. Within it, at one parameter `s`, rays lie on a line that leans as the plane does, always the same
-//! way. Where no ground is steeper than that line ([`crate::proof::steepness`]), the line enters the
-//! ground once, so that the plane's cut of the ground is the graph of a function of `s`: one line, from
-//! facet to facet, without islands. Pixels are then found by following it:
+//! The rays of pixels above each other in a column (or beside each other in a row) lie in one plane
+//! through the eye. At one parameter `s` these rays lie on a line whose inclination is the same for
+//! all `s`. Where no ground is steeper than that line ([`crate::proof::steepness`]), the line
+//! enters the ground once. The plane's section of the ground is then the graph of a function of
+//! `s`: one polyline, from facet to facet, without islands. Pixels are found by following it:
 //!
 //! ```text
 //!             ·b                 the first time that the cut rises to a pixel is what the pixel's ray meets
@@ -13,10 +13,10 @@
 //!    ·        │                  ·
 //! ```
 //!
-//! Posts are projected into the picture once a frame ([`super::projected`]). A step from one facet to the
-//! next is then a comparison: on which side of the plane is the next post? Where the plane cuts the edge
-//! between, pixel and one over depth are linear along it, and so is one over depth from pixel to pixel
-//! within a facet.
+//! Posts are projected into the picture once a frame ([`super::projected`]). A step from one facet
+//! to the next is then a comparison: on which side of the plane is the next post? Pixel number and
+//! one over depth are linear along the edge that the plane cuts, and one over depth is linear from
+//! pixel to pixel within a facet.
 
 use super::column::{CHUNK, Column, Target};
 use super::entered::{Entered, Hit};
@@ -26,13 +26,13 @@ use crate::proof::Steepness;
 use crate::scene::Scene;
 use crate::shade::strip::Strip;
 
-/// Hidden facets that are followed before it is cheaper to look for the next visible one through the
-/// pyramid. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// Hidden facets that are followed at most; then it is cheaper to find the next visible one through
+/// the pyramid. (Measured; see `docs/techniques.md`, *Thresholds*.)
 const MOST_HIDDEN: u32 = 24;
-/// No line crosses more facets within tiles; a bound that no rounding can keep from being reached.
+/// No line crosses more facets within tiles. A bound on the loop that holds whatever rounding does.
 const MOST_FACETS: u32 = 1 << 16;
 
-/// What is needed to follow the ground.
+/// Inputs for following the ground.
 #[derive(Debug)]
 pub(crate) struct Follower<'a> {
     pub(crate) scene: &'a Scene<'a>,
@@ -43,14 +43,14 @@ pub(crate) struct Follower<'a> {
 /// Where following ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Traced {
-    /// The first pixel that is not known yet.
+    /// The first pixel that is not yet known.
     pub(crate) next: usize,
     /// The parameter up to which the one before it is in the air.
     pub(crate) reach: f32,
 }
 
-/// Posts of a facet: those of the edge by which the cut leaves it upwards, the one with the greater
-/// coordinate first, and the third one.
+/// Posts of a facet: the two of the edge through which the cut leaves it upwards, the one with the
+/// greater coordinate first, then the third.
 #[derive(Debug, Clone, Copy)]
 struct Step {
     before: usize,
@@ -64,14 +64,14 @@ struct Cut<'a> {
     tile: u32,
     posts: Posts<'a>,
     step: Step,
-    /// Where it has entered the facet: pixel number, and one over depth.
+    /// Where it entered the facet: pixel number, and one over depth.
     from: [f32; 2],
 }
 
 impl Follower<'_> {
-    /// Of the pixels from `k` on, those that see sky because the ray below them met nothing up to
-    /// `reach`, where it left the ground: chunk by chunk, as long as the ground may be followed that far
-    /// and lies below all rays from there on.
+    /// Marks the pixels from `k` on that see sky because the ray below them hit nothing up to
+    /// `reach`, where it left the ground. Works chunk by chunk, as long as the ground may be
+    /// followed that far and lies below all rays from there on.
     pub(crate) fn trace_sky(
         &self,
         column: &mut Column<'_>,
@@ -89,7 +89,7 @@ impl Follower<'_> {
             }
             let next = ((traced.next / CHUNK + 1) * CHUNK).min(column.last + 1);
             let rays = [traced.next - 1, next - 1].map(|k| scene.view.ray(strip.pixel(k)));
-            // None of those between leaves the ground later.
+            // No ray between these two leaves the ground later.
             let last = scene.last_departure(rays.each_ref());
             let is_left = last <= traced.reach
                 || last.is_finite()
@@ -103,9 +103,9 @@ impl Follower<'_> {
         (traced.next > k).then_some(traced)
     }
 
-    /// Follows the ground from where pixel `k` meets it, as far as slopes allow, and puts what the next
-    /// pixels see into the strip. `entered` is the tile of the hit, and then that of the last pixel.
-    /// `None` when no pixel was found.
+    /// Follows the ground from where pixel `k` hits it, as far as slopes allow, and writes what the
+    /// next pixels see into the strip. `entered` is the tile of the hit, and afterwards the tile of
+    /// the last pixel. `None` when no pixel was found.
     pub(crate) fn trace<'f>(
         &'f self,
         column: &mut Column<'_>,
@@ -133,8 +133,8 @@ impl Follower<'_> {
         Some(Traced { next, reach: column.s_per_depth((next - 1) as f32) / target.strip.nearness[next - 1] })
     }
 
-    /// The same, from a tile: the first pixel that is not known yet, and the tile that the last one sees.
-    /// `MINOR` is the axis of the picture that pixels have in common.
+    /// The same from a given tile. Returns the first pixel that is not yet known, and the tile that
+    /// the last one sees. `MINOR` is the axis along which all pixels have the same coordinate.
     #[inline(never)]
     fn follow<const MINOR: usize>(
         &self,
@@ -177,8 +177,8 @@ impl Follower<'_> {
         (row > k + 1).then_some((row, seen))
     }
 
-    /// Puts the pixels from `row` to `last` that see the facet of a cut, which leaves it at `to`; the first
-    /// of them that does not, or the one after the last.
+    /// Writes the pixels from `row` to `last` that see the facet of a cut, which leaves the facet
+    /// at `to`. Returns the first pixel that does not see it, or the one after the last.
     #[inline(always)]
     fn put_facet(
         &self,
@@ -202,7 +202,7 @@ impl Follower<'_> {
             let slope = || cut.posts.slope(facet);
             strip.put_run([row, end], cut.from[0], [cut.from[1], per_pixel], [cut.tile as usize, facet], slope);
             if self.scene.ground.is_cut() && self.is_past_border(column, end, strip) {
-                // The way to the ground grows from pixel to pixel.
+                // The distance to the ground grows from pixel to pixel.
                 return (row..end).find(|k| self.is_past_border(column, *k, strip)).unwrap_or(end);
             }
             row = end + 1;
@@ -212,11 +212,12 @@ impl Follower<'_> {
         }
     }
 
-    /// Goes on to the facet beyond the edge that the cut leaves by; whether there is one.
+    /// Moves to the facet behind the edge through which the cut leaves. Returns whether there is
+    /// one.
     #[inline(always)]
     fn step_over<'f, const MINOR: usize>(&'f self, cut: &mut Cut<'f>, fixed: f32) -> bool {
         let Step { mut before, mut after, third } = cut.step;
-        // A facet and its neighbor are a parallelogram.
+        // A facet and its neighbour form a parallelogram.
         let mut next = before.wrapping_add(after).wrapping_sub(third);
         let mut at = cut.posts.place(next)[MINOR];
         if at.is_nan() {
@@ -238,14 +239,15 @@ impl Follower<'_> {
         true
     }
 
-    /// Whether what a pixel was said to see lies beyond the ground's border, over which cells may reach.
+    /// Whether the hit of a pixel lies beyond the ground's border, which cells may overlap.
     fn is_past_border(&self, column: &Column<'_>, k: usize, strip: &Strip<'_>) -> bool {
         let ray = self.scene.view.ray(strip.pixel(k));
         column.s_per_depth(k as f32) / strip.nearness[k] > self.scene.departure(&ray)
     }
 
-    /// The tile beside, of the same level, that has the facet beyond an edge of a facet, whose third post
-    /// is the last one; and there the edge, and the third post of that facet.
+    /// The neighbouring tile of the same level that has the facet behind an edge; and, in that
+    /// tile, the edge and the third post of that facet. `facet`: the posts of the edge, then the
+    /// third post.
     #[inline(never)]
     fn neighbor(&self, index: u32, posts: &Posts<'_>, facet: [usize; 3]) -> Option<(u32, [usize; 3])> {
         let ground = self.scene.ground;
@@ -293,7 +295,7 @@ fn leaving<const MINOR: usize>(posts: &Posts<'_>, column: &Column<'_>, hit: &Hit
         return None;
     }
     let is_before = places.map(|at| at > column.fixed);
-    // The post that is alone on its side of the plane.
+    // The post that is on the other side of the plane than the other two.
     let alone = match is_before {
         [a, b, c] if b == c && a != b => 0,
         [a, b, c] if a == c && a != b => 1,

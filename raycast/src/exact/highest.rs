@@ -1,15 +1,15 @@
-//! Whether rays pass above all ground of a stretch, by the highest ground there.
+//! Whether rays pass above all ground of an interval, by the highest ground there.
 
 use crate::scene::Scene;
 use crate::view::Ray;
 use glam::Vec3;
 
-/// The highest ground is looked up for so much more around, as a share of the distance: the lines beside
-/// are likely to ask for it. The 32 lines that a worker takes at a time span a twentieth of the distance, at
-/// 60 degrees and 1280 columns.
+/// The highest ground is looked up for a larger rectangle, by this share of the distance on each
+/// side, because neighbouring lines are likely to need it. The 32 lines that a worker takes at a
+/// time span a twentieth of the distance, at 60 degrees and 1280 columns.
 const SEEN_AROUND: f32 = 1.0 / 16.0;
-/// A stretch is widened by this share of its distance and so many metres on all sides: rounding of
-/// metres from the eye, a hundred times what it can be.
+/// An interval is widened by this share of its distance and this many metres on all sides: a
+/// hundred times the largest rounding error of metres from the eye.
 const WIDER: f32 = 1e-5;
 const WIDER_M: f32 = 0.01;
 
@@ -22,11 +22,11 @@ pub(crate) struct HighestSeen {
 }
 
 impl HighestSeen {
-    /// Of no ground.
+    /// The value for no ground.
     pub(crate) const NOTHING: Self =
         Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], highest: f32::NEG_INFINITY };
 
-    /// Whether another rectangle is part of it.
+    /// Whether it contains another rectangle.
     #[inline(always)]
     fn holds(&self, low: [f64; 2], high: [f64; 2]) -> bool {
         (0..2).all(|axis| self.low[axis] <= low[axis] && high[axis] <= self.high[axis])
@@ -34,8 +34,8 @@ impl HighestSeen {
 }
 
 impl Scene<'_> {
-    /// Whether rays between two, in one plane, are above the ground where some of them have come over its bounds and others have
-    /// not: there those that have not prove nothing.
+    /// Whether the rays between two, in one plane, are above the ground where only some of them
+    /// have entered its bounds: there the other ones prove nothing.
     pub(super) fn is_entered_above(&self, rays: [&Ray; 2], seen: &mut HighestSeen) -> bool {
         if !self.is_eye_beside_tiles() {
             return true;
@@ -51,7 +51,7 @@ impl Scene<'_> {
                 continue;
             };
             let entries = rays.map(|ray| border / ray.direction[axis]);
-            // Some never come over it.
+            // Some never enter its bounds.
             if !entries.iter().all(|entry| *entry > 0.0 && entry.is_finite()) {
                 return false;
             }
@@ -61,7 +61,8 @@ impl Scene<'_> {
         self.is_above(rays, [first, last], seen)
     }
 
-    /// Whether rays between two, in one plane, are above the ground from one parameter to another.
+    /// Whether the rays between two, in one plane, are above the ground from one parameter to
+    /// another.
     pub(super) fn is_above(&self, rays: [&Ray; 2], [first, last]: [f32; 2], seen: &mut HighestSeen) -> bool {
         let corners = rays.map(|ray| [ray.direction * first, ray.direction * last]);
         let corners = [corners[0][0], corners[0][1], corners[1][0], corners[1][1]];

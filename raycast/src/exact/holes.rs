@@ -1,9 +1,11 @@
-//! Holes, and ground that was made up (`terravision_common::validity`): what pixels see once all rays have been cast.
+//! Holes, and ground that was filled (`terravision_common::validity`): a pass over the pixels once
+//! all rays have been cast.
 //!
-//! All methods cast their rays at the whole surface, holes and all: what they prove of the air above it stays true, and worlds
-//! without holes know nothing of them. Then the pixels whose ray meets a hole are cast on, one by one, from facet to facet:
-//! under the surface until the ray comes out of it, or above it again. A point is in a hole where the share of ground,
-//! linear over its facet, is less than a half: the same rule as the mesh's.
+//! All methods cast their rays at the whole surface, as if it had no holes. So what they prove
+//! about the air above it stays true, and worlds without holes need no extra work. Then each ray
+//! that hit a hole goes on from facet to facet: below the surface until it comes out again, or
+//! above it. A point is in a hole where the share of ground, linear over its facet, is less than a
+//! half, as in the mesh.
 
 use super::entered::{LEAST_BELOW, LEAST_BELOW_M};
 use super::walk::{Side, past};
@@ -17,31 +19,31 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use terravision_common::surface::facet::{facet_slope, is_south_east};
 use terravision_common::validity::HALF;
 
-/// A ray passes no more holes: a bound that no rounding can keep from being reached.
+/// A ray passes through no more holes. A bound on the loop that holds whatever rounding does.
 const MOST_HOLES: u32 = 1 << 10;
-/// Bits of a colour's alpha that say that its ground was made up: cleared.
+/// The bit of a colour's alpha that is cleared where the ground was filled.
 const MARK: u32 = 1 << 24;
 
-/// What a ray meets at a point of the surface.
+/// The surface at the point that a ray hit.
 #[derive(Debug, Clone, Copy)]
 struct Met {
     tile: u32,
-    /// Share that is ground.
+    /// Share of ground.
     ground: f32,
-    /// Share that was measured.
+    /// Share of measured ground.
     measured: f32,
-    /// Where the ray goes on: under the facet, or above it.
+    /// On which side of the facet the ray goes on.
     beyond: Side,
 }
 
 impl Canvas<'_> {
-    /// Sends the rays on that met a hole, and marks pixels whose ground was made up.
+    /// Continues the rays that hit a hole, and marks pixels whose ground was filled.
     pub(crate) fn look_at_shares(&self, workers: &Workers) {
         let rows = self.picture.size()[1] as usize;
         let next = AtomicUsize::new(0);
         workers.run(|_| {
             let mut counts = Counts::default();
-            // Relaxed: which worker takes a row shows nowhere.
+            // Relaxed: the result does not depend on which worker takes a row.
             while let Some(row) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|row| *row < rows) {
                 self.look_at_row(row, &mut counts);
             }
@@ -75,7 +77,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// Where a ray that passes the surface at a hole meets ground, if it does.
+    /// Where a ray that passes through a hole hits ground, if it does.
     fn beyond_hole(&self, ray: &Ray, mut s: f32, mut met: Met, counts: &mut Counts) -> Option<(f32, Met)> {
         let border = self.scene.departure(ray);
         for _ in 0..MOST_HOLES {
@@ -96,7 +98,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// What a ray meets where it passes the surface of this tile at `s`.
+    /// The surface of this tile where a ray crosses it at `s`.
     fn met_in(&self, tile: u32, ray: &Ray, s: f32) -> Option<Met> {
         let current = self.scene.enter(tile)?;
         let along = current.along(ray);
@@ -104,7 +106,7 @@ impl Canvas<'_> {
         let at = current.at(&along, s).clamp(Vec2::ZERO, Vec2::new(columns as f32, rows as f32));
         let cell = [(at.x as u32).min(columns - 1), (at.y as u32).min(rows - 1)];
         let by = at - Vec2::new(cell[0] as f32, cell[1] as f32);
-        // Up per cell of the facet that the point is on.
+        // Rise per cell of the facet that the point is on.
         let slope = |corners: [f32; 4]| Vec2::from_array(facet_slope(corners, is_south_east(by.x, by.y)));
         let shares = self.scene.ground.shares_of_cell(current.tile, cell);
         let share = |plane: usize| {
@@ -114,7 +116,7 @@ impl Canvas<'_> {
         let corners = current.corners(cell);
         let rise = slope(corners);
         let above = along.rise * s + current.eye_height - corners[0] - rise.dot(by);
-        // A ray that meets voxels may be away from the facet yet, or past it.
+        // A ray that hit voxels may still be in front of the facet, or behind it.
         let beyond = match above {
             above if above.abs() > LEAST_BELOW * s + LEAST_BELOW_M => {
                 if above > 0.0 {

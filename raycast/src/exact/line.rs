@@ -1,14 +1,14 @@
 //! One exact ray per pixel of a line, bottom up.
 //!
-//! No line of pixels is taken for granted. Where the ground's slope allows it, pixels above one that hit
-//! are found by following the ground ([`super::follow`]). Elsewhere, where a witness below proves that a
-//! stretch is in the air ([`crate::proof`]; here for every parameter, not for samples alone) a ray starts
-//! behind that stretch; and where it starts over the facet that the ray below hit, and meets that facet,
-//! nothing else has to be looked at.
+//! Coherence is never assumed. Where the ground's slope allows it, pixels above one that hit are
+//! found by following the ground ([`super::follow`]). Elsewhere, a witness below may prove that an
+//! interval is in the air ([`crate::proof`]; here for every parameter, not only for samples). The
+//! ray then starts behind that interval; and if it starts over the facet that the ray below hit,
+//! and hits that facet too, nothing else has to be tested.
 //!
-//! The ground is a surface: it has no sides where tiles end. A ray that comes over it lower than its edge
-//! is under it, and meets facets from below, or none, as the mesh draws them (`docs/rendering.md`,
-//! culling). It proves nothing for others.
+//! The ground is a surface: it has no side walls where tiles end. A ray that enters its bounds
+//! lower than its edge is below it, and hits facets from below, or none, as the mesh draws them
+//! (`docs/rendering.md`, culling). Such a ray proves nothing about others.
 
 use super::column::{Column, Target};
 use super::entered::{Entered, Hit};
@@ -19,7 +19,7 @@ use crate::proof::{Recent, StartRule};
 use crate::scene::Scene;
 use crate::view::Ray;
 
-/// A ray that was cast: in the air from `entry` to `reach`.
+/// A ray that has been cast: in the air from `entry` to `reach`.
 #[derive(Debug, Clone, Copy)]
 struct Known {
     ray: Ray,
@@ -32,35 +32,35 @@ struct Known {
 pub(crate) struct ExactRays<'a, R> {
     pub(crate) scene: &'a Scene<'a>,
     pub(crate) rule: &'a R,
-    /// Where the rule knows slopes.
+    /// `Some` if the start rule knows slopes.
     pub(crate) follower: Option<Follower<'a>>,
 }
 
-/// What is known while a line's rays are cast.
+/// State while the rays of a line are cast.
 #[derive(Debug)]
 struct LineState<'f> {
-    /// The tile that rays are likely in.
+    /// The tile in which rays are likely to be.
     current: Entered<'f>,
     /// The facet that the ray below hit, and its tile.
     facet: Option<(u32, Facet)>,
     recent: Recent<Known>,
-    /// Rays below that are tried.
+    /// How many rays below are tried.
     tried: usize,
     counts: Counts,
 }
 
-/// What a ray has found.
+/// The result of a ray.
 #[derive(Debug, Clone, Copy)]
 struct Outcome {
     hit: Option<Hit>,
-    /// Up to where it is in the air.
+    /// The parameter up to which it is in the air.
     reach: f32,
-    /// Whether it was never under the ground.
+    /// Whether it was never below the ground.
     was_above: bool,
 }
 
 impl<R: StartRule> ExactRays<'_, R> {
-    /// What the pixels of a line see, bottom up.
+    /// Finds what the pixels of a line see, bottom up.
     pub(crate) fn find_line(&self, target: &mut Target<'_>) -> Counts {
         let count = target.strip.pixels.len();
         let counts = Counts { rays: count as u64, ..Counts::default() };
@@ -69,7 +69,8 @@ impl<R: StartRule> ExactRays<'_, R> {
             return counts;
         };
         let tried = match R::RELIES {
-            // In one column the rays below prove the same, the nearest one for the longest way.
+            // In one column the rays below prove the same, and the nearest one proves the longest
+            // interval.
             true if target.strip.is_straight() => 1,
             true => usize::MAX,
             false => 0,
@@ -115,11 +116,11 @@ impl<R: StartRule> ExactRays<'_, R> {
         let scene = self.scene;
         let entry = scene.entry(ray);
         let were_under = line.counts.under;
-        // Cells may reach beyond the border; without such cells it ends by itself.
+        // Cells may reach beyond the border; without such cells the walk ends by itself.
         let border = if scene.ground.is_cut() { scene.departure(ray) } else { f32::INFINITY };
         let (mut hit, start) = self.start(line, ray, entry, border);
         if hit.is_none() {
-            // Under the ground nothing is proven.
+            // Below the ground nothing is proven.
             let start = if line.counts.under == were_under { start } else { entry };
             let same = line.facet.filter(|(tile, _)| *tile == line.current.index && line.tried > 0 && start > entry);
             let again = same.and_then(|(_, facet)| {
@@ -130,7 +131,7 @@ impl<R: StartRule> ExactRays<'_, R> {
             let LineState { current, counts, .. } = line;
             hit = again.or_else(|| scene.first_hit(ray, entry, [start, border], current, counts));
         }
-        // Beyond the ground's border a ray that hit nothing says nothing.
+        // Beyond the ground's border a ray that hit nothing proves nothing.
         let reach = hit.map_or_else(|| scene.departure(ray), |hit| hit.s);
         let was_above = line.counts.under == were_under;
         line.facet = hit.filter(|_| was_above).map(|hit| (line.current.index, hit.facet));
@@ -138,7 +139,8 @@ impl<R: StartRule> ExactRays<'_, R> {
         Outcome { hit, reach, was_above }
     }
 
-    /// Where a ray starts, and what it has met before that, in what its witness does not prove.
+    /// Where a ray starts, and the hit before that, if there is one in an interval that its witness
+    /// does not prove.
     #[inline(always)]
     fn start<'f>(&'f self, line: &mut LineState<'f>, ray: &Ray, entry: f32, border: f32) -> (Option<Hit>, f32) {
         let scene = self.scene;
@@ -150,7 +152,7 @@ impl<R: StartRule> ExactRays<'_, R> {
             return (None, entry.max(if is_above { scene.highest / ray.direction.z } else { 0.0 }));
         };
         let start = below.reach.max(entry);
-        // Where the witness was not over the ground yet it says nothing.
+        // Before the witness entered the ground's bounds, it proves nothing.
         let gap = below.entry.min(start).min(border);
         let mut hit = None;
         if entry < gap {

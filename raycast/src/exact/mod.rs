@@ -1,6 +1,6 @@
-//! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for
-//! fast, accurate, and scalable dynamic height field rendering", I3D 2008), then the facets of the cell, the
-//! same that the mesh draws. No voxels.
+//! One exact ray per pixel: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum
+//! mipmaps for fast, accurate, and scalable dynamic height field rendering", I3D 2008), then the
+//! facets of the cell, the same that the mesh draws. No voxels.
 //!
 //! ```text
 //! walk: one ray, from node to node and tile to tile ─▶ cross: through a tile ─▶ entered: facets of a cell

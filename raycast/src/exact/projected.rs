@@ -1,23 +1,25 @@
-//! Posts of tiles as the picture shows them: once a frame, for all columns of pixels that follow the ground over them.
+//! Posts of tiles projected into the picture: once a frame, for all columns of pixels that follow
+//! the ground over them.
 
 use crate::model::Tile;
 use crate::scene::{Placed, Scene};
 use crate::workers::Workers;
 use glam::{Vec2, Vec4};
 
-/// Nearer to the eye along the view axis than this, metres, posts have no place in the picture: a millimetre,
-/// which is the rounding of heights.
+/// Posts nearer to the eye along the view axis than this, metres, are not projected: a millimetre,
+/// the rounding of heights.
 const NEAREST_M: f32 = 1e-3;
-/// What is at no place in the picture.
+/// A post that is not projected.
 const NOWHERE: [f32; 4] = [f32::NAN; 4];
 
 /// The posts of all tiles.
 #[derive(Debug, Default)]
 pub(crate) struct Projected {
-    /// Column and row in pixels from the centre of the upper left one, one over depth, and height above the datum; with a frame of
-    /// posts that are nowhere around each tile.
+    /// Column and row in pixels from the centre of the upper left one, one over depth, and height
+    /// above the datum; each tile has a border of posts that are not projected.
     posts: Vec<[f32; 4]>,
-    /// Where each tile's begin, and posts from row to row of it; at last where all end.
+    /// For each tile the index of its first post, and posts per row; the last entry is the end of
+    /// all.
     tiles: Vec<(usize, usize)>,
 }
 
@@ -45,7 +47,8 @@ impl<'a> Posts<'a> {
         self.place(post)[3]
     }
 
-    /// Which post is at a column and row of the tile, if there is one or it is next to one.
+    /// The index of the post at a column and row of the tile; `None` beyond the border of posts
+    /// around it.
     #[inline(always)]
     pub(crate) fn index(&self, [i, j]: [i32; 2]) -> Option<usize> {
         let [i, j] = [usize::try_from(i + 1).ok()?, usize::try_from(j + 1).ok()?];
@@ -58,7 +61,8 @@ impl<'a> Posts<'a> {
         [(post % self.stride) as i32 - 1, (post / self.stride) as i32 - 1]
     }
 
-    /// The number of the facet of three posts: twice that of the south western one, and 1 for the south eastern half of a cell.
+    /// The number of the facet of three posts: twice the number of the south western one, plus 1
+    /// for the south eastern half of a cell.
     #[inline(always)]
     pub(crate) fn facet(&self, [a, b, c]: [usize; 3]) -> usize {
         let (first, last) = (a.min(b).min(c), a.max(b).max(c));
@@ -118,7 +122,7 @@ impl Projected {
 fn project(scene: &Scene<'_>, tile: &Tile, placed: &Placed, out: &mut [[f32; 4]]) {
     let [columns, _] = tile.posts();
     let stride = columns + 2;
-    // No cell that reaches beyond the border.
+    // Not for cells that reach beyond the border.
     let extent = scene.ground.shape().surface.extent();
     let inside = [0, 1].map(|axis| (extent[axis].saturating_sub(tile.origin[axis]) >> tile.log_spacing) as usize + 1);
     let [column, row, depth] = scene.view.inverse();

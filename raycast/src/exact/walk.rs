@@ -1,5 +1,5 @@
-//! The way of one exact ray: over nodes that lie below it as a whole, from tile to tile, above the
-//! ground and under it.
+//! The walk of one exact ray: skips nodes that lie wholly below it, and goes from tile to tile,
+//! above the ground and below it.
 
 use super::cross::Crossing;
 use super::entered::{Entered, Hit};
@@ -12,19 +12,19 @@ use glam::{DVec2, Vec2};
 /// Where a ray is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Side {
-    /// Over no tile: nothing is known.
+    /// Over no tile, so that neither is known.
     Outside,
     Above,
     Below,
 }
 
-/// A ray crosses fewer tiles than this; a bound that no rounding can keep from being reached.
+/// A ray crosses fewer tiles than this. A bound on the loop that holds whatever rounding does.
 const MOST_TILES: u32 = 1 << 16;
 
 impl Scene<'_> {
-    /// Where, from `from` on and before `until`, a ray meets the ground. Up to `from` it is in the air,
-    /// but for what is before its `entry` into the ground's bounds. `current` is the tile that it is
-    /// likely in, and that it hit.
+    /// Where a ray hits the ground, from `from` on and before `until`. From its `entry` into the
+    /// ground's bounds up to `from` it is known to be in the air. `current` is the tile in which it
+    /// is likely to be, and afterwards the tile that it hit.
     pub(crate) fn first_hit<'f>(
         &'f self,
         ray: &Ray,
@@ -37,7 +37,7 @@ impl Scene<'_> {
         self.next_hit(ray, side, [from, until], current, counts)
     }
 
-    /// The same from where a ray is known to be.
+    /// The same, when it is known on which side of the ground the ray is.
     pub(crate) fn next_hit<'f>(
         &'f self,
         ray: &Ray,
@@ -81,7 +81,7 @@ impl Scene<'_> {
             };
             s = match crossing {
                 Crossing::Hit(hit) if side == Side::Above || self.has_undersides => return Some(hit),
-                // It comes out of the ground, whose undersides are not seen.
+                // It leaves the ground from below, and undersides are not drawn.
                 Crossing::Hit(hit) => {
                     side = Side::Above;
                     past(hit.s)
@@ -92,8 +92,8 @@ impl Scene<'_> {
         None
     }
 
-    /// What a ray sees that comes over the ground lower than its edge, if it does: a tile and a
-    /// parameter, or sky.
+    /// What a ray sees that enters the ground's bounds lower than its edge: a tile and a parameter,
+    /// or sky. The outer `None`: it does not enter so.
     pub(crate) fn seen_from_below(&self, ray: &Ray, counts: &mut Counts) -> Option<Option<(u32, f32)>> {
         let (entry, border) = (self.entry(ray), self.departure(ray));
         let mut s = entry;
@@ -114,8 +114,8 @@ impl Scene<'_> {
         None
     }
 
-    /// Descends the tree at a point of a ray; where the ray leaves the largest node that it passes
-    /// above, if there is one.
+    /// Descends the tree at a point of a ray. Returns where the ray leaves the largest node that it
+    /// passes above, if there is one.
     #[inline]
     pub(crate) fn skip_nodes(&self, ray: &Ray, s: f32) -> Option<f32> {
         let tree = self.ground.tree();
@@ -163,7 +163,7 @@ impl Scene<'_> {
     }
 }
 
-/// A little further, by a few of the last bits of a parameter: a point on a border belongs to what lies
+/// A parameter a few units in the last place further: a point on a border belongs to the cell
 /// behind it.
 #[inline(always)]
 pub(crate) fn past(s: f32) -> f32 {

@@ -4,7 +4,7 @@ use glam::DVec2;
 use terravision_common::database::color_tile_bytes;
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World};
 
-/// What a layer looks like.
+/// The layout of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColorLayout {
     /// Texels along a side, borders included.
@@ -40,7 +40,7 @@ impl ColorLayout {
     }
 }
 
-/// Which layer a tile of ground has its colours from, and where that lies.
+/// The layer from which a tile of ground has its colours, and the position of that layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColorPlace {
     /// The layer.
@@ -52,7 +52,8 @@ pub struct ColorPlace {
 }
 
 impl ColorPlace {
-    /// The place of a colour tile of a world: its node's lower left corner (lattice units) and level.
+    /// The place of a colour tile of a world: its node's lower left corner (lattice units) and
+    /// level.
     #[must_use]
     pub fn of_tile(world: &World, layer: u32, origin: [u32; 2], level: u8) -> Self {
         let texel_m = world.color_spacing_m(level);

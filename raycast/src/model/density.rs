@@ -1,22 +1,24 @@
-//! Density of the voxels of a column: 255 in the ground, 0 in the air, between them near the surface, so that the terrain
-//! is antialiased once and for any view (voxel-flythrough-1999 §3).
+//! Density of the voxels of a column: 255 in the ground, 0 in the air, in between near the surface.
+//! So the terrain is antialiased once, for all views (voxel-flythrough-1999 §3).
 
 /// A density above this is ground.
 pub const THRESHOLD: f32 = 127.5;
 
-/// How densities are made.
+/// How densities are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Filter {
-    /// An oriented box: density falls linearly over [`BOX_HALF_WIDTH`] voxels to both sides of the surface, measured along
-    /// its normal (Šrámek, Kaufman: "Alias-free voxelization of geometric objects", TVCG 1999). Keeps every height.
+    /// An oriented box: density falls linearly over [`BOX_HALF_WIDTH`] voxels to both sides of the
+    /// surface, measured along its normal (Šrámek, Kaufman: "Alias-free voxelization of geometric
+    /// objects", TVCG 1999). Keeps every height.
     #[default]
     OrientedBox,
-    /// A three-dimensional Gaussian of [`SIGMA`] voxels. Rounds ridges and fills hollows of a voxel or two.
+    /// A three-dimensional Gaussian of [`SIGMA`] voxels. Rounds ridges and fills hollows of a voxel
+    /// or two.
     Gaussian,
 }
 
-/// Half the width of the oriented box, voxels: above 1, so that along a slope, however steep, the transitions of
-/// neighbouring columns overlap and trilinear samples between them find the slope.
+/// Half the width of the oriented box, voxels. Above 1, so that the transitions of neighbouring
+/// columns overlap on any slope, and trilinear samples between them find the slope.
 pub const BOX_HALF_WIDTH: f32 = 1.5;
 /// Standard deviation of the Gaussian, voxels.
 pub const SIGMA: f32 = 0.7;
@@ -27,12 +29,12 @@ impl Filter {
     pub(crate) fn fall(self) -> f32 {
         match self {
             Self::OrientedBox => THRESHOLD / BOX_HALF_WIDTH,
-            // Of a step: the Gaussian's own height.
+            // For a step: the height of the Gaussian.
             Self::Gaussian => 255.0 / (SIGMA * (2.0 * std::f32::consts::PI).sqrt()),
         }
     }
 
-    /// Posts around a column that its densities depend on.
+    /// Radius, in posts, of the neighbourhood that the densities of a column depend on.
     #[must_use]
     pub fn radius(self) -> usize {
         match self {
@@ -42,14 +44,14 @@ impl Filter {
     }
 }
 
-/// A column and its surroundings: heights in voxels above the lowest layer.
+/// A column and its neighbourhood: heights in voxels above the lowest layer.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Column<'a> {
     /// Rows of heights, from south to north.
     pub(super) heights: &'a [f32],
     /// Heights from row to row.
     pub(super) stride: usize,
-    /// The column's own place in them.
+    /// The column's index in them.
     pub(super) at: usize,
 }
 
@@ -58,7 +60,7 @@ impl Column<'_> {
         self.heights[(self.at as isize + north * self.stride as isize + east) as usize]
     }
 
-    /// Upward part of the surface's normal.
+    /// Upward component of the surface's normal.
     pub(super) fn normal_up(&self) -> f32 {
         let east = 0.5 * (self.height(1, 0) - self.height(-1, 0));
         let north = 0.5 * (self.height(0, 1) - self.height(0, -1));
@@ -72,7 +74,7 @@ impl Column<'_> {
                 let height = self.height(0, 0);
                 let slope = THRESHOLD / BOX_HALF_WIDTH * self.normal_up();
                 for (layer, out) in out.iter_mut().enumerate() {
-                    // Rounded: the conversion cuts, and keeps what is out of range at its ends.
+                    // Rounds: the conversion itself truncates, and saturates out of range.
                     *out = (THRESHOLD + 0.5 + slope * (height - layer as f32)) as u8;
                 }
             }
@@ -104,8 +106,9 @@ impl Column<'_> {
     }
 }
 
-/// A step filtered by a Gaussian of deviation 1: the logistic approximation of the normal distribution function, off by
-/// 0.01 at most (Bowling et al., "A logistic approximation to the cumulative normal distribution", 2009).
+/// A step filtered by a Gaussian of deviation 1: the logistic approximation of the normal
+/// distribution function, off by 0.01 at most (Bowling et al., "A logistic approximation to the
+/// cumulative normal distribution", 2009).
 fn step_response(x: f32) -> f32 {
     1.0 / (1.0 + (-(1.5976 + 0.070_56 * x * x) * x).exp())
 }

@@ -11,12 +11,12 @@ pub(crate) struct Facet {
     pub(crate) is_south_east: bool,
     /// Metres up per cell east and north.
     pub(crate) slope: Vec2,
-    /// Height of its plane above the tile's corner, from wherever the posts' heights count.
+    /// Height of its plane at the tile's corner, above the datum of the posts' heights.
     pub(crate) height: f32,
 }
 
 impl Facet {
-    /// Those of a cell, south eastern half first, given the heights of its corners.
+    /// The two facets of a cell, south eastern half first, given the heights of its corners.
     #[inline(always)]
     pub(crate) fn of_cell(corner: Vec2, corners: [f32; 4]) -> [Self; 2] {
         [true, false].map(|is_south_east| {

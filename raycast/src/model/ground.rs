@@ -1,4 +1,4 @@
-//! The ground: tiles side by side, and what is known of all of them.
+//! The ground: tiles side by side, and data about all of them.
 
 use super::maxima::{self, Scratch};
 use super::spec::{Detail, GroundError, GroundShape, TileSpec};
@@ -8,12 +8,12 @@ use super::tree::Tree;
 use super::voxels::{TileVoxels, Voxels};
 use glam::{DVec2, DVec3};
 
-/// Boundary cells reach no more voxels above the highest post: their upper faces lie within a voxel
-/// of it, or within the radius of the Gaussian, two voxels; one more for rounding.
+/// Boundary cells reach at most this many voxels above the highest post: their upper faces lie
+/// within a voxel of it, or within the radius of the Gaussian, two voxels; one more for rounding.
 const VOXELS_ABOVE: f32 = 3.0;
 
-/// Tiles side by side. All memory is kept from frame to frame: a ground of the size of the last one
-/// allocates nothing.
+/// Tiles side by side. All memory is reused from frame to frame: a ground no larger than the last
+/// one allocates nothing.
 #[derive(Debug)]
 pub struct Ground {
     pub(super) shape: GroundShape,
@@ -21,11 +21,11 @@ pub struct Ground {
     pub(super) tiles: Vec<Tile>,
     pub(super) tree: Tree,
     pub(super) heights: Vec<f32>,
-    /// Shares of ground, and that were measured, of the tiles that need them.
+    /// Shares of ground and of measured ground, for the tiles that need them.
     pub(super) shares: Vec<[f32; 2]>,
     pub(super) maxima: Vec<f32>,
     pub(super) steep: Vec<SteepBlock>,
-    /// Of tiles that have some.
+    /// Voxels of the tiles that have some.
     pub(super) voxels: Voxels,
     pub(super) scratch: Scratch,
     /// Tiles by their distance from the eye, the nearest first.
@@ -61,8 +61,8 @@ impl Ground {
         ground
     }
 
-    /// Takes all tiles away. Those that come are kept as metres above `datum_m`, which is best near
-    /// the eye's height.
+    /// Removes all tiles. Heights of new ones are stored in metres above `datum_m`, which is best
+    /// near the eye's height.
     pub fn clear(&mut self, datum_m: f64) {
         self.datum_m = datum_m;
         self.tiles.clear();
@@ -78,10 +78,10 @@ impl Ground {
         self.is_cut = false;
     }
 
-    /// Adds a tile. [`Ground::finish`] makes rays see it.
+    /// Adds a tile. Rays see it after [`Ground::finish`].
     ///
     /// # Errors
-    /// [`GroundError`]; the ground is as before.
+    /// [`GroundError`]; the ground is unchanged.
     pub fn add(&mut self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
         let TileSpec { origin, level, log_spacing, cells, .. } = *spec;
         self.shape.check(spec)?;
@@ -136,7 +136,7 @@ impl Ground {
         }
     }
 
-    /// Keeps the shares of a tile, if some of it is not measured ground; where they begin.
+    /// Stores the shares of a tile, if some of it is not measured ground. Returns where they begin.
     fn add_shares(&mut self, spec: &TileSpec<'_>) -> Option<usize> {
         let planes = spec.shares?;
         let (columns, rows) = (spec.cells[0] as usize + 1, spec.cells[1] as usize + 1);
@@ -150,13 +150,13 @@ impl Ground {
         is_needed.then_some(start)
     }
 
-    /// Makes the models of all tiles that were added: densities, boundary arrays, maxima.
+    /// Builds the models of all added tiles: densities, boundary arrays, maxima.
     pub fn finish(&mut self) {
         self.finish_for(&Detail::ALL);
     }
 
-    /// As [`Ground::finish`], with voxels for the nearest tiles alone. Which those are depends on the
-    /// tiles and `detail` alone.
+    /// As [`Ground::finish`], with voxels only for the nearest tiles. Which tiles these are depends
+    /// only on the tiles and on `detail`.
     pub fn finish_for(&mut self, detail: &Detail) {
         let Some(filter) = self.shape.filter else {
             for index in 0..self.tiles.len() {
@@ -179,14 +179,14 @@ impl Ground {
         for at in 0..self.order.len() {
             let (distance, index) = self.order[at];
             let index = index as usize;
-            // An endless reach times no distance is NaN: everything is within.
+            // An infinite reach times a distance of 0 is NaN: then everything is within.
             self.tiles[index].voxels.is_accurate &= detail.reach.is_infinite() || distance <= limit;
             self.make_maxima(index);
             self.make_voxels(index, filter);
         }
     }
 
-    /// How far a tile's ground is from the eye at least, metres.
+    /// Lower bound of the distance of a tile's ground from the eye, metres.
     fn distance_m(&self, tile: &Tile, eye: DVec3) -> f64 {
         let surface = &self.shape.surface;
         let low = surface.foot_of_lattice(tile.corner());
@@ -234,15 +234,15 @@ impl Ground {
         self.voxel_bytes() + size_of_val(&self.voxels.spans[..]) + 4 * (self.heights.len() + self.maxima.len())
     }
 
-    /// What heights are above, world coordinates.
+    /// The datum of heights, world coordinates.
     #[must_use]
     #[inline]
     pub fn datum_m(&self) -> f64 {
         self.datum_m
     }
 
-    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there are
-    /// no tiles.
+    /// Lowest and highest post, metres above the datum. The lowest is above the highest when there
+    /// are no tiles.
     #[must_use]
     pub fn range_m(&self) -> [f32; 2] {
         [self.lowest_m, self.highest_m]
@@ -254,7 +254,7 @@ impl Ground {
         if self.has_voxels() { self.voxels.highest_m } else { self.highest_m }
     }
 
-    /// One past the tiles, east and north, lattice units.
+    /// The end of the tiles east and north, exclusive, lattice units.
     pub(crate) fn end(&self) -> [u32; 2] {
         self.end
     }
@@ -264,12 +264,13 @@ impl Ground {
         self.is_cut
     }
 
-    /// Whether some of what was added is not measured ground.
+    /// Whether some of the added tiles are not wholly measured ground.
     pub(crate) fn is_partly_unmeasured(&self) -> bool {
         !self.shares.is_empty()
     }
 
-    /// Blocks of cells that are steeper than [`super::SLOPE_BOUND`]; no other ground is.
+    /// Blocks of cells that are steeper than [`super::SLOPE_BOUND`]; all other ground is less
+    /// steep.
     pub(crate) fn steep_blocks(&self) -> &[SteepBlock] {
         &self.steep
     }

@@ -1,4 +1,4 @@
-//! The height of the ground at a point, linear on facets as everywhere (`terravision_common::surface::facet`).
+//! The height of the ground at a point, linear on facets (`terravision_common::surface::facet`).
 
 use super::Ground;
 use super::tile::Tile;
@@ -7,8 +7,8 @@ use terravision_common::surface::facet::facet_linear;
 use terravision_common::surface::tile::CellPosition;
 
 impl Ground {
-    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no tile
-    /// is. Lattice units.
+    /// Height of the surface at a point, linear on facets, metres above the datum; `None` where no
+    /// tile is. Lattice units.
     #[must_use]
     pub fn height_at(&self, point: [f64; 2]) -> Option<f32> {
         match self.tree.find(point) {
@@ -17,7 +17,7 @@ impl Ground {
         }
     }
 
-    /// Height in a tile; a point outside of its cells is taken to their border.
+    /// Height in a tile; a point outside of its cells is moved to their border.
     pub(super) fn height_in(&self, tile: &Tile, point: [f64; 2]) -> f32 {
         let unit = f64::from(1u32 << tile.log_spacing);
         let place = |axis: usize| {

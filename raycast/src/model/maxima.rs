@@ -1,23 +1,25 @@
-//! Extremes of a tile's heights: their range, and the pyramid of maxima by which exact rays skip ground.
+//! Extremes of a tile's heights: their range, and the pyramid of maxima with which exact rays skip
+//! ground.
 
 use super::Ground;
 use super::tile::Tile;
 
-/// One tile's intermediate values, in memory that is used again.
+/// Intermediate values of one tile, in reused memory.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     /// Heights of the tile and around it, layers of the tile.
     pub(super) around: Vec<f32>,
-    /// Of each column the highest voxel that is ground.
+    /// For each column the highest voxel that is ground.
     pub(super) tops: Vec<u16>,
-    /// Of each column the upward part of the normal.
+    /// For each column the upward component of the normal.
     pub(super) ups: Vec<f32>,
-    /// Of each post of a row, or each cell: two values.
+    /// Two values for each post or cell of a row.
     rows: [Vec<f32>; 2],
 }
 
 impl Scratch {
-    /// Two rows of `count` values: the first row filled with the first value, the second with the other.
+    /// Two rows of `count` values: the first row filled with the first value, the second with the
+    /// other.
     pub(super) fn rows(&mut self, count: usize, values: [f32; 2]) -> [&mut [f32]; 2] {
         let mut values = values.into_iter();
         self.rows.each_mut().map(|row| {
@@ -28,13 +30,13 @@ impl Scratch {
     }
 }
 
-/// The larger of two numbers, neither NaN: one instruction, in loops too.
+/// The larger of two numbers, neither of them NaN: one instruction, also in loops.
 #[inline(always)]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The smaller one.
+/// The smaller of two numbers, neither of them NaN.
 #[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
@@ -64,8 +66,8 @@ pub(super) fn range(heights: &[f32], columns: usize, scratch: &mut Scratch) -> O
 }
 
 impl Ground {
-    /// The highest post of blocks of 2, 4, 8, … cells a side of a tile, their borders included, until
-    /// one block is all.
+    /// Computes the highest post of a tile's blocks of 2, 4, 8, … cells a side, borders included,
+    /// up to a single block.
     pub(super) fn make_maxima(&mut self, index: usize) {
         let tile = self.tiles[index];
         let start = self.maxima.len();
@@ -95,7 +97,7 @@ impl Ground {
         }
     }
 
-    /// Halves a level of maxima that begins at `finer`; how many the coarser one has.
+    /// Halves a level of maxima that begins at `finer`. Returns the size of the coarser level.
     fn push_coarser_maxima(&mut self, finer: usize, cells: [usize; 2]) -> [usize; 2] {
         let coarser = cells.map(|n| n.div_ceil(2));
         for j in 0..coarser[1] {
@@ -112,7 +114,8 @@ impl Ground {
         coarser
     }
 
-    /// Highest post of block `at` of `2^level` cells a side, `level >= 1`, given the maxima of its tile.
+    /// Highest post of block `at` of `2^level` cells a side, `level >= 1`, given the maxima of its
+    /// tile.
     #[inline(always)]
     pub(crate) fn block_maximum(tile: &Tile, maxima: &[f32], level: u32, at: [u32; 2]) -> f32 {
         let mut start = 0;

@@ -1,11 +1,11 @@
-//! The ground that rays are cast on: tiles of heights, side by side, of any mixture of levels, made
-//! into voxels where a technique wants them.
+//! The ground that rays are cast on: tiles of heights, side by side, of any mixture of levels, and
+//! their voxels where a technique needs them.
 //!
-//! A tile of `n` x `n` cells has `(n + 1)²` columns of voxels, one per elevation post. A voxel is as
-//! high as it is wide, and layers are counted from the same height for all tiles of a level, so that
-//! two tiles have equal columns on the edge that they share. For each cell, which has four columns at
-//! its corners, the *boundary array* has the lowest and the highest boundary cell: below them is
-//! ground, above them air.
+//! A tile of `n` x `n` cells has `(n + 1)²` columns of voxels, one per elevation post. A voxel is
+//! as high as it is wide, and layers are counted from the same height for all tiles of a level, so
+//! that two tiles have equal columns on the edge that they share. Each cell has four columns at its
+//! corners. For each cell the *boundary array* has the lowest and the highest boundary cell: below
+//! them is ground, above them air.
 
 pub mod color;
 mod density;

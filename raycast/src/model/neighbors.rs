@@ -1,13 +1,13 @@
-//! Heights around a tile, which are those of its neighbors.
+//! Heights around a tile, taken from its neighbours.
 
 use super::Ground;
 use super::tile::Tile;
 use super::tree::Found;
 
 impl Ground {
-    /// Heights of a tile's posts and of `radius` more on each side, metres above the datum: those of
-    /// its neighbors, so that two tiles of a level make the same of an edge that they share. Where no
-    /// neighbor is, the border goes on.
+    /// Heights of a tile's posts, and of `radius` more posts on each side, metres above the datum.
+    /// The latter come from its neighbours, so that two tiles of a level compute the same along an
+    /// edge that they share. Where there is no neighbour, the border is repeated.
     pub(super) fn gather(&self, tile: &Tile, radius: usize, out: &mut Vec<f32>) {
         out.clear();
         let [columns, rows] = tile.posts();
@@ -21,7 +21,8 @@ impl Ground {
                 let neighbor = |post| self.neighbor_height(tile, post);
                 out.push(match (x, y) == (i, j) {
                     true => own,
-                    // Past the corner of two tiles at the border of all ground, the border goes on as well.
+                    // Past the corner of two tiles at the border of all ground, the border is
+                    // repeated as well.
                     false => neighbor([i, j]).or_else(|| neighbor([i, y])).or_else(|| neighbor([x, j])).unwrap_or(own),
                 });
             }
@@ -32,7 +33,8 @@ impl Ground {
     fn neighbor_height(&self, tile: &Tile, post: [i64; 2]) -> Option<f32> {
         let unit = 1i64 << tile.log_spacing;
         let point = [0, 1].map(|axis| (i64::from(tile.origin[axis]) + post[axis] * unit) as f64);
-        // A post on the border of two tiles belongs to both; the one that is nearer to this tile surely has it.
+        // A post on the border of two tiles belongs to both; the tile nearer to this one always has
+        // it.
         let nudge = [0, 1].map(|axis| if post[axis] > 0 { point[axis] - 0.5 } else { point[axis] });
         match self.tree.find(nudge) {
             Found::Tile(neighbor) => {
@@ -43,8 +45,8 @@ impl Ground {
         }
     }
 
-    /// Heights of a post on a tile's border: its own, and that of the coarser tile that lies half a
-    /// lattice unit further out.
+    /// Heights of a post on a tile's border: its own, and the height there of the coarser tile that
+    /// lies half a lattice unit further out.
     pub(super) fn heights_at_border(&self, tile: &Tile, post: [u32; 2], out: [f64; 2]) -> Option<[f32; 2]> {
         let point = [0, 1].map(|axis| f64::from(tile.origin[axis] + (post[axis] << tile.log_spacing)));
         // A post at the end of the side belongs to the tile beside this one.

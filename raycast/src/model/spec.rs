@@ -1,4 +1,4 @@
-//! What a ground is made of: its shape, the tiles that are added to it, and how much of it gets voxels.
+//! Inputs of a ground: its shape, the tiles that are added to it, and which of them get voxels.
 
 use super::color::{ColorLayout, ColorPlace};
 use super::density::Filter;
@@ -8,14 +8,14 @@ use terravision_common::surface::Surface;
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundShape {
-    /// Where lattice points lie, and where the ground ends east and north: at an extent of `u32::MAX`
-    /// where tiles end it. Cells may reach beyond.
+    /// Where lattice points lie, and where the ground ends east and north. With an extent of
+    /// `u32::MAX` the ground ends with its tiles. Cells may reach beyond the end.
     pub surface: Surface,
     /// Levels of the quad tree.
     pub levels: u8,
-    /// Layers of color.
+    /// Layers of colour.
     pub color: ColorLayout,
-    /// How densities are made. `None`: the ground has heights alone, no voxels.
+    /// How densities are computed. `None`: the ground has only heights, no voxels.
     pub filter: Option<Filter>,
 }
 
@@ -28,30 +28,30 @@ pub struct TileSpec<'a> {
     pub level: u8,
     /// log2 of the distance of its posts, lattice units.
     pub log_spacing: u8,
-    /// Cells that it has east and north, at most those that fill its node.
+    /// Number of cells east and north, at most those that fill its node.
     pub cells: [u32; 2],
     /// Heights of its posts, metres above `datum_m`, rows from south to north.
     pub heights: &'a [f32],
-    /// Of its posts, in the same order, the share that is ground and the share that was measured
-    /// (`terravision_common::validity`), where that is known of any.
+    /// For each post, in the same order, the share that is ground and the share that was measured
+    /// (`terravision_common::validity`). `None`: all of it was measured.
     pub shares: Option<[&'a [f32]; 2]>,
     /// Heights from row to row, at least `cells[0] + 1`.
     pub stride: usize,
-    /// What heights are above, metres in world coordinates (the eye's height for elevation arrays of
-    /// the ring).
+    /// The datum of the heights, metres in world coordinates (the eye's height for elevation arrays
+    /// of the ring).
     pub datum_m: f64,
-    /// Its colors.
+    /// Its colours.
     pub color: ColorPlace,
-    /// Whether it may get voxels of its own. Without, the boundary array and its heights alone say
-    /// where ground is.
+    /// Whether it may get voxels. Without voxels, the boundary array and the heights say where
+    /// ground is.
     pub is_accurate: bool,
 }
 
-/// Why a tile is not taken.
+/// Why a tile cannot be added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GroundError {
-    /// No node of the quad tree lies there.
+    /// No node of the quad tree begins there.
     #[error("no node of level {level} begins at {origin:?} in a quad tree of {levels} levels")]
     Place {
         /// Lower left corner.
@@ -86,7 +86,8 @@ pub enum GroundError {
 }
 
 impl GroundShape {
-    /// Checks that a tile lies on a node of the quad tree and has the heights that its cells need.
+    /// Checks that a tile lies on a node of the quad tree, and has as many heights as its cells
+    /// need.
     pub(super) fn check(&self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
         let TileSpec { origin, level, cells, stride, .. } = *spec;
         let levels = self.levels;
@@ -110,19 +111,19 @@ impl GroundShape {
     }
 }
 
-/// Which tiles of a ground get voxels of those that may.
+/// Which tiles of a ground get voxels, of those that may ([`TileSpec::is_accurate`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detail {
     /// The eye, world coordinates.
     pub eye_in_world: DVec3,
-    /// Tiles that are more than this many times as far from the eye as the nearest one, and further
-    /// than it is wide, get none.
+    /// Tiles that are more than this many times as far from the eye as the nearest tile, and
+    /// further than that tile is wide, get none.
     pub reach: f64,
-    /// Bytes of all voxels at most: where they are spent, further tiles get none.
+    /// Upper bound of the bytes of all voxels: when it is reached, farther tiles get none.
     pub most_bytes: usize,
 }
 
 impl Detail {
-    /// All tiles that may.
+    /// All tiles that may have voxels get them.
     pub const ALL: Self = Self { eye_in_world: DVec3::ZERO, reach: f64::INFINITY, most_bytes: usize::MAX };
 }

@@ -1,4 +1,4 @@
-//! Which cells of the ground are steep: what decides how far one ray vouches for another
+//! Which cells of the ground are steep: this decides how far one ray is a witness for another
 //! ([`crate::proof::steepness`]).
 
 use super::Ground;
@@ -6,31 +6,31 @@ use super::density::{BOX_HALF_WIDTH, Filter};
 use super::maxima::larger;
 use super::tile::Tile;
 
-/// log2 of the cells along a side of a block that is steep or not. (Measured; see
+/// log2 of the cells along a side of a block, the unit that is steep or not. (Measured; see
 /// `docs/techniques.md`, *Thresholds*.)
 const LOG_STEEP: u32 = 2;
-/// The slope, metres up per metre, that all ground outside of steep blocks keeps below. (Measured; see
-/// `docs/techniques.md`, *Thresholds*.)
+/// All ground outside of steep blocks has a lower slope than this, metres up per metre. (Measured;
+/// see `docs/techniques.md`, *Thresholds*.)
 pub(crate) const SLOPE_BOUND: f32 = 0.75;
 
-/// Cells of a tile, some of which are steep.
+/// A block of cells of a tile, some of which are steep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SteepBlock {
     /// South west and north east corner, lattice units.
     pub(crate) low: [u32; 2],
     pub(crate) high: [u32; 2],
-    /// Of its steepest cells.
+    /// Slopes of its steepest cells.
     pub(crate) slopes: CellSlopes,
-    /// No ground of its steep cells is higher, metres above the datum.
+    /// Upper bound of the height of its steep cells, metres above the datum.
     pub(crate) top_m: f32,
 }
 
 /// Upper bounds of slopes, metres up per metre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CellSlopes {
-    /// Of the facets between heights.
+    /// Slope of the facets between heights.
     pub(crate) heights: f32,
-    /// Of the surface of voxels, infinite where a cliff makes a wall.
+    /// Slope of the surface of voxels, infinite where a cliff makes a wall.
     pub(crate) voxels: f32,
 }
 
@@ -45,8 +45,8 @@ impl CellSlopes {
     /// A wall of voxels, where heights have no slope of their own.
     pub(super) const WALL: Self = Self { heights: 0.0, voxels: f32::INFINITY };
 
-    /// Those of a cell of voxels: heights of its corners in layers, and the least and the greatest
-    /// upward part of their normals.
+    /// Slopes of a cell of voxels. `corners`: heights of its corners in layers; `ups`: the smallest
+    /// and the largest upward component of their normals.
     pub(super) fn of_voxels(corners: [f32; 4], ups: [f32; 2], is_accurate: bool, filter: Filter) -> Self {
         let voxels = match filter {
             _ if !is_accurate => bilinear_slope(corners),
@@ -64,8 +64,8 @@ impl Ground {
         const SIDE: usize = 1 << LOG_STEEP;
         let tile = self.tiles[index];
         let [columns, rows] = tile.cells.map(|n| n as usize);
-        // A little less than the bound, so that rounding leaves out no block; which cells are steep is
-        // told in `steepest_of_block`.
+        // A little less than the bound, so that rounding omits no block; `steepest_of_block`
+        // decides which cells are steep.
         let limit = (0.9999 * SLOPE_BOUND * tile.spacing_m).powi(2);
         let mut scratch = std::mem::take(&mut self.scratch);
         for south in (0..rows).step_by(SIDE) {
@@ -94,8 +94,8 @@ impl Ground {
         self.scratch = scratch;
     }
 
-    /// The steepest slope of a block of cells, metres up per metre, and the highest post of cells that
-    /// are steeper than the bound.
+    /// The steepest slope of a block of cells, metres up per metre, and the highest post of cells
+    /// that are steeper than the bound.
     fn steepest_of_block(&self, tile: &Tile, [west, south]: [usize; 2], [width, side]: [usize; 2]) -> [f32; 2] {
         let [columns, rows] = tile.cells.map(|n| n as usize);
         let per_m = 1.0 / tile.spacing_m;
@@ -115,8 +115,8 @@ impl Ground {
         [slope, top_m]
     }
 
-    /// Notes a steep cell in its block, which is new or among those of its tile, from `first` on. Cells
-    /// come row by row.
+    /// Adds a steep cell to its block, which is new or one of the tile's blocks, from `first` on.
+    /// Cells come row by row.
     pub(super) fn note_steep(&mut self, tile: &Tile, first: usize, cell: [usize; 2], steep: Steep) {
         let Steep { slopes, top_m } = steep;
         let corner = |axis: usize, past: u32| {
@@ -139,7 +139,7 @@ impl Ground {
     }
 }
 
-/// Raises squares of slopes, up per cell, to those of the cells between two rows of posts.
+/// Raises squares of slopes, rise per cell, to those of the cells between two rows of posts.
 fn steepen(south: &[f32], north: &[f32], squares: &mut [f32]) {
     let count = squares.len();
     let (south, north) = (&south[..count + 1], &north[..count + 1]);
@@ -150,38 +150,39 @@ fn steepen(south: &[f32], north: &[f32], squares: &mut [f32]) {
     }
 }
 
-/// The steeper one of a cell's two facets, up per cell: the south eastern and the north western one.
+/// The slope of the steeper of a cell's two facets (south eastern and north western), rise per
+/// cell.
 fn facets_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     let [south, north] = [se - sw, ne - nw];
     let [west, east] = [nw - sw, ne - se];
     (south * south + east * east).max(north * north + west * west).sqrt()
 }
 
-/// A slope that the surface that is bilinear between a cell's posts does not exceed, up per cell.
+/// Upper bound of the slope of the bilinear surface between a cell's posts, rise per cell.
 fn bilinear_slope([sw, se, nw, ne]: [f32; 4]) -> f32 {
     let east = (se - sw).abs().max((ne - nw).abs());
     let north = (nw - sw).abs().max((ne - se).abs());
     (east * east + north * north).sqrt()
 }
 
-/// A slope that the surface of voxels, which is trilinear, does not exceed in a cell, given the normals
-/// at its corners.
+/// Upper bound of the slope of the trilinear surface of voxels in a cell, given the normals at its
+/// corners.
 fn voxel_slope(corners: [f32; 4], [least_up, most_up]: [f32; 2]) -> f32 {
     let slope = bilinear_slope(corners);
     let highest = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
     let lowest = corners.into_iter().fold(f32::INFINITY, f32::min);
     let range = highest - lowest;
-    // Between columns whose densities fall at different rates the surface is a mean of heights weighted
-    // by these rates.
+    // Between columns whose densities fall at different rates the surface is a mean of heights
+    // weighted by these rates.
     let graded = slope * most_up / least_up;
     if range * most_up <= BOX_HALF_WIDTH {
         graded
     } else if range * most_up <= 2.0 * BOX_HALF_WIDTH {
-        // Where one column is all ground or all air, the others alone tell heights, at half their
-        // weight or more.
+        // Where one column is all ground or all air, only the others determine heights, at half
+        // their weight or more.
         graded.max(4.0 * BOX_HALF_WIDTH / least_up)
     } else {
-        // Between two columns that do not overlap density is the same at many heights: a wall.
+        // Between two columns that do not overlap, density is the same at many heights: a wall.
         f32::INFINITY
     }
 }

@@ -1,4 +1,5 @@
-//! A tile of ground as rays see it: where it lies, and where its arrays begin in those of the ground.
+//! A tile of ground as rays use it: where it lies, and where its arrays begin in those of the
+//! ground.
 
 use super::Ground;
 use super::color::ColorPlace;
@@ -19,7 +20,7 @@ pub(crate) struct Tile {
     /// Where the shares of its posts begin, if some of it is not measured ground.
     pub(super) shares_at: Option<usize>,
     pub(crate) voxels: TileVoxels,
-    /// No ground of it is lower or higher, metres above the datum.
+    /// Bounds of its ground, metres above the datum.
     pub(crate) lowest_m: f32,
     pub(crate) top_m: f32,
     pub(crate) color: ColorPlace,
@@ -60,8 +61,8 @@ impl Ground {
         &self.maxima[tile.maxima_at..]
     }
 
-    /// Shares of the posts of a cell: south west, south east, north west, north east. All is measured
-    /// where nothing else is known.
+    /// Shares of the posts of a cell: south west, south east, north west, north east. A tile
+    /// without shares is wholly measured.
     pub(crate) fn shares_of_cell(&self, tile: &Tile, [i, j]: [u32; 2]) -> [[f32; 2]; 4] {
         let columns = tile.cells[0] as usize + 1;
         let south = tile.shares_at.map(|start| start + j as usize * columns + i as usize);
@@ -85,7 +86,7 @@ impl Ground {
         &self.voxels.densities[tile.voxels.densities_at..][..bytes]
     }
 
-    /// The highest boundary cell of blocks of `1 << LOG_BLOCK` cells a side.
+    /// The highest boundary cell of each block of `1 << LOG_BLOCK` cells a side.
     #[inline]
     pub(crate) fn blocks(&self, tile: &Tile) -> &[u16] {
         &self.voxels.blocks[tile.voxels.blocks_at..]

@@ -1,6 +1,7 @@
-//! Which tile is at a point: a quad tree of the tiles, and the highest ground below each of its nodes.
+//! Which tile is at a point: a quad tree of the tiles, with the highest ground of each of its
+//! nodes.
 
-/// What a link of the tree leads to.
+/// The target of a link of the tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Link {
     /// Nothing.
@@ -40,12 +41,12 @@ pub struct Tree {
     root_level: u32,
 }
 
-/// A tile is there already, or below or above the place of another.
+/// There is a tile already: at the same node, below it or above it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Occupied;
 
 impl Tree {
-    /// Takes all tiles away. The root is a node of `root_level`.
+    /// Removes all tiles. The root is a node of `root_level`.
     pub fn clear(&mut self, log_side: u32, root_level: u32) {
         self.nodes.clear();
         self.root = None;
@@ -53,7 +54,7 @@ impl Tree {
         self.root_level = root_level;
     }
 
-    /// All there is.
+    /// The root.
     #[inline]
     #[must_use]
     pub fn root(&self) -> Link {
@@ -87,7 +88,7 @@ impl Tree {
         &self.nodes
     }
 
-    /// Puts a tile of `level` at its origin, lattice units; `highest_m`: its highest ground.
+    /// Inserts a tile of `level` at its origin, lattice units; `highest_m`: its highest ground.
     ///
     /// # Errors
     /// It covers another one.
@@ -129,7 +130,8 @@ impl Tree {
         }
     }
 
-    /// A height that no ground of a rectangle exceeds, lattice units; `top` is that of a tile.
+    /// Upper bound of the height of the ground in a rectangle, lattice units; `top` gives that of a
+    /// tile.
     pub(crate) fn highest_in(&self, low: [f64; 2], high: [f64; 2], top: &impl Fn(u32) -> f32) -> f32 {
         let log = self.log_side + self.root_level;
         let mut highest = f32::NEG_INFINITY;
@@ -187,7 +189,7 @@ impl Tree {
     }
 }
 
-/// Which child of its parent the node of side `2^log` is that holds a point.
+/// The index, within its parent, of the node of side `2^log` that contains a point.
 #[inline(always)]
 fn child(point: [u32; 2], log: u32) -> usize {
     ((point[0] >> log) & 1 | ((point[1] >> log) & 1) << 1) as usize

@@ -1,4 +1,4 @@
-//! The voxels of a tile: densities, the boundary array, and the blocks by which rays skip it.
+//! The voxels of a tile: densities, the boundary array, and the blocks with which rays skip it.
 
 use super::Ground;
 use super::density::{Column, Filter, THRESHOLD};
@@ -6,8 +6,8 @@ use super::maxima::Scratch;
 use super::steep::{CellSlopes, SLOPE_BOUND, Steep};
 use super::tile::Tile;
 
-/// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the lowest
-/// one is ground, the whole upper face of the highest one air.
+/// The boundary cells of a column of cells, in layers of its tile: the whole lower face of the
+/// lowest one is ground, the whole upper face of the highest one air.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Span {
     /// Lowest boundary cell.
@@ -22,11 +22,11 @@ pub(crate) struct TileVoxels {
     pub(super) spans_at: usize,
     pub(super) densities_at: usize,
     pub(super) blocks_at: usize,
-    /// Voxels of a column.
+    /// Voxels per column.
     pub(crate) layers: u32,
     /// Height of its lowest layer, voxels above height 0 in world coordinates.
     pub(crate) lowest_layer: i32,
-    /// Whether there are densities; else the boundary array and heights say where ground is.
+    /// Whether there are densities; otherwise the boundary array and heights say where ground is.
     pub(crate) is_accurate: bool,
 }
 
@@ -38,23 +38,24 @@ pub(super) struct Voxels {
     pub(super) blocks: Vec<u16>,
     /// The top of the highest boundary cell, metres above the datum.
     pub(super) highest_m: f32,
-    /// Bytes of densities at most.
+    /// Upper bound of the bytes of densities.
     pub(super) most_bytes: usize,
 }
 
-/// Layers below and above what a tile's surface needs, so that samples an interval away from it are
-/// still graded: half the width of the filter (1.5 voxels), a sampling interval (0.6), rounded up.
+/// Extra layers below and above a tile's surface, so that samples one interval away from it still
+/// have graded densities: half the width of the filter (1.5 voxels) and a sampling interval (0.6),
+/// rounded up.
 const MARGIN: i32 = 3;
-/// A tile with more layers gets no voxels: a leaf of 16 x 16 cells would then take more than a
-/// megabyte, as much as two hundred leaves of mountains. A cliff of a hundred times the tile's own
-/// width has so many.
+/// A tile with more layers gets no voxels: a leaf of 16 x 16 cells would take more than a megabyte,
+/// as much as two hundred leaves of mountains. It takes a cliff a hundred times as high as the tile
+/// is wide to have this many.
 const MOST_LAYERS: usize = 4096;
 /// log2 of the cells along a side of a block of the skipping array: a leaf is 16 cells wide, and is
 /// skipped as a whole. (Measured; see `docs/techniques.md`, *Thresholds*.)
 pub(crate) const LOG_BLOCK: u32 = 4;
 
 impl Voxels {
-    /// Forgets all tiles, keeps the memory.
+    /// Removes all tiles, keeps the memory.
     pub(super) fn clear(&mut self) {
         self.spans.clear();
         self.densities.clear();
@@ -64,7 +65,7 @@ impl Voxels {
 }
 
 impl Ground {
-    /// Makes the voxels of a tile; the heights of all tiles are there.
+    /// Builds the voxels of a tile. The heights of all tiles must have been added.
     pub(super) fn make_voxels(&mut self, index: usize, filter: Filter) {
         let mut scratch = std::mem::take(&mut self.scratch);
         let tile = self.tiles[index];
@@ -95,9 +96,9 @@ impl Ground {
         self.scratch = scratch;
     }
 
-    /// Turns heights around a tile, metres above the datum, into layers above its lowest one; which
-    /// layer that is, and how many there are. In double precision: layers of neighboring tiles have to
-    /// lie at the same heights.
+    /// Converts heights around a tile, metres above the datum, into layers above its lowest one.
+    /// Returns that layer and the number of layers. In double precision, because layers of
+    /// neighbouring tiles have to lie at the same heights.
     fn to_layers(&self, tile: &Tile, heights: &mut [f32]) -> [i32; 2] {
         let scale = 1.0 / f64::from(tile.spacing_m);
         let in_voxels = |height: f32| (f64::from(height) + self.datum_m) * scale;
@@ -114,7 +115,8 @@ impl Ground {
         [lowest_layer, layers]
     }
 
-    /// Fills a tile's columns with densities, if it has some, and notes where each one's surface is.
+    /// Fills a tile's columns with densities, if it has some, and stores where the surface of each
+    /// column is.
     fn fill_columns(&mut self, tile: &Tile, filter: Filter, scratch: &mut Scratch) {
         let [columns, rows] = tile.posts();
         let layers = tile.voxels.layers as usize;
@@ -133,14 +135,14 @@ impl Ground {
                     column.fill(filter, voxels);
                     scratch.tops.push(top(voxels));
                 } else {
-                    // Heights themselves are the surface.
+                    // The heights themselves are the surface.
                     scratch.tops.push(scratch.around[at].max(0.0) as u16);
                 }
             }
         }
     }
 
-    /// The boundary array of a tile, and the slopes of its cells.
+    /// Builds the boundary array of a tile, and the slopes of its cells.
     fn push_spans(&mut self, tile: &Tile, scratch: &Scratch, filter: Filter) {
         let [columns, rows] = tile.posts();
         let radius = filter.radius();
@@ -164,7 +166,8 @@ impl Ground {
                 let slopes = CellSlopes::of_voxels(corners, [least_up, most_up], tile.voxels.is_accurate, filter);
                 if slopes.heights.max(slopes.voxels) > SLOPE_BOUND {
                     let highest_post = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
-                    // What lies above a boundary cell is air, and so is what lies above the highest post.
+                    // What lies above a boundary cell is air, and so is what lies above the highest
+                    // post.
                     let top_m = self.layer_m(tile, f64::from(highest) + 1.0);
                     let post_m = self.layer_m(tile, f64::from(highest_post));
                     self.note_steep(tile, first, [i, j], Steep { slopes, top_m: top_m.max(post_m) });
@@ -173,7 +176,7 @@ impl Ground {
         }
     }
 
-    /// The highest boundary cell of blocks of cells.
+    /// Builds the array of the highest boundary cell of each block of cells.
     fn push_blocks(&mut self, tile: &Tile) {
         let [columns, rows] = tile.cells.map(|n| n as usize);
         let side = 1usize << LOG_BLOCK;
@@ -191,15 +194,15 @@ impl Ground {
         }
     }
 
-    /// Height of a place between a tile's layers, metres above the datum.
+    /// Height of a fractional layer of a tile, metres above the datum.
     fn layer_m(&self, tile: &Tile, layer: f64) -> f32 {
         let in_voxels = f64::from(tile.voxels.lowest_layer) + layer;
         (in_voxels * f64::from(tile.spacing_m) - self.datum_m) as f32
     }
 }
 
-/// The highest voxel of a column that is ground; 0 for a column of air, which does not occur: layers
-/// begin below the lowest post.
+/// The highest voxel of a column that is ground; 0 for a column of air, which does not occur:
+/// layers begin below the lowest post.
 fn top(voxels: &[u8]) -> u16 {
     let top = voxels.iter().rposition(|&density| f32::from(density) > THRESHOLD);
     top.unwrap_or(0).min(usize::from(u16::MAX)) as u16

@@ -1,20 +1,21 @@
-//! Walls between tiles: where a tile's border does not lie on that of a neighbor with fewer posts.
+//! Walls between tiles: where a tile's border does not lie on that of a neighbour with fewer posts.
 
 use super::Ground;
 use super::steep::{CellSlopes, Steep};
 use super::tile::Tile;
 
-/// A step between two tiles that counts as a wall, in the finer one's voxels. Nearly every edge of two
-/// levels has a step; taking all of them for walls doubles what rays cost, for what less than a pixel
-/// of a line would see.
+/// The smallest step between two tiles that counts as a wall, in voxels of the finer tile. Nearly
+/// every edge between two levels has a step; to treat all of them as walls would double the cost of
+/// rays, for the sake of less than a pixel per line.
 const LEAST_WALL: f32 = 0.5;
 
 impl Ground {
-    /// Notes the walls around a tile. For voxels alone: exact rays meet facets, which make no walls.
+    /// Stores the walls around a tile. Only for voxels: exact rays hit facets, which form no walls.
     pub(super) fn push_border_walls(&mut self, tile: &Tile) {
         let first = self.steep.len();
         let [columns, rows] = tile.cells;
-        // Of each side its first post, the axis along it, how many cells it has, and which way is out.
+        // For each side its first post, the axis along it, how many cells it has, and the outward
+        // direction.
         let sides = [
             ([0, 0], 0, columns, [0.0, -0.5]),
             ([0, rows], 0, columns, [0.0, 0.5]),

@@ -1,8 +1,8 @@
-//! The ground that a camera sees, straight from a terrain database: tiles at the levels that the screen asks for, read when they are
-//! first wanted and kept.
+//! The ground that a camera sees, read directly from a terrain database: tiles at the levels that
+//! screen resolution requires, read when first needed and kept.
 //!
-//! Elevation and colour have levels of their own: a tile of elevation is drawn with the colour tile of the ancestor whose
-//! texels have the wanted size.
+//! Elevation and colour have separate levels: a tile of elevation is drawn with the colour tile of
+//! the ancestor whose texels have the wanted size.
 
 use crate::model::color::{ColorLayout, ColorPlace};
 use crate::model::{Filter, Ground, GroundError, GroundShape, TileSpec};
@@ -22,7 +22,7 @@ pub enum FillError {
     /// A tile cannot be read.
     #[error(transparent)]
     Tile(#[from] TileError),
-    /// A tile is none.
+    /// A tile cannot be added to the ground.
     #[error("the elevation tile of node {node} cannot be drawn: {source}")]
     Ground {
         /// The node.
@@ -66,14 +66,14 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         }
     }
 
-    /// The layers of colour that tiles have been read for.
+    /// The layers of colour for which tiles have been read.
     #[must_use]
     pub fn layers(&self) -> Vec<&[u8]> {
         self.colors.iter().map(Vec::as_slice).collect()
     }
 
-    /// Fills a ground with what a camera sees, at the levels of `level`, which is of that camera. Tiles that begin within
-    /// `accurate_m` of the eye get voxels. Blocks on storage.
+    /// Fills a ground with what a camera sees, at the levels of `level`, which must be made for
+    /// that camera. Tiles that begin within `accurate_m` of the eye get voxels. Blocks on storage.
     ///
     /// # Errors
     /// [`FillError`]; the ground is then incomplete.
@@ -89,7 +89,8 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         let mut open = vec![self.world.root()];
         while let Some(node) = open.pop() {
             let Some(bounds) = node_box(&self.world, self.ranges, level.exaggeration(), node) else { continue };
-            // The ray enters the frustum's ground from the near side, never from the nodes around it.
+            // Rays enter the ground within the frustum from the near side, never from the nodes
+            // around it.
             if !frustum.may_see(&bounds) {
                 continue;
             }
@@ -134,7 +135,7 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
             self.elevations.insert(node, values);
         }
         let origin = world.node_origin(node).map(|v| v as u32);
-        // Posts past the extent repeat its border.
+        // Posts beyond the extent repeat its border.
         let inside = world.surface().cells_inside(world.node_origin(node), node.q());
         let cells = inside.map(|cells| cells.unwrap_or_default().min(u64::from(posts - 1)) as u32);
         let distance = bounds.seen_from(level.frame().eye()).nearest().length();

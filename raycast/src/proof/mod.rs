@@ -1,20 +1,20 @@
-//! Which part of a ray's way another ray proves to be in the air.
+//! Which part of a ray another ray proves to be in the air.
 //!
-//! A higher ray meets a height field further off, so a ray may start where the one below it hit. That
-//! holds when its samples lie above those of the lower ray, and a little beside them no more than the
-//! ground can rise in between: sample `s` of ray i is `eye + s·D_i`, so it is `s·(D_i − D_j)` from that
-//! of ray j, and
+//! A higher ray hits a height field farther away, so a ray may start where the ray below it hit.
+//! That holds when its samples lie above those of the lower ray, by more than the ground can rise
+//! over the horizontal distance between the two samples. Sample `s` of ray i is `eye + s·D_i`, so
+//! that its distance from that of ray j is `s·(D_i − D_j)`, and
 //!
 //! ```text
 //! D_i.z − D_j.z  >=  slope · |D_i.xy − D_j.xy|      ⇒      in the air at j  ⇒  in the air at i,  for every s
 //! ```
 //!
-//! where no ground between the two is steeper than `slope`. Forward-only methods take this for granted,
-//! but planes of rays are not vertical beside the middle of a pitched picture, and pixels of a rolled
-//! line are not above each other: then a ray may run into a cliff that the one below it passed by. Here
-//! it is tested for each ray against the rays of its line, its possible *witnesses*, by the slopes of
-//! the ground between them ([`steepness`]); where the ground is steeper than the two rays allow, and
-//! there alone, the way is looked at: these are the *unproven intervals*.
+//! where no ground between the two is steeper than `slope`. Forward-only methods assume this. But
+//! beside the middle of a pitched picture, planes of rays are not vertical, and pixels of a rolled
+//! line are not above each other: then a ray may hit a cliff that the ray below it passed by. So it
+//! is tested here, for each ray against earlier rays of its line, its possible *witnesses*, by the
+//! slopes of the ground between them ([`steepness`]). Only where the ground is steeper than the two
+//! rays allow, the ray is sampled: these are the *unproven intervals*.
 
 mod recent;
 pub(crate) mod steepness;
@@ -27,21 +27,21 @@ pub use unproven::Unproven;
 
 use crate::view::Ray;
 
-/// From which of the rays below it a ray of a line takes over its start.
+/// Chooses the ray below from which a ray of a line takes its start.
 ///
-/// [`Steepness`] is the rule of pictures: it proves what it takes over. Others are for comparison
+/// [`Steepness`] is the rule for pictures: it proves the start. Other rules are for comparisons
 /// ([`crate::Caster::draw_by`]).
 pub trait StartRule: Sync {
-    /// Whether rays rely on each other at all. A ray that has no witness then passes over blocks of
-    /// ground that lie below it as a whole, and exact rays try the facet that the one below hit.
+    /// Whether rays rely on each other at all. If so, a ray without a witness skips blocks of
+    /// ground that lie wholly below it, and exact rays try the facet that the ray below hit.
     const RELIES: bool;
-    /// Whether a ray without a witness starts where it comes below the top of the ground, not where it
-    /// comes over the ground.
+    /// Whether a ray without a witness starts where it falls below the highest ground, instead of
+    /// where it enters the ground's bounds.
     const STARTS_BELOW_TOP: bool;
 
-    /// Of rays below, nearest first, the one that a ray takes over its start from, and where on the way
-    /// there that proves nothing. `of`: a candidate's ray, and the parameter up to which it is in the
-    /// air.
+    /// Of the candidates, nearest first, the one from which a ray takes its start, and the
+    /// intervals before that start that it does not prove. `of`: a candidate's ray, and the
+    /// parameter up to which it is in the air.
     fn find_witness<K>(
         &self,
         ray: &Ray,
@@ -49,6 +49,6 @@ pub trait StartRule: Sync {
         of: impl Fn(&K) -> (&Ray, f32),
     ) -> Option<(K, Unproven)>;
 
-    /// The slopes of the ground, where they are known: then exact rays follow it from facet to facet.
+    /// The slopes of the ground, if they are known: then exact rays follow it from facet to facet.
     fn slopes(&self) -> Option<&Steepness>;
 }

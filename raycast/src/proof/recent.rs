@@ -1,14 +1,14 @@
-//! The rays of a line that were cast last: possible witnesses of the next one.
+//! The last rays that were cast of a line: possible witnesses of the next one.
 
-/// The last rays, from whichever the next one may take over its start.
+/// The last rays; the next one may take its start from any of them.
 #[derive(Debug)]
 pub(crate) struct Recent<K> {
     rays: [Option<K>; MOST],
     next: usize,
 }
 
-/// Rays below that are tried. Two pixels of a scan-converted line, a few apart, lie more nearly above
-/// each other the further apart they are. (Measured; see `docs/techniques.md`, *Thresholds*.)
+/// How many rays below are tried. The farther apart two nearby pixels of a scan-converted line are,
+/// the more nearly they lie above each other. (Measured; see `docs/techniques.md`, *Thresholds*.)
 const MOST: usize = 4;
 
 impl<K: Copy> Recent<K> {
@@ -24,7 +24,7 @@ impl<K: Copy> Recent<K> {
         self.next = (self.next + 1) % MOST;
     }
 
-    /// Those that prove something of the last `count`, the nearest first.
+    /// Those of the last `count` rays that prove something, the nearest first.
     #[inline(always)]
     pub(crate) fn nearest_first(&self, count: usize) -> impl Iterator<Item = K> + '_ {
         (1..=count.min(MOST)).filter_map(|back| self.rays[(self.next + MOST - back) % MOST])

@@ -1,5 +1,4 @@
-//! Where the ground is steep, around the eye: what decides how far a ray below proves the way of
-//! another one.
+//! Where the ground around the eye is steep: this decides how much of a ray another ray proves.
 //!
 //! ```text
 //!        ring 2 ┌──┬──┬──┐     a sector is an interval of directions, a ring one of horizontal distances;
@@ -8,40 +7,41 @@
 //!                 sectors      entered.
 //! ```
 //!
-//! A field also has the highest elevation angle under which its steep ground is seen: rays above that
-//! pass over it.
+//! A field also has the highest elevation angle under which its steep ground is seen: rays above
+//! that angle pass over it.
 //!
-//! Two neighboring rays of a line lie, at the same parameter, in the same sector or in two beside each
-//! other, and so does the straight way between them. Where a field is steeper than the rays allow, and
-//! there alone, the way has to be looked at.
+//! At the same parameter, two neighbouring rays of a line, and the segment between them, lie in the
+//! same sector or in two adjacent ones. Only where a field is steeper than the rays allow, the ray
+//! has to be sampled.
 
 use super::unproven::{RING_ENDS, RINGS};
 use crate::model::{Ground, SLOPE_BOUND};
 use glam::Vec2;
 
-/// Intervals of directions, all around. (Measured, as are the rings per octave; see
+/// Intervals of directions of the full circle. (Measured, as are the rings per octave; see
 /// `docs/techniques.md`, *Thresholds*.)
 pub(crate) const SECTORS: usize = 512;
-/// Slopes are compared with a hundredth more, for the rounding of directions.
+/// Slopes are compared with a margin of a hundredth, for the rounding of directions.
 const MARGIN: f32 = 1.01;
-/// Ring 0 ends at this many lattice units from the eye: nearer ground is under it.
+/// Ring 0 ends at this many lattice units from the eye: nearer ground is below the eye.
 const NEAREST_UNITS: f32 = 4.0;
-/// Steep blocks are this much wider on each side, lattice units, and their angles this much steeper, as a
-/// share and as a tangent: rounding, here and in the rays.
+/// Margins for rounding, here and in the rays: steep blocks are widened by this on each side,
+/// lattice units, and their angles by a share and a tangent.
 const WIDER_UNITS: f64 = 0.25;
 const STEEPER: f32 = 1e-3;
 const STEEPER_TANGENT: f32 = 1e-4;
-/// Sectors by which a block is wider on each side, and the share of its distance: rounding.
+/// Margins for rounding: sectors by which a block is widened on each side, and a share of its
+/// distance.
 const WIDER_SECTORS: f32 = 0.01;
 const WIDER_RINGS: f32 = 1e-3;
 
-/// What is known of the ground of a sector in a ring.
+/// Data about the ground of a sector in a ring.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Field {
-    /// No ground is steeper.
+    /// Upper bound of the slope of the ground.
     pub(super) slope: f32,
-    /// All ground that is steeper than the bound is seen from the eye under this tangent of elevation or
-    /// a lower one.
+    /// Upper bound of the tangent of elevation under which the eye sees the ground that is steeper
+    /// than the slope bound.
     pub(super) tangent: f32,
 }
 
@@ -50,21 +50,21 @@ pub(super) struct Field {
 pub struct Steepness {
     /// By sector, then by ring.
     fields: Vec<Field>,
-    /// The slope that ground outside of steep blocks keeps below.
+    /// The slope bound: all ground outside of steep blocks is less steep.
     pub(super) bound: f32,
-    /// Of each sector.
+    /// The steepest slope of each sector.
     pub(super) steepest_of: Vec<f32>,
     pub(super) steepest: f32,
     /// Where ring 0 ends.
     pub(super) nearest_m: f32,
 }
 
-/// A direction in the plane as a number from 0 to [`SECTORS`] that grows all around with its angle.
+/// A direction in the plane as a number from 0 to [`SECTORS`], monotonic in its angle.
 #[inline(always)]
 fn turn(direction: Vec2) -> f32 {
     let sum = direction.x.abs() + direction.y.abs();
     let share = direction.y / sum.max(f32::MIN_POSITIVE);
-    // From 0 to 4, a quarter turn each.
+    // From 0 to 4: one for each quarter turn.
     let turn = match (direction.x >= 0.0, direction.y >= 0.0) {
         (true, true) => share,
         (false, _) => 2.0 - share,
@@ -78,17 +78,17 @@ pub(super) fn sector(direction: Vec2) -> usize {
     (turn(direction) as usize) % SECTORS
 }
 
-/// Which of two surfaces slopes are of.
+/// Which of the two surfaces slopes belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Surface {
-    /// That of voxels.
+    /// The surface of voxels.
     Voxels,
     /// The facets between heights.
     Facets,
 }
 
 impl Steepness {
-    /// Sets it for a ground seen from an eye: in lattice units, and metres above the datum.
+    /// Sets the slopes for a ground seen from an eye, in lattice units and metres above the datum.
     pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], eye_m: f32, surface: Surface) {
         self.clear(SLOPE_BOUND);
         let unit = ground.shape().surface.unit_m() as f32;
@@ -108,7 +108,7 @@ impl Steepness {
         }
     }
 
-    /// Forgets all steep ground.
+    /// Removes all steep ground.
     fn clear(&mut self, bound: f32) {
         self.bound = bound;
         self.fields.clear();
@@ -130,8 +130,8 @@ impl Steepness {
         RING_ENDS.partition_point(|end| *end < distance).min(RINGS - 1)
     }
 
-    /// Enters a rectangle of ground, metres from the eye, no steep part of which is higher than `top`
-    /// above the eye.
+    /// Adds a rectangle of ground, metres from the eye, whose steep parts are at most `top` above
+    /// the eye.
     fn enter(&mut self, low: Vec2, high: Vec2, slope: f32, top: f32) {
         self.steepest = self.steepest.max(slope);
         let inside = Vec2::ZERO.clamp(low, high);
@@ -151,7 +151,8 @@ impl Steepness {
     }
 }
 
-/// The first sector that a rectangle is seen in, which the eye is not over, and how many they are.
+/// The first sector in which a rectangle is seen, and the number of sectors. The eye must not be
+/// over the rectangle.
 fn sectors_of(low: Vec2, high: Vec2) -> (usize, usize) {
     let middle = turn(0.5 * (low + high));
     let all = SECTORS as f32;

@@ -1,11 +1,11 @@
-//! Unproven intervals: parts of a ray's way that no other ray proves to be in the air.
+//! Unproven intervals: parts of a ray that no other ray proves to be in the air.
 
 /// Intervals of distances from the eye.
 pub(crate) const RINGS: usize = 64;
-/// Rings within which distances double.
+/// Rings per doubling of the distance.
 const RINGS_PER_OCTAVE: usize = 4;
 
-/// Distance at which each ring ends, that of ring 0 being 1.
+/// Distance at which each ring ends, in units of the end of ring 0.
 pub(crate) const RING_ENDS: [f32; RINGS] = ring_ends();
 
 const fn ring_ends() -> [f32; RINGS] {
@@ -28,14 +28,14 @@ const fn ring_ends() -> [f32; RINGS] {
 pub struct Unproven {
     /// One bit for each ring.
     rings: u64,
-    /// Parameter of the end of ring 0: as seen by the ray that gets there first, for where an interval
-    /// begins, and by the last, for where it ends.
+    /// Parameter of the end of ring 0, of the ray that reaches it first (for where an interval
+    /// begins) and of the ray that reaches it last (for where it ends).
     first: f32,
     last: f32,
 }
 
 impl Unproven {
-    /// None: all is proven.
+    /// No interval: all is proven.
     pub const NONE: Self = Self { rings: 0, first: 0.0, last: 0.0 };
 
     /// The rings of these bits.
@@ -44,7 +44,7 @@ impl Unproven {
         Self { rings, first, last }
     }
 
-    /// How many rings hold one.
+    /// How many rings are unproven.
     #[inline(always)]
     pub(super) fn ring_count(&self) -> u32 {
         self.rings.count_ones()

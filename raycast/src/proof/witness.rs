@@ -1,4 +1,4 @@
-//! How far one ray vouches for another, by the slopes of the ground between the two.
+//! How much of a ray another ray proves, by the slopes of the ground between the two.
 
 use super::steepness::{Field, SECTORS, Steepness, sector};
 use super::unproven::{RING_ENDS, RINGS};
@@ -6,26 +6,26 @@ use super::{StartRule, Unproven};
 use crate::view::Ray;
 use glam::Vec3;
 
-/// Rings that are looked at at once: a vector of fields, without a branch for each.
+/// Rings that are tested together, as a vector of fields without a branch for each.
 const GROUP: usize = 8;
-/// Two rays whose directions are more sectors apart say nothing of each other, unless all ground keeps
-/// below the slope bound. Neighboring pixels of a line are less than a sector apart, but where rays are
-/// nearly plumb.
+/// Two rays whose directions are more sectors apart prove nothing about each other, unless all
+/// ground is below the slope bound. Neighbouring pixels of a line are less than a sector apart,
+/// except where rays are nearly vertical.
 const MOST_APART: usize = 2;
-/// The way between two points in sectors that near is nowhere nearer to the eye than this share of the
-/// nearer one's distance: the cosine of half of three sectors is 0.9997.
+/// The segment between two points in sectors that close is nowhere nearer to the eye than this
+/// share of the nearer point's distance: the cosine of half of three sectors is 0.9997.
 const SAGITTA: f32 = 0.999;
 /// Distances are widened by a thousandth on both sides, for the rounding of lengths.
 const WIDER: f32 = 1e-3;
 
-/// Two rays, as far as it matters to what steep ground is between them.
+/// What matters of two rays for the steep ground between them.
 #[derive(Debug, Clone, Copy)]
 struct Between {
     /// Slopes up to its square root are proven.
     limit: f32,
-    /// The lower one's tangent of elevation.
+    /// Tangent of elevation of the lower ray.
     tangent: f32,
-    /// Whether ground that keeps below the slope bound is proven to be below.
+    /// Whether ground below the slope bound is proven to be below the ray.
     is_bound_proven: bool,
 }
 
@@ -40,7 +40,8 @@ impl StartRule for Steepness {
     const RELIES: bool = true;
     const STARTS_BELOW_TOP: bool = true;
 
-    /// The ray that leaves the fewest rings unproven: the first that leaves none, if there is one.
+    /// The candidate that leaves the fewest rings unproven; the first that leaves none, if there is
+    /// one.
     #[inline(always)]
     fn find_witness<K>(
         &self,
@@ -74,8 +75,9 @@ impl Steepness {
         Between { limit, tangent: tangent(a).min(tangent(b)), is_bound_proven: self.bound * self.bound <= limit }
     }
 
-    /// Up to which distance no ground between the directions `a` and `b` (the smaller angle of the two),
-    /// and not below all rays between them, is steeper than the square root of `limit`, metres.
+    /// The distance, metres, up to which no ground between the directions `a` and `b` (within the
+    /// smaller angle) that is not below all rays between them is steeper than the square root of
+    /// `limit`.
     pub(crate) fn below_slope_until(&self, a: Vec3, b: Vec3, limit: f32) -> f32 {
         if self.steepest * self.steepest <= limit {
             return f32::INFINITY;
@@ -107,8 +109,8 @@ impl Steepness {
         }
     }
 
-    /// Where, up to parameter `reach` of both, ray `other` in the air does not prove that `ray` is in
-    /// the air as well. `None`: anywhere.
+    /// The intervals, up to parameter `reach` of both, in which ray `other`, which is in the air,
+    /// does not prove that `ray` is in the air too. `None`: it proves nothing.
     #[inline(always)]
     pub(crate) fn unproven(&self, ray: &Ray, other: &Ray, reach: f32) -> Option<Unproven> {
         let by = ray.direction - other.direction;

@@ -1,4 +1,4 @@
-//! What a frame is drawn into, and with which colors.
+//! The target of a frame, and the colours of the ground.
 
 use super::mip::Mip;
 use crate::model::Tile;
@@ -9,31 +9,31 @@ use glam::Vec2;
 
 pub(super) const OPAQUE_BLACK: u32 = 0xff00_0000;
 
-/// A picture, and the colors of its ground.
+/// A picture, and the colours of its ground.
 #[derive(Debug)]
 pub(crate) struct Canvas<'a> {
     pub(crate) scene: &'a Scene<'a>,
-    /// Layers of color.
+    /// Layers of colour.
     pub(crate) colors: &'a [&'a [u8]],
     pub(crate) picture: &'a Picture,
     pub(crate) sky: u32,
 }
 
 impl Canvas<'_> {
-    /// A pixel whose ray meets no ground.
+    /// Writes a pixel whose ray hits no ground.
     #[inline(always)]
     pub(crate) fn put_sky(&self, pixel: [u32; 2]) {
         self.picture.put(pixel, self.sky, f32::NAN);
     }
 
-    /// A pixel whose ray meets the ground of a tile at parameter `s`.
+    /// Writes a pixel whose ray hits the ground of a tile at parameter `s`.
     #[inline(always)]
     pub(crate) fn put_ground(&self, pixel: [u32; 2], tile: u32, ray: &Ray, s: f32) {
         self.picture.put(pixel, self.shade(tile, ray, s), s * ray.depth);
     }
 
-    /// Color of a tile at parameter `s` of a ray: the mip whose texels are about as wide as the pixel, as
-    /// if the ground faced the eye.
+    /// Colour of a tile at parameter `s` of a ray: the mip whose texels are about as wide as the
+    /// pixel, as if the ground faced the eye.
     #[inline(always)]
     pub(crate) fn shade(&self, tile: u32, ray: &Ray, s: f32) -> u32 {
         let scene = self.scene;
@@ -47,14 +47,14 @@ impl Canvas<'_> {
         Mip::new(layer, layout, level).map_or(OPAQUE_BLACK, |mip| mip.bilinear(at * scale) | OPAQUE_BLACK)
     }
 
-    /// The colors of a tile; none where there are none.
+    /// The colours of a tile; empty if its layer is missing.
     #[inline(always)]
     fn layer(&self, tile: &Tile) -> &[u8] {
         self.colors.get(tile.color.layer as usize).copied().unwrap_or_default()
     }
 }
 
-/// Place of a point in a tile's finest colors, texels from their north west corner.
+/// Position of a point in a tile's finest colours, texels from their north west corner.
 #[inline(always)]
 fn texel(placed: &Placed, point: Vec2) -> Vec2 {
     let from_corner = (point - placed.color_corner) * placed.texels_per_m;

@@ -1,8 +1,9 @@
-//! Footprints: what a pixel covers on its facet, worked out once for the pixels that see it side by side.
+//! Footprints: what a pixel covers on its facet, computed once for a run of neighbouring pixels
+//! that see the same facet.
 //!
-//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at the mip whose
-//! texels are about as wide as the shorter one. Footprints are plain loops over arrays, which compilers turn
-//! into vector instructions.
+//! A pixel covers a parallelogram of the facet's plane. Its longer axis is divided into taps, at
+//! the mip whose texels are about as wide as the shorter one. Footprints are plain loops over
+//! arrays, which compilers turn into vector instructions.
 
 use super::strip::{Run, Runs};
 use crate::model::Tile;
@@ -10,21 +11,21 @@ use crate::scene::Scene;
 use crate::view::View;
 use glam::{Vec2, Vec4};
 
-/// Most taps along a footprint, as a power of two; longer ones are averaged from coarser mips. (Measured,
-/// as is [`TEXELS_PER_TAP`]; see `docs/techniques.md`, *Thresholds*.)
+/// log2 of the largest number of taps along a footprint; longer footprints use coarser mips.
+/// (Measured, as is [`TEXELS_PER_TAP`]; see `docs/techniques.md`, *Thresholds*.)
 const LOG_MOST_TAPS: u32 = 1;
-/// A footprint gets another tap for every so many texels of length.
+/// A footprint gets another tap for every this many texels of length.
 const TEXELS_PER_TAP: f32 = 2.0;
-/// Footprints of surfaces that are seen edge on have no end: cut to this share of the distance, which is
-/// several pixels of any field of view.
+/// Footprints of surfaces that are seen edge on are infinite: they are cut to this share of the
+/// distance, several pixels at any field of view.
 const LONGEST_SHARE: f32 = 0.01;
-/// Mips that are used of a layer: those of layers as wide as fixed point reaches.
+/// Upper bound of the mips of a layer: those of the widest layer for which fixed point suffices.
 const MOST_MIPS: usize = 16;
-/// Facets that are seen face their rays, or are turned from them, at least this much: rounding, where
-/// they are seen edge on.
+/// Lower bound of the cosine between a facet's normal and a ray, either way, for facets that are
+/// seen edge on.
 const LEAST_FACING: f32 = 1e-6;
 
-/// The footprints of the runs of neighboring lines. Memory is used again.
+/// The footprints of the runs of neighbouring lines. Memory is used again.
 #[derive(Debug, Default)]
 pub(crate) struct Footprints {
     of_runs: Vec<Footprint>,
@@ -32,34 +33,35 @@ pub(crate) struct Footprints {
 }
 
 impl Footprints {
-    /// Takes memory for so many runs, if it is not there.
+    /// Reserves memory for this many runs.
     pub(crate) fn reserve(&mut self, runs: usize) {
         self.of_runs.clear();
         self.of_runs.reserve(runs);
         self.scratch.reserve(runs);
     }
 
-    /// Works out the footprints of runs.
+    /// Computes the footprints of runs.
     pub(crate) fn measure(&mut self, scene: &Scene<'_>, runs: &Runs) {
         gather(scene, runs.list(), &mut self.scratch);
         measure(&scene.view, runs.list().len(), &mut self.scratch);
         collect(scene, runs.list(), &self.scratch, &mut self.of_runs);
     }
 
-    /// That of a run; `None` for sky.
+    /// The footprint of a run; `None` for sky.
     #[inline(always)]
     pub(super) fn of(&self, run: u32) -> Option<&Footprint> {
         self.of_runs.get(run as usize)
     }
 }
 
-/// Memory of what footprints are made of.
+/// Intermediate values of footprints.
 #[derive(Debug, Default)]
 struct Scratch {
-    /// Of runs: column and row of the first pixel, one over its depth, slope east and north (metres up per metre), texels per metre.
+    /// For each run: column and row of the first pixel, one over its depth, slope east and north
+    /// (metres up per metre), texels per metre.
     given: [Vec<f32>; 6],
-    /// Of runs: log2 of a texel's width in those of the finest mip, log2 of the number of taps, and from the first tap to
-    /// the middle, finest texels east and north.
+    /// For each run: log2 of a texel's width in texels of the finest mip, log2 of the number of
+    /// taps, and the offset from the first tap to the middle, in finest texels east and north.
     levels: Vec<i32>,
     log_taps: Vec<i32>,
     reach: [Vec<f32>; 2],
@@ -73,7 +75,7 @@ impl Scratch {
     }
 }
 
-/// Where a run's pixels have their colours from.
+/// Where the colours of a run's pixels come from.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Footprint {
     pub(super) layer: u32,
@@ -81,13 +83,13 @@ pub(crate) struct Footprint {
     start: u32,
     /// Texels along a side of the mip.
     side: u32,
-    /// The last place between four texels, less than a texel from the mip's border.
+    /// The last position between four texels, less than a texel from the mip's border.
     end: f32,
     /// One or two.
     taps: u32,
     /// Texels per metre.
     scale: f32,
-    /// The taps of the place below the eye, texels east and south.
+    /// The taps at the point below the eye, texels east and south.
     origin: [f32; 4],
 }
 
@@ -98,10 +100,11 @@ fn lanes(texel: u64) -> u64 {
 }
 
 impl Footprint {
-    /// Mean colour around a place, metres east and south of the eye.
+    /// Mean colour around a point, metres east and south of the eye.
     #[inline(always)]
     pub(super) fn color(&self, layer: &[u8], [east, south]: [f32; 2]) -> u32 {
-        // Added to this, numbers up to it are whole, and stand in the lower bits.
+        // When a smaller number is added, the sum's lower bits are that number, rounded to a whole
+        // one.
         const WHOLE: f32 = 8_388_608.0;
         let Some(texels) = layer.get(self.start as usize..) else { return 0 };
         // Columns and rows of both taps: the nearest from 0 to the end, in 256ths.
@@ -117,7 +120,8 @@ impl Footprint {
         (sum >> 8) as u32 & 0x00ff_00ff | (sum >> 32) as u32 & 0xff00_ff00
     }
 
-    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together, so that lanes never overflow.
+    /// Colour between four texels, in 256ths of one, times a weight. All weights are 256 together,
+    /// so that lanes never overflow.
     #[inline(always)]
     fn tap(&self, texels: &[u8], [i, j]: [u32; 2], weight: u32) -> u64 {
         let stride = 4 * self.side as usize;
@@ -138,7 +142,7 @@ impl Footprint {
     }
 }
 
-/// What runs' footprints are made of.
+/// Collects the inputs of the footprints of runs.
 fn gather(scene: &Scene<'_>, runs: &[Run], scratch: &mut Scratch) {
     let [columns, rows, nearness, east, north, texels] = &mut scratch.given;
     for (n, run) in runs.iter().enumerate() {
@@ -152,10 +156,10 @@ fn gather(scene: &Scene<'_>, runs: &[Run], scratch: &mut Scratch) {
     }
 }
 
-/// Footprints as pixels use them.
+/// Converts footprints to the form in which pixels use them.
 fn collect(scene: &Scene<'_>, runs: &[Run], scratch: &Scratch, footprints: &mut Vec<Footprint>) {
     let layout = scene.ground.shape().color;
-    // A mip of one texel has no four to be between.
+    // A mip of one texel has no position between four texels.
     let coarsest = (layout.mips.min(layout.side.max(2).ilog2()) - 1).min(MOST_MIPS as u32 - 1);
     let mut mips = [(0, layout.side); MOST_MIPS];
     for level in 1..=coarsest as usize {
@@ -189,7 +193,7 @@ fn collect(scene: &Scene<'_>, runs: &[Run], scratch: &Scratch, footprints: &mut 
     }
 }
 
-/// The footprints of runs.
+/// Computes the ellipses and taps of the footprints of runs.
 fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     let Scratch { given, levels, log_taps, reach: [out_east, out_north], .. } = scratch;
     let [columns, rows, nearness, slopes_east, slopes_north, texels] = given;
@@ -201,7 +205,8 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     for n in 0..count {
         let (east, north) = (slopes_east[n], slopes_north[n]);
         let d = view.direction_at(columns[n], rows[n]);
-        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world, from below.
+        // The facet's normal is (-east, -north, 1). Rays come from above, or, beside the world,
+        // from below.
         let facing = d.z - east * d.x - north * d.y;
         let facing = facing.abs().max(LEAST_FACING).copysign(facing);
         let scale = texels[n] / nearness[n];
@@ -215,7 +220,7 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
         };
         let (ax, ay) = across(column.x, column.y, column.z);
         let (bx, by) = across(row.x, row.y, row.z);
-        // Axes of the ellipse: of the matrix of second moments.
+        // Axes of the ellipse, from the matrix of second moments.
         let (xx, yy, xy) = (ax * ax + bx * bx, ay * ay + by * by, ax * ay + bx * by);
         let mean = 0.5 * (xx + yy);
         let half = 0.5 * (xx - yy);
@@ -228,7 +233,7 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
         // The next power of two.
         log_taps[n] = ((taps.max(1.0).to_bits() as i32 - 1) >> 23) - 126;
         levels[n] = level;
-        // The eigenvector of the larger eigenvalue, from whichever row of the matrix is longer.
+        // The eigenvector of the larger eigenvalue, from the longer row of the matrix.
         let (x, y) = if half >= 0.0 { (half + spread, xy) } else { (xy, spread - half) };
         let reach = 0.5 * (long - short).max(0.0) / (x * x + y * y).max(f32::MIN_POSITIVE).sqrt();
         out_east[n] = x * reach;
@@ -236,7 +241,7 @@ fn measure(view: &View, count: usize, scratch: &mut Scratch) {
     }
 }
 
-/// 2 to a power that a normal number has.
+/// 2 to the power of `exponent`, for normal numbers.
 #[inline(always)]
 fn power_of_2(exponent: i32) -> f32 {
     f32::from_bits(((exponent + 127) << 23) as u32)

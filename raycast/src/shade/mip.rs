@@ -1,4 +1,4 @@
-//! Bilinear samples of a mip level of color, one texel at a time.
+//! Bilinear samples of a mip level of colour, one texel at a time.
 
 use crate::model::color::ColorLayout;
 use glam::Vec2;
@@ -40,11 +40,12 @@ impl<'a> Mip<'a> {
         }
     }
 
-    /// Bilinear colour at a point in texels from the mip's north west corner, in 16-bit lanes times 256.
+    /// Bilinear colour at a point in texels from the mip's north west corner, in 16-bit lanes times
+    /// 256.
     #[inline(always)]
     fn bilinear_lanes(&self, at: Vec2) -> u64 {
         let last = (self.side - 1) as f32;
-        // The last cell of texels is entered up to its end.
+        // The last cell of texels is valid up to its end.
         let x = (at.x - 0.5).clamp(0.0, last);
         let y = (at.y - 0.5).clamp(0.0, last);
         let (i, j) = ((x as u32).min(self.side.saturating_sub(2)), (y as u32).min(self.side.saturating_sub(2)));
@@ -53,7 +54,7 @@ impl<'a> Mip<'a> {
         let first = j as usize * self.side as usize + i as usize;
         let below = first + self.side as usize;
         let texel = |at| lanes(self.texel(at));
-        // Weights of two bytes' sum are 256 exactly, so that lanes never overflow.
+        // The two weights add up to exactly 256, so that lanes never overflow.
         let (ne, se) = ((u * (256 - v)) >> 8, (u * v) >> 8);
         let sw = v - se;
         let nw = 256 - v - ne;

@@ -1,7 +1,8 @@
-//! What pixels show once it is known where their rays meet the ground.
+//! The colours of pixels, once it is known where their rays hit the ground.
 //!
-//! A technique says it in one of two ways: pixel by pixel ([`Canvas::put_ground`]), or line by line into a
-//! [`strip`], whose pixels are colored together ([`Canvas::paint`]). Neither knows how rays were cast.
+//! A technique reports hits in one of two ways: pixel by pixel ([`Canvas::put_ground`]), or line by
+//! line into a [`strip`], whose pixels are coloured together ([`Canvas::paint`]). Neither depends
+//! on how rays are cast.
 
 mod canvas;
 mod footprint;

@@ -1,5 +1,5 @@
-//! Outlines of tiles over a picture that was drawn: from depth alone, so that they lie where every method
-//! has seen the ground.
+//! Outlines of tiles over a drawn picture, computed from depth alone, so that they are the same for
+//! all methods.
 
 use crate::model::Tile;
 use crate::model::facet::Facet;
@@ -9,27 +9,28 @@ use crate::workers::Workers;
 use glam::{Vec2, Vec3, Vec4};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that one worker takes at a time: a hundredth of a picture of 720 rows, so that none waits long for
-/// the last.
+/// Rows that one worker takes at a time: a hundredth of a picture of 720 rows, so that no worker
+/// waits long for the last one.
 const ROWS_AT_A_TIME: usize = 8;
-/// From a tile's edge inwards the line is covered for one pixel and fades over another: with that of the
-/// neighbor about three pixels, as the mesh's (`renderer/shaders/mesh.wgsl`).
+/// Inwards from a tile's edge, the line is opaque for one pixel and fades over another; together
+/// with the neighbour's line it is about three pixels wide, as in the mesh
+/// (`renderer/shaders/mesh.wgsl`).
 const WIDTH_PX: f32 = 2.0;
-/// How much of the ground's color a line hides: as the mesh's.
+/// How much of the ground's colour a line hides: as in the mesh.
 const OPACITY: f32 = 0.85;
-/// A facet that is seen more nearly edge on than this counts as seen at this angle: its pixels then span
-/// the whole tile.
+/// Lower bound of the cosine between a facet's normal and a ray: a pixel of a facet that is more
+/// nearly edge on spans the whole tile.
 const LEAST_FACING: f32 = 1e-3;
 
-/// Draws the outlines of tiles over a picture that was drawn of this scene. `outlines`: color of each tile,
-/// RGBA8, red in the lowest byte; a tile without one has no outline.
+/// Draws the outlines of tiles over a picture of this scene. `outlines`: the colour of each tile,
+/// RGBA8, red in the lowest byte; a tile without a colour has no outline.
 pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, workers: &Workers) {
     let outliner = Outliner { scene, outlines };
     let [width, height] = picture.size().map(|side| side as usize);
     let next = AtomicUsize::new(0);
     workers.run(|_worker| {
         loop {
-            // Relaxed: which worker takes rows shows nowhere.
+            // Relaxed: the result does not depend on which worker takes which rows.
             let first = next.fetch_add(ROWS_AT_A_TIME, Ordering::Relaxed);
             if first >= height {
                 return 0;
@@ -51,7 +52,7 @@ struct Outliner<'a> {
 }
 
 impl Outliner<'_> {
-    /// Color of the outline that a pixel sees at a depth, and how much of the pixel it covers.
+    /// Colour of the outline at a pixel of this depth, and the share of the pixel that it covers.
     fn at(&self, pixel: [u32; 2], depth: f32) -> Option<(u32, f32)> {
         if depth.is_nan() {
             return None;
@@ -66,7 +67,7 @@ impl Outliner<'_> {
         let normal = (-self.slope(tile, at) * placed.per_m).extend(1.0);
         let toward = normal.dot(direction);
         let facing = toward.abs().max(LEAST_FACING).copysign(toward);
-        // From this pixel to the next one on the facet, cells.
+        // The step on the facet from this pixel to the next one, cells.
         let [column, row] = self.scene.view.steps().map(|step: Vec3| {
             let on_facet = step - direction * (normal.dot(step) / facing);
             on_facet.truncate() * depth * placed.per_m
@@ -89,7 +90,7 @@ impl Outliner<'_> {
     }
 }
 
-/// A color under another one that covers so much of it.
+/// A colour over another one, with this coverage.
 fn mix(under: u32, over: u32, cover: f32) -> u32 {
     let [under, over] = [under, over].map(|color| Vec4::from_array(color.to_le_bytes().map(f32::from)));
     let mixed = under + (over - under) * (OPACITY * cover);

@@ -1,23 +1,23 @@
-//! Colors of lines of pixels, averaged over what each covers on its facet ([`super::footprint`]).
+//! Colours of lines of pixels, averaged over the footprint of each pixel ([`super::footprint`]).
 //!
-//! Depth and place are plain loops over arrays, which compilers turn into vector instructions. Neighboring
-//! lines are painted a few pixels of each at a time: they share cache lines of color tiles, and of the
-//! picture.
+//! Depth and position are plain loops over arrays, which compilers turn into vector instructions.
+//! Neighbouring lines are painted together, a few pixels of each at a time: they share cache lines
+//! of colour tiles and of the picture.
 
 use super::canvas::{Canvas, OPAQUE_BLACK};
 use super::footprint::Footprints;
 use super::strip::{Line, Strips};
 use crate::view::View;
 
-/// Pixels of a line that are painted before the next line's: as many as there are lines at a time, 8 KiB in
-/// all, which a core's first cache holds.
+/// Pixels of a line that are painted before those of the next line: as many as there are lines at a
+/// time, 8 KiB in all, which fit into a core's L1 cache.
 const CHUNK: usize = 32;
 
-/// Colors and depths of so many pixels of neighboring lines.
+/// Colours and depths of [`CHUNK`] pixels of neighbouring lines.
 type Rows = [[(u32, f32); Strips::MOST]; CHUNK];
 
 impl Canvas<'_> {
-    /// Colors the pixels of neighbouring lines and puts them into the picture.
+    /// Colours the pixels of neighbouring lines and writes them to the picture.
     #[inline(never)]
     pub(crate) fn paint(&self, lines: &[Line], footprints: &Footprints) {
         let mut rows: Rows = [[(0, 0.0); Strips::MOST]; CHUNK];
@@ -41,7 +41,7 @@ impl Canvas<'_> {
         }
     }
 
-    /// Colors and depths of the pixels of a line from `first` on, into column `at`.
+    /// Colours and depths of the pixels of a line from `first` on, into column `at`.
     #[inline(always)]
     fn paint_chunk(&self, line: &Line, footprints: &Footprints, first: usize, at: usize, rows: &mut Rows) {
         let end = line.pixels.len().min(first + CHUNK);
@@ -69,7 +69,7 @@ fn is_level(lines: &[Line]) -> bool {
     })
 }
 
-/// Depth and place of pixels, metres east and south of the eye.
+/// Depth and position of pixels, metres east and south of the eye.
 struct Places {
     depth: [f32; CHUNK],
     east: [f32; CHUNK],

@@ -1,16 +1,16 @@
-//! Lines of pixels on their way to the picture: what each pixel sees, before it has a colour. Some per worker, used again.
+//! Lines of pixels before they are coloured: what each pixel sees. Each worker reuses its own.
 
 use crate::lines::Lines;
 use glam::Vec2;
 
-/// log2 of the pixels of a line within which a facet is measured once: within 32 x 16 pixels footprints are
-/// as good as equal.
+/// log2 of the pixels of a line for which the footprint of a facet is computed once: within 32 x 16
+/// pixels footprints are nearly equal.
 const LOG_LONGEST_RUN: u32 = 4;
-/// log2 of the entries by which runs are found again: 64 KiB, so that they stay in a core's second cache.
+/// log2 of the entries of the hash table of runs: 64 KiB, to stay in a core's L2 cache.
 const LOG_ENTRIES: u32 = 12;
 
-/// Neighbouring lines, which are painted together: what is beside each other in the picture is so in colour tiles as well, is seen on
-/// the same facets, and is written at once.
+/// Neighbouring lines, which are painted together: pixels that are adjacent in the picture are
+/// adjacent in colour tiles too, see the same facets, and share cache lines of the picture.
 #[derive(Debug, Default)]
 pub(crate) struct Strips {
     pub(crate) lines: Vec<Line>,
@@ -22,13 +22,13 @@ pub(crate) struct Strips {
 pub(crate) struct Line {
     /// Columns and rows.
     pub(crate) pixels: Vec<[u16; 2]>,
-    /// One over depth; anything for sky.
+    /// One over depth; undefined for sky.
     pub(crate) nearness: Vec<f32>,
-    /// Which run a pixel is in; [`Line::SKY`] for none.
+    /// The run that a pixel belongs to; [`Line::SKY`] if it sees sky.
     pub(crate) run_of: Vec<u32>,
 }
 
-/// A part of a facet that has its footprint worked out once: that of the first pixel that saw it.
+/// A part of a facet with a common footprint: that of the first pixel that saw it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Run {
     pub(crate) pixel: [u16; 2],
@@ -42,7 +42,8 @@ pub(crate) struct Run {
 #[derive(Debug, Default)]
 pub(crate) struct Runs {
     list: Vec<Run>,
-    /// Facet and part of it, and which run that is. Where two share an entry the later one stays.
+    /// Hash table: a facet and the part of it, and the index of the run. Of two with the same entry
+    /// the later one stays.
     found: Vec<(u64, u32)>,
 }
 
@@ -59,7 +60,7 @@ impl Strips {
     /// Most lines.
     pub(crate) const MOST: usize = 32;
 
-    /// Forgets the lines before, and takes memory for lines of so many pixels, if it is not there.
+    /// Removes all lines, and reserves memory for lines of this many pixels.
     pub(crate) fn begin(&mut self, longest: usize) {
         self.lines.resize_with(Self::MOST, Line::default);
         for line in &mut self.lines {
@@ -74,7 +75,7 @@ impl Strips {
         self.runs.found.resize(1 << LOG_ENTRIES, (u64::MAX, 0));
     }
 
-    /// Begins line `n` of a picture, as number `at` of these.
+    /// Begins line `n` of a picture, as line number `at` of the strip.
     pub(crate) fn strip(&mut self, at: usize, lines: &Lines, n: usize) -> Strip<'_> {
         let Line { pixels, nearness, run_of } = &mut self.lines[at];
         lines.fill(n, pixels);
@@ -100,7 +101,7 @@ impl Runs {
         &self.list
     }
 
-    /// The run of a facet's pixels around pixel `k`; `run` makes it if there is none yet.
+    /// The run of a facet's pixels around pixel `k`; `run` creates it if it does not exist.
     #[inline(always)]
     fn find(&mut self, k: usize, tile: u32, facet: usize, run: impl FnOnce() -> Run) -> u32 {
         let key = u64::from(tile) << 44 | (facet as u64) << 16 | (k >> LOG_LONGEST_RUN) as u64;
@@ -128,13 +129,14 @@ impl Strip<'_> {
         }
     }
 
-    /// Pixel `k` sees sky.
+    /// Writes that pixel `k` sees sky.
     #[inline]
     pub(crate) fn put_sky(&mut self, k: usize) {
         self.run_of[k] = Line::SKY;
     }
 
-    /// Pixel `k` sees a facet of a tile, this one of its facets, at a depth.
+    /// Writes that pixel `k` sees a facet of a tile at a depth. `facet`: its number within the
+    /// tile.
     #[inline]
     pub(crate) fn put(&mut self, k: usize, depth: f32, tile: u32, facet: usize, slope: Vec2) {
         let nearness = 1.0 / depth;
@@ -143,8 +145,8 @@ impl Strip<'_> {
         self.run_of[k] = self.runs.find(k, tile, facet, || Run { pixel, nearness, tile, slope });
     }
 
-    /// Pixels from `first` to `last`, sixteen of a multiple of sixteen at most, see a facet, `nearness` of a pixel being linear: its
-    /// value at pixel `at`, and from pixel to pixel.
+    /// Writes that the pixels from `first` to `last`, all within the same sixteen, see a facet.
+    /// `nearness` is linear: its value at pixel `at`, and its change from pixel to pixel.
     #[inline(always)]
     pub(crate) fn put_run(
         &mut self,

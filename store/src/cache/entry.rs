@@ -10,14 +10,14 @@ use terravision_common::files::open_regular;
 const MAGIC: &[u8; 4] = b"TVx1";
 pub(super) const HEADER_BYTES: usize = 8;
 
-/// The content and when it was used last; `None` for an entry that is damaged.
+/// Reads the content of an entry, and the time of its last use; `None` if the entry is damaged.
 pub(super) fn read(path: &Path, length: u64) -> io::Result<Option<(Bytes, SystemTime)>> {
     let file = open_regular(path)?;
     let about = file.metadata()?;
     if about.len() != length + HEADER_BYTES as u64 {
         return Ok(None);
     }
-    // As long as the piece that was asked for; not more is read of one that grows.
+    // Exactly the length of the requested piece; more is never read, even if the file grows.
     let mut bytes = Vec::with_capacity(about.len() as usize);
     file.take(about.len()).read_to_end(&mut bytes)?;
     let Some((header, content)) = bytes.split_first_chunk::<HEADER_BYTES>() else { return Ok(None) };
@@ -32,6 +32,6 @@ pub(super) fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = File::create_new(path)?;
     file.write_all(MAGIC)?;
     file.write_all(&crc32fast::hash(content).to_le_bytes())?;
-    // Not synced: what a power failure tears is noticed by its checksum.
+    // Not synced: after a power failure the checksum detects torn entries.
     file.write_all(content)
 }

@@ -1,4 +1,4 @@
-//! How many bytes all entries take together, known to all processes that share the cache.
+//! The ledger: total bytes of all entries, shared by all processes that use the cache.
 
 use std::fs::File;
 use std::io;
@@ -19,13 +19,13 @@ impl Ledger {
         Ok(Self { file: Mutex::new(file) })
     }
 
-    /// Changes the total under the lock; `change` gives the new one and what comes of it.
+    /// Changes the total under the lock; `change` returns the new total and a result.
     fn change<T>(&self, change: impl FnOnce(u64) -> (u64, T)) -> io::Result<T> {
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.lock()?;
         let mut bytes = [0; 8];
         let read = file.read_at(&mut bytes, 0);
-        // A ledger that is new, or cut short, counts from nothing: the next sweep finds what there is.
+        // A new or truncated ledger starts at 0: the next sweep determines the real total.
         let total = if matches!(read, Ok(8)) { u64::from_le_bytes(bytes) } else { 0 };
         let (new, result) = change(total);
         let written = if new == total { Ok(()) } else { file.write_all_at(&new.to_le_bytes(), 0) };
@@ -33,7 +33,7 @@ impl Ledger {
         written.map(|()| result)
     }
 
-    /// Whether so much room is left.
+    /// Whether there is room for `size` bytes.
     pub(super) fn has_room(&self, size: u64, most: u64) -> io::Result<bool> {
         self.change(|total| (total, total.checked_add(size).is_some_and(|sum| sum <= most)))
     }
@@ -51,7 +51,7 @@ impl Ledger {
         })
     }
 
-    /// Takes room that is needed in any case.
+    /// Adds `size` bytes unconditionally.
     pub(super) fn add(&self, size: u64) -> io::Result<()> {
         self.change(|total| (total.saturating_add(size), ()))
     }
@@ -60,7 +60,7 @@ impl Ledger {
         self.change(|total| (total.saturating_sub(size), ()))
     }
 
-    /// After a sweep, while nobody writes: this is what is left.
+    /// Sets the total after a sweep, while no process writes.
     pub(super) fn settle(&self, left: u64) -> io::Result<()> {
         self.change(|_| (left, ()))
     }

@@ -1,4 +1,4 @@
-//! The disk cache: pieces of archives of databases that are elsewhere.
+//! The disk cache: pieces of the archives of remote databases.
 //!
 //! ```text
 //! cache/
@@ -9,15 +9,18 @@
 //!   tiles/<database>/<xx>/<archive>-<first byte>-<bytes>
 //! ```
 //!
-//! Folders are this user's alone (0700): what others could write there would be drawn, and what they could read shows where somebody flew.
-//! A sweep removes what has such a name, and nothing else that may lie there.
+//! Folders are private to the user (0700): files that others wrote there would be drawn, and files
+//! that others read would show where the user flew. A sweep removes only files and folders with the
+//! names above.
 //!
-//! Several processes may use it at once: entries appear whole, by renaming, and room is reserved in the ledger before an
-//! entry is written. A process that dies between the two leaves the ledger too high, never too low; the next sweep sets
-//! it right. Each entry carries a checksum; one that fails it is removed. Nothing that goes wrong here is fatal: the
-//! cache then keeps still for a while, and that is noted once.
+//! Several processes may use the cache at the same time: entries appear whole, by renaming, and
+//! room is reserved in the ledger before an entry is written. If a process dies in between, the
+//! ledger is too high, never too low; the next sweep corrects it. Each entry has a checksum and is
+//! removed if that does not match. No failure here is fatal: the cache then pauses for a while, and
+//! logs this once.
 //!
-//! An entry's time of modification is when it was used last, to the second; a sweep removes the ones longest unused.
+//! The modification time of an entry is the time of its last use, to the second; a sweep removes
+//! the least recently used entries.
 
 mod entry;
 mod ledger;
@@ -36,17 +39,17 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use terravision_common::files::{claim_folder, open_regular, private_folder};
 
-/// Entries that were used within this time are not marked again.
+/// The time of last use is updated at most this often.
 const MARK_EVERY: Duration = Duration::from_secs(1);
-/// After a failure the cache writes nothing for so long.
+/// After a failure the cache writes nothing for this long.
 const PAUSE: Duration = Duration::from_secs(30);
-/// What an entry takes on disk is counted in whole blocks.
+/// The size of entries on disk is counted in whole blocks.
 const BLOCK_BYTES: u64 = 4096;
 
-/// What lies in a cache's folder; the worlds of benches, too.
+/// Names in the folder of a cache, including that for the worlds of benches.
 const NAMES: [&str; 6] = ["bench", "gate", "index", "ledger", "locations", "tiles"];
 
-/// Makes sure that a cache's folder is there and that nobody else writes into it.
+/// Makes sure that the folder of a cache exists and that only its owner can write to it.
 ///
 /// # Errors
 /// Why it cannot be used.
@@ -54,7 +57,7 @@ pub(crate) fn claim_cache(folder: &Path) -> io::Result<()> {
     claim_folder(folder, &NAMES)
 }
 
-/// What an entry is a piece of.
+/// The key of an entry: a piece of an archive.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct Key {
     /// Name of the archive.
@@ -66,11 +69,11 @@ pub(crate) struct Key {
 /// Counts of a cache.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct CacheStats {
-    /// Pieces that were there.
+    /// Pieces found.
     pub hits: u64,
     /// Their bytes.
     pub bytes: u64,
-    /// Pieces that were not.
+    /// Pieces not found.
     pub misses: u64,
     /// Pieces written.
     pub written: u64,
@@ -100,14 +103,14 @@ pub(crate) struct DiskCache {
     log: Arc<ErrorLog>,
 }
 
-/// Bytes on disk of an entry with so much content.
+/// Bytes on disk of an entry with `content` bytes.
 fn disk_bytes(content: u64) -> u64 {
     (content + entry::HEADER_BYTES as u64).div_ceil(BLOCK_BYTES) * BLOCK_BYTES
 }
 
 impl DiskCache {
-    /// The cache in a folder, for one database, and at most `most_bytes` for all databases. Never fails: a cache that
-    /// does not work keeps nothing.
+    /// Opens the cache in a folder for one database, with a bound of `most_bytes` for all databases
+    /// together. Never fails: a cache that does not work stores nothing.
     pub(crate) fn open(folder: &Path, database: &str, most_bytes: u64, log: Arc<ErrorLog>) -> Self {
         let tiles = folder.join("tiles").join(database);
         let mut cache = Self {
@@ -122,7 +125,7 @@ impl DiskCache {
         };
         if most_bytes > 0 {
             let claimed = claim_cache(folder);
-            // What another user may have written is not read either.
+            // A folder that other users can write to is not read either.
             cache.is_readable = claimed.is_ok();
             match claimed.and_then(|()| private_folder(&cache.tiles)).and_then(|()| Ledger::open(folder)) {
                 Ok(ledger) => cache.ledger = Some(ledger),
@@ -145,7 +148,8 @@ impl DiskCache {
 
     fn path(&self, key: &Key) -> PathBuf {
         let length = key.range.end - key.range.start;
-        // Neighbours share a folder: 4 MiB of an archive, so that no folder has too many entries.
+        // Neighbouring pieces share a folder, one for each 4 MiB of an archive, so that no folder
+        // has too many entries.
         let shard = format!("{:x}", key.range.start >> 22);
         self.tiles.join(shard).join(format!("{}-{}-{length}", key.file, key.range.start))
     }
@@ -157,7 +161,7 @@ impl DiskCache {
         }
     }
 
-    /// A piece, if it is there and whole. Blocks on the disk.
+    /// A piece, if it is in the cache and undamaged. Blocks on the disk.
     pub(crate) fn get(&self, key: &Key) -> Option<Bytes> {
         if !self.is_readable {
             return None;
@@ -173,7 +177,7 @@ impl DiskCache {
             Ok(None) => {
                 self.counters.damaged.fetch_add(1, Ordering::Relaxed);
                 self.counters.misses.fetch_add(1, Ordering::Relaxed);
-                let why = "entries of the disk cache were damaged; they are read anew".to_owned();
+                let why = "entries of the disk cache were damaged; they are read again from the server".to_owned();
                 self.log.note(&Fault { cause: Cause::Cache, why, place: self.folder.display().to_string() });
                 self.remove(key);
                 None
@@ -188,7 +192,7 @@ impl DiskCache {
         }
     }
 
-    /// Keeps a piece, if there is room or room can be made. Blocks on the disk.
+    /// Stores a piece, if there is room or room can be made. Blocks on the disk.
     pub(crate) fn put(&self, key: &Key, content: &[u8]) {
         let Some(ledger) = &self.ledger else { return };
         let size = disk_bytes(content.len() as u64);
@@ -198,7 +202,7 @@ impl DiskCache {
         }
         let kept = self.keep(ledger, &path, content, size).and_then(|is_kept| match is_kept {
             true => Ok(true),
-            // Another process may be at it: then this piece is not kept, and nobody waits.
+            // If another process is already making room, this piece is not stored: nothing waits.
             false => {
                 sweep::sweep(&self.folder, ledger, size, self.most_bytes)?;
                 self.keep(ledger, &path, content, size)
@@ -213,9 +217,9 @@ impl DiskCache {
         }
     }
 
-    /// Keeps a piece if there is room and nobody is making room.
+    /// Stores a piece, if there is room and no process is making room.
     fn keep(&self, ledger: &Ledger, path: &Path, content: &[u8], size: u64) -> io::Result<bool> {
-        // A file of its own for each write: locks belong to open files.
+        // Each write opens the file again, because locks belong to open files.
         let gate = sweep::open_gate(&self.folder)?;
         match gate.try_lock_shared() {
             Ok(()) => {}
@@ -234,7 +238,7 @@ impl DiskCache {
         }
     }
 
-    /// Removes a piece that turned out to be wrong.
+    /// Removes a piece that turned out to be damaged.
     pub(crate) fn remove(&self, key: &Key) {
         let path = self.path(key);
         if fs::remove_file(path).is_ok()
@@ -248,7 +252,7 @@ impl DiskCache {
         let Some(shard) = path.parent() else { return Ok(()) };
         let temporary = shard.join(temporary_name());
         let written = entry::write(&temporary, content).or_else(|error| match error.kind() {
-            // The first of its shard; or a sweep has just removed the empty folder.
+            // The first piece of its folder; or a sweep has just removed the empty folder.
             io::ErrorKind::NotFound => fs::create_dir_all(shard).and_then(|()| entry::write(&temporary, content)),
             _ => Err(error),
         });
@@ -267,13 +271,13 @@ impl DiskCache {
 
     fn fail(&self, error: &io::Error) {
         *self.paused.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
-        let why = format!("the disk cache does not work ({error}), the flight goes on without it");
+        let why = format!("the disk cache does not work ({error}); the flight continues without it");
         self.log.note(&Fault { cause: Cause::Cache, why, place: self.folder.display().to_string() });
     }
 }
 
-/// A name that no other write has: not of this process, which may have opened the folder several times, and not of a process of
-/// another container with the same id.
+/// A name that no other write uses: neither of this process, which may have opened the folder
+/// several times, nor of a process with the same id in another container.
 fn temporary_name() -> String {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     static BEGUN_NANOS: OnceLock<u128> = OnceLock::new();
@@ -287,7 +291,8 @@ fn temporary_name() -> String {
 fn mark_used(path: &Path, modified: SystemTime) {
     let now = SystemTime::now();
     if now.duration_since(modified).is_ok_and(|age| age > MARK_EVERY) {
-        // An entry that another process removes just now needs no mark; nor does one in a folder that is read only.
+        // This may fail: another process may just have removed the entry, or the folder is
+        // read-only.
         let marked = open_regular(path).and_then(|file| file.set_times(FileTimes::new().set_modified(now)));
         marked.unwrap_or_default();
     }

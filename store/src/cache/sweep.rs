@@ -1,4 +1,4 @@
-//! Making room: the entries that were not used for longest go.
+//! Makes room by removing the least recently used entries.
 
 use super::disk_bytes;
 use super::ledger::Ledger;
@@ -10,30 +10,32 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use terravision_common::database::{MANIFEST_FILE, NODES_FILE};
 
-/// Names of entries that are being written begin so.
+/// Prefix of the names of entries that are being written.
 pub(super) const TEMPORARY: &str = ".new-";
-/// A sweep goes on until so much of the bound is left, in percent: sweeps are then rare.
+/// A sweep reduces the cache to this percentage of its bound, so that sweeps are rare.
 const KEPT_PERCENT: u64 = 80;
-/// What is being written for longer than this was left by a process that died.
+/// A temporary file that is older than this was left by a process that died.
 const TEMPORARY_AGE: Duration = Duration::from_secs(600);
-/// The index of a database that was opened within this time may be needed by a process that starts.
+/// The index of a database is kept for this time after it was opened: a process that starts may
+/// need it.
 const INDEX_AGE: Duration = Duration::from_secs(24 * 3600);
 
 struct Found {
     used: SystemTime,
     bytes: u64,
     path: PathBuf,
-    /// May be removed.
+    /// Whether it may be removed.
     is_loose: bool,
 }
 
-/// The file whose lock all that write share, and that the one that makes room has alone.
+/// Opens the file whose lock is shared by all writers, and exclusive for the process that makes
+/// room.
 pub(super) fn open_gate(folder: &Path) -> io::Result<File> {
     File::options().write(true).create(true).truncate(false).open(folder.join("gate"))
 }
 
-/// Removes entries until 80 % of the bound are left and the ledger is right, unless another process just made room for
-/// `size` bytes.
+/// Removes entries down to 80 % of the bound and corrects the ledger, unless another process has
+/// just made room for `size` bytes.
 pub(super) fn sweep(folder: &Path, ledger: &Ledger, size: u64, most_bytes: u64) -> io::Result<()> {
     let gate = open_gate(folder)?;
     gate.lock()?;
@@ -73,19 +75,19 @@ pub(super) fn sweep(folder: &Path, ledger: &Ledger, size: u64, most_bytes: u64) 
         }
         if fs::remove_file(&found.path).is_ok() {
             left -= found.bytes;
-            // An empty folder goes with its last entry; one that is not empty stays.
+            // Removes the folder if this was its last entry.
             found.path.parent().map_or(Ok(()), fs::remove_dir).unwrap_or_default();
         }
     }
     ledger.settle(left)
 }
 
-/// Each entry of a folder. What cannot be read is left out.
+/// Calls `each` for each entry of a folder; skips unreadable ones.
 fn for_each(folder: &Path, each: &mut dyn FnMut(&DirEntry)) {
     fs::read_dir(folder).into_iter().flatten().flatten().for_each(|entry| each(&entry));
 }
 
-/// Each folder of a folder that has the name of a database. No link is followed.
+/// Calls `each` for each subfolder with the name of a database. Does not follow links.
 fn for_each_database(folder: &Path, each: &mut dyn FnMut(&Path)) {
     for_each(folder, &mut |entry| {
         let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
@@ -95,14 +97,15 @@ fn for_each_database(folder: &Path, each: &mut dyn FnMut(&Path)) {
     });
 }
 
-/// When a file was used last, and its bytes on disk; `None` for anything else, a link too.
+/// The time of last use and the size on disk of a file; `None` for anything else, including links.
 fn file_of(entry: &DirEntry) -> Option<(SystemTime, u64)> {
     let about = entry.metadata().ok().filter(fs::Metadata::is_file)?;
     let bytes = disk_bytes(about.len().saturating_sub(super::entry::HEADER_BYTES as u64));
     Some((about.modified().unwrap_or(SystemTime::UNIX_EPOCH), bytes))
 }
 
-/// Whether a name is that of an entry that is being written (true) or of a whole one (false); `None` for one that no entry has.
+/// `true` for the name of an entry that is being written, `false` for that of a complete entry,
+/// `None` for other names.
 fn kind_of_entry(name: &OsStr) -> Option<bool> {
     let name = name.to_str()?;
     if name.starts_with(TEMPORARY) {
@@ -114,7 +117,7 @@ fn kind_of_entry(name: &OsStr) -> Option<bool> {
     is_entry.then_some(false)
 }
 
-/// Whether a name is one that the index of a database has, whole or being written.
+/// Whether a file with this name belongs to the index of a database, complete or being written.
 fn is_of_an_index(name: &OsStr) -> bool {
     let is_new = |name: &str| ["nodes.new-", "manifest.new-"].iter().any(|start| name.starts_with(start));
     name.to_str().is_some_and(|name| [MANIFEST_FILE, NODES_FILE].contains(&name) || is_new(name))

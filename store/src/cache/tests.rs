@@ -1,4 +1,4 @@
-//! The cache by itself: entries, bound, sharing, damage.
+//! The disk cache alone: entries, bound, sharing, damage.
 
 use super::*;
 use std::fs::File;
@@ -22,7 +22,7 @@ impl Folder {
         DiskCache::open(&self.0, NAME, most_bytes, Arc::default())
     }
 
-    /// Bytes of all entries, while nobody writes.
+    /// Bytes of all entries, while no process writes.
     fn bytes(&self) -> u64 {
         let gate = sweep::open_gate(&self.0).unwrap();
         gate.lock().unwrap();
@@ -100,7 +100,7 @@ fn the_bound_holds_with_several_users_and_the_longest_unused_goes() {
             let folder = &folder;
             scope.spawn(move || {
                 for number in 0..200u64 {
-                    // Some entries are everybody's.
+                    // Some entries are shared by all.
                     let number = if number % 3 == 0 { number } else { number + 1000 * user as u64 };
                     cache.put(&key(number), &content(number));
                     assert!(folder.bytes() <= most, "{} bytes of at most {most}", folder.bytes());
@@ -174,7 +174,7 @@ fn a_ledger_that_was_lost_is_found_again() {
     let most = 20 * disk_bytes(10_000);
     let cache = folder.open(most);
     (0..20).for_each(|number| cache.put(&key(number), &content(number)));
-    // As if processes had died after they reserved: too high.
+    // Too high, as if processes had died after they reserved room.
     cache.ledger.as_ref().unwrap().settle(most - 10).unwrap();
     cache.put(&key(50), &content(50));
     assert!(cache.get(&key(50)).is_some() && folder.bytes() <= most);
@@ -199,7 +199,7 @@ fn a_cache_is_private_and_one_that_others_may_write_into_is_done_without() {
     );
     assert_eq!([mode(&folder.0), mode(&folder.0.join("tiles"))], [0o700; 2]);
 
-    // With things of the user's own in it, the folder's mode is not ours to change.
+    // The folder contains the user's own files, so its mode must not be changed.
     fs::write(folder.0.join("notes.txt"), "mine").unwrap();
     fs::set_permissions(&folder.0, fs::Permissions::from_mode(0o777)).unwrap();
     let log = Arc::new(ErrorLog::default());
@@ -230,7 +230,7 @@ fn a_sweep_removes_entries_and_nothing_else() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, "mine").unwrap();
     }
-    // A link into another folder, where an entry's folder would be, and one in place of an entry.
+    // A link to another folder in place of an entry's folder, and a link in place of an entry.
     std::os::unix::fs::symlink(&elsewhere.0, folder.0.join("tiles").join(NAME).join("ff")).unwrap();
     std::os::unix::fs::symlink(elsewhere.0.join("color-1-10000"), shard.join("color-7-10000")).unwrap();
     let old = SystemTime::now() - Duration::from_secs(1_000_000);

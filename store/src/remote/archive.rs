@@ -1,4 +1,5 @@
-//! Where a tile lies in an archive: its head and root directory, then a leaf, each read when first needed.
+//! Finds the place of a tile in an archive: from the head and root directory, then from a leaf
+//! directory, each read when first needed.
 
 use super::{Remote, damaged};
 use crate::cache::Key;
@@ -13,10 +14,11 @@ use terravision_common::database::{
 };
 use tokio::sync::OnceCell;
 
-/// The header and the root directory of a PMTiles archive lie in its first bytes (specification v3, section 3).
+/// The header and the root directory of a PMTiles archive are within its first bytes (specification
+/// v3, section 3).
 const HEAD_BYTES: u64 = 16_384;
 
-/// An archive of the database, as far as it is known.
+/// An archive of the database, and the parts of it that have been read.
 #[derive(Debug)]
 pub(super) struct RemoteArchive {
     pub(super) layer: Layer,
@@ -27,7 +29,7 @@ pub(super) struct RemoteArchive {
     pub(super) etags: Mutex<Etags>,
 }
 
-/// What an archive begins with.
+/// The beginning of an archive: header and root directory.
 #[derive(Debug)]
 pub(super) struct Head {
     pub(super) first: Bytes,

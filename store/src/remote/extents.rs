@@ -6,7 +6,7 @@ use bytes::{Bytes, BytesMut};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Elevation tiles are read in aligned extents of this size: about 150 neighbours.
+/// Elevation tiles are read in aligned extents of this size: about 150 tiles.
 pub(super) const EXTENT_BYTES: u64 = 32 << 10;
 
 /// The aligned extents of a file that cover a range; the last one ends with the file.
@@ -15,7 +15,7 @@ pub(super) fn extents(file: &'static str, range: &Range<u64>, file_bytes: u64) -
     (range.start / EXTENT_BYTES..range.end.div_ceil(EXTENT_BYTES)).map(key).collect()
 }
 
-/// The bytes of a range that pieces, one after the other, cover.
+/// The bytes of a range, from consecutive pieces that cover it.
 pub(super) fn assemble(keys: &[Key], pieces: &[Arc<Piece>], range: &Range<u64>) -> Bytes {
     let part = |key: &Key, piece: &Piece| {
         let start = range.start.max(key.range.start) - key.range.start;

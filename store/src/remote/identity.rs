@@ -1,4 +1,4 @@
-//! Whether what a server gives is still the database that was opened.
+//! Detects whether the server still has the database that was opened.
 
 use super::Remote;
 use super::archive::RemoteArchive;
@@ -13,12 +13,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use terravision_common::database::{MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest};
 
-/// After failed reads the manifest is asked for once in this time.
+/// After failed reads, the manifest is requested at most this often.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 
 impl Remote {
-    /// Why a read has failed: often an archive that was replaced by a smaller one refuses ranges (416), or gives other bytes, and no
-    /// mark of its content tells. Then its manifest does, which is asked for now and then.
+    /// Finds out whether a read failed because the database was replaced: a smaller archive refuses
+    /// ranges (416), or returns other bytes, and its ETag may not show it. So the manifest is
+    /// requested from time to time.
     pub(super) async fn look_for_change(&self, archive: &RemoteArchive, error: FetchError) -> FetchError {
         let may_tell = matches!(
             error.cause(),
@@ -36,18 +37,18 @@ impl Remote {
         let allowance = Allowance { retries: 0, is_vital: false, may_be_hasty: false };
         let request = Request { file: MANIFEST_FILE, range: None, most_bytes: MOST_MANIFEST_BYTES, allowance };
         let Ok(text) = network.read(&request, |answer| async move { Ok(answer.bytes) }).await else { return error };
-        // One that was damaged on its way tells nothing.
+        // A manifest that was damaged in transit says nothing.
         if text == self.manifest_text || Manifest::parse(&String::from_utf8_lossy(&text)).is_err() {
             return error;
         }
-        let changed = self.has_changed(archive, "its manifest is another one");
+        let changed = self.has_changed(archive, "its manifest has changed");
         if let FetchError::Failed { fault } = &changed {
             self.log.note(fault);
         }
         changed
     }
 
-    /// The bytes of an answer, if they are of the file that the manifest describes.
+    /// The bytes of an answer, if they belong to the file that the manifest describes.
     pub(super) async fn same_file(
         &self,
         network: &Network,
@@ -64,13 +65,14 @@ impl Remote {
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
-        // Another mark: another database, or the same once more. The manifest and the directory tell.
+        // Another ETag: another database, or an equal one. The manifest and the directory show
+        // which.
         let _alone = self.verifying.lock().await;
         if is_known(&etag) {
             return Ok(answer.bytes);
         }
         if let Some(changed) = self.changed.get() {
-            // Whoever looked before this one has found out.
+            // An earlier check has found out.
             return Err(FetchError::failed_as(Arc::clone(changed)));
         }
         let ask = |file, range: Option<Range<u64>>, most_bytes| {
@@ -86,24 +88,24 @@ impl Remote {
                 let range = 0..head.first.len() as u64;
                 ask(archive.file, Some(range.clone()), range.end).await? == head.first
             }
-            // Nothing of the old content is known.
+            // No part of the old content is known.
             (Ok(_), None) => true,
             (Err(error), _) if error.cause() == Some(Cause::BadAnswer) => false,
             (Err(error), _) => return Err(error),
         };
         if !is_same {
-            return Err(self.has_changed(archive, "its manifest or its directory is another one"));
+            return Err(self.has_changed(archive, "its manifest or its directory has changed"));
         }
         lock(&archive.etags).learn(&etag);
-        let why = "the server replaced it by an equal one while it was read".to_owned();
+        let why = "it was replaced on the server by an equal one while it was read".to_owned();
         self.log.note(&Fault { cause: Cause::Touched, why, place: network.transport().place(archive.file) });
         Ok(answer.bytes)
     }
 
-    /// From now on nothing more is read from the server.
+    /// Marks the database as changed: no more is read from the server.
     fn has_changed(&self, archive: &RemoteArchive, how: &str) -> FetchError {
         let fault = self.changed.get_or_init(|| {
-            let why = format!("the database on the server is not the one that was opened ({how}); open it anew");
+            let why = format!("the database on the server was replaced while it was open ({how}); open it again");
             Arc::new(Fault { cause: Cause::Changed, why, place: format!("{}/{}", self.place, archive.file) })
         });
         FetchError::failed_as(Arc::clone(fault))

@@ -1,4 +1,5 @@
-//! Tiles of a remote database: directories by need, small tiles by extents, large ones by themselves.
+//! Tiles of a remote database: directories are read when needed, small tiles in extents, large
+//! tiles individually.
 //!
 //! ```text
 //!   tile ─▶ directory: root, then a leaf ─▶ range ─▶ pieces ─▶ checksum of the tile ─▶ bytes
@@ -6,8 +7,9 @@
 //!                             memory, disk cache, network ◀───────────┘
 //! ```
 //!
-//! Elevation tiles are small and their archive keeps neighbours together, so they are read by aligned extents; a colour
-//! tile is read by itself. Nothing goes to the disk cache before something in it has passed a checksum.
+//! Elevation tiles are small, and neighbours are close together in their archive, so they are read
+//! in aligned extents; a colour tile is read individually. A piece is written to the disk cache
+//! only after something in it has passed a checksum.
 
 mod archive;
 mod extents;
@@ -35,25 +37,27 @@ use terravision_common::database::{
 };
 use terravision_common::world::World;
 
-/// Extents kept in memory.
+/// Bytes of extents that are kept in memory.
 const MEMORY_BYTES: usize = 16 << 20;
-/// Pieces that wait to be written to the disk cache, and their bytes; more are not kept.
+/// Bounds of the pieces that wait to be written to the disk cache, and of their bytes; further
+/// pieces are not written.
 const MOST_PENDING: usize = 256;
 const MOST_PENDING_BYTES: usize = 64 << 20;
 
-/// A database on a server, or as much of it as the disk cache has.
+/// A database on a server, or the part of it that is in the disk cache.
 #[derive(Debug)]
 pub(crate) struct Remote {
     world: World,
     manifest_text: Bytes,
-    /// None when nothing is to be asked.
+    /// `None` when the network must not be used.
     network: Option<Network>,
     cache: Arc<DiskCache>,
     archives: [RemoteArchive; 2],
     memory: Memory,
     reads: RequestCoalescer<Key, Arc<Piece>>,
     changed: OnceLock<Arc<Fault>>,
-    /// Held while it is found out whether the database has changed; when a failed read last was the reason.
+    /// Held during the check whether the database has changed. The time of the last check that a
+    /// failed read caused.
     verifying: tokio::sync::Mutex<Option<Instant>>,
     pending: Arc<AtomicUsize>,
     pending_bytes: Arc<AtomicUsize>,
@@ -61,7 +65,7 @@ pub(crate) struct Remote {
     log: Arc<ErrorLog>,
 }
 
-/// What pieces hold, and when the last of them was asked for anew, if one was.
+/// Verified content of pieces, and when the last of them was requested again, if any was.
 struct Verified<T> {
     content: T,
     resent_at: Option<Instant>,
@@ -101,7 +105,7 @@ impl Remote {
         self.network.as_ref()
     }
 
-    /// Whether requests for a layer's archive fail in a row.
+    /// Whether the breaker of a layer's archive is open: its requests fail in a row.
     pub(crate) fn is_silent(&self, layer: Layer) -> bool {
         let file = self.archives[layer as usize].file;
         self.network.as_ref().is_some_and(|network| network.policy().is_silent(file))
@@ -113,17 +117,17 @@ impl Remote {
 
     /// Pieces being read, and pieces waiting to be written to disk.
     pub(crate) fn under_way(&self) -> (usize, usize) {
-        // Acquire: SYNC store.pending, with the release of who has written a piece.
+        // Acquire: SYNC store.pending, pairs with the release after a piece was written.
         (self.reads.under_way(), self.pending.load(Ordering::Acquire))
     }
 
-    /// Reads what both archives begin with: whether they are there, and whole enough to begin.
+    /// Reads the beginnings of both archives, to check that they exist and can be read.
     pub(crate) async fn open_archives(self: &Arc<Self>) -> Result<(), FetchError> {
         let [elevation, color] = &self.archives;
         futures_util::future::try_join(self.head(elevation), self.head(color)).await.map(drop)
     }
 
-    /// A tile as it is stored, its checksum verified. Without one that is vital there is no picture.
+    /// A stored tile, its checksum verified. `is_vital`: there is no picture without it.
     pub(crate) async fn payload(self: &Arc<Self>, tile: Tile, is_vital: bool) -> Result<Payload, FetchError> {
         let begun = Instant::now();
         let Tile { layer, node } = tile;
@@ -141,11 +145,11 @@ impl Remote {
         };
         let check = |bytes: &Bytes| check_tile(layer, bytes).map(|()| bytes.clone());
         let Verified { content: bytes, resent_at } = self.verified(archive, &keys, &range, is_vital, check).await?;
-        // Pieces from memory may have come long ago.
+        // Pieces from memory may have been requested long ago.
         Ok(Payload { bytes, resent_at: resent_at.filter(|at| *at > begun) })
     }
 
-    /// Reads pieces until what lies in `range` passes the check; then they are worth keeping.
+    /// Reads pieces until the content of `range` passes the check; then stores them.
     async fn verified<T>(
         self: &Arc<Self>,
         archive: &RemoteArchive,
@@ -166,7 +170,7 @@ impl Remote {
                 Err(damage) => damage,
             };
             let place = format!("{}/{}", self.place, archive.file);
-            let why = format!("what came is not what was written ({damage})");
+            let why = format!("the bytes are not those that were written ({damage})");
             self.log.note(&Fault { cause: Cause::Damaged, why, place });
             for key in keys {
                 self.memory.remove(key);
@@ -175,7 +179,7 @@ impl Remote {
             let gone = keys.to_vec();
             blocking(move || gone.iter().for_each(|key| cache.remove(key))).await;
             let is_repeated = match &self.network {
-                // Of a file of this machine they are the same again, but for one that is being written.
+                // A local file would give the same bytes again, unless it is being written.
                 Some(network) => network.policy().again_after_damage(attempt, DAMAGED_RETRIES).await,
                 None => false,
             };
@@ -186,7 +190,7 @@ impl Remote {
         }
     }
 
-    /// A piece, from where it is had soonest.
+    /// A piece from memory, the disk cache or the network.
     async fn piece(self: &Arc<Self>, key: &Key, is_vital: bool) -> Result<Arc<Piece>, FetchError> {
         if let Some(piece) = self.memory.get(key) {
             return Ok(piece);
@@ -242,7 +246,7 @@ impl Remote {
         }
     }
 
-    /// Keeps a piece of which something was verified.
+    /// Stores a piece of which some content was verified.
     fn keep(&self, archive: &RemoteArchive, key: &Key, piece: &Arc<Piece>) {
         if archive.layer == Layer::Elevation && key.range.start.is_multiple_of(EXTENT_BYTES) {
             self.memory.put(key, piece);
@@ -250,9 +254,10 @@ impl Remote {
         if !piece.begin_keeping() {
             return;
         }
-        // Acquire and release: SYNC store.pending, so that who sees none pending sees the cache as it was left.
+        // Acquire and release: SYNC store.pending, so that a thread that sees none pending sees the
+        // final state of the cache.
         let bytes = piece.bytes.len();
-        // Relaxed: a sum that orders nothing.
+        // Relaxed: only a sum.
         let before = self.pending_bytes.fetch_add(bytes, Ordering::Relaxed);
         if self.pending.fetch_add(1, Ordering::AcqRel) >= MOST_PENDING || before + bytes > MOST_PENDING_BYTES {
             self.pending_bytes.fetch_sub(bytes, Ordering::Relaxed);
@@ -273,7 +278,7 @@ fn damaged(reason: TileDamage) -> FetchError {
     FetchError::Damaged { reason: Arc::new(reason) }
 }
 
-/// Work on the disk, where it holds up no other read; `None` when the runtime ends.
+/// Runs disk work on a thread where it delays no other read; `None` when the runtime ends.
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
 }

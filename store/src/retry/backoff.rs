@@ -1,4 +1,4 @@
-//! How long a read waits before it asks again.
+//! How long a read waits before it repeats a request.
 
 use super::RetryOptions;
 use std::collections::hash_map::RandomState;
@@ -10,7 +10,8 @@ pub(super) fn random() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
-/// The wait after failure `attempt` (from 0): doubled each time, at most the longest, then between half and all of it.
+/// The wait after failure `attempt` (from 0): doubled each time, at most the longest, then between
+/// half and all of it.
 pub(super) fn backoff(options: &RetryOptions, attempt: u32, random: u64) -> Duration {
     let full = options.first_wait.saturating_mul(1 << attempt.min(20)).min(options.longest_wait);
     full.mul_f64(0.5 + 0.5 * (random >> 11) as f64 / (1u64 << 53) as f64)

@@ -1,4 +1,4 @@
-//! Whether there is any sense in asking for a file: when requests fail in a row, one asks for all.
+//! A circuit breaker for each file: when requests fail in a row, only one request at a time probes.
 //!
 //! ```text
 //!            8 failures in a row                     an answer
@@ -16,28 +16,28 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until, timeout_at};
 
-/// Failures in a row, without one success, that open the breaker. (Of requests a third of which are lost one in 15 000 opens
-/// it, and it closes with the next answer.)
+/// Number of failures in a row, without a success, that opens the breaker. (If a third of all
+/// requests are lost, one in 15 000 opens it, and the next answer closes it.)
 const BREAKER_FAILURES: u32 = 8;
-/// While the breaker is open one request in this time goes through, at first in less.
+/// While the breaker is open, one request in this time is made; at first more often.
 const PROBE_EVERY: Duration = Duration::from_secs(2);
 
-/// The right to make a request; that of a probe is held by one read at a time.
+/// Permission to make a request; only one read at a time holds that of a probe.
 pub(super) type Turn<'b> = Option<tokio::sync::MutexGuard<'b, ()>>;
 
-/// Whether there is any sense in asking for a file.
+/// The breaker of a file.
 #[derive(Debug, Default)]
 pub(super) struct Breaker {
     row: Mutex<Row>,
-    /// Held by the one that asks while the breaker is open. The others queue for it.
+    /// Held by the read that probes while the breaker is open. The others queue for it.
     probe: tokio::sync::Mutex<()>,
 }
 
-/// Failures without one success between them.
+/// Consecutive failures.
 #[derive(Debug, Default)]
 struct Row {
     failures: u32,
-    /// When the first of them was.
+    /// The time of the first failure.
     since: Option<Instant>,
     last: Option<Arc<Fault>>,
     next_probe: Option<Instant>,
@@ -71,15 +71,16 @@ impl Breaker {
         lock(&self.row).is_open()
     }
 
-    /// Whether nothing has come for as long as a read may take.
+    /// Whether there was no success for as long as a read may take.
     pub(super) fn is_given_up(&self, patience: Duration) -> bool {
         lock(&self.row).is_given_up(Instant::now(), patience)
     }
 
-    /// Waits until a request may be made; while the breaker is open, as the only one, for as long as what is returned is kept.
+    /// Waits until a request may be made. While the breaker is open, it is the only one as long as
+    /// the returned guard is held.
     ///
     /// # Errors
-    /// The last failure, when the time is over, or when there is no sense in asking.
+    /// The last failure, at the end of the time or when the file is given up.
     pub(super) async fn turn(&self, end: Instant, patience: Duration) -> Result<Turn<'_>, Arc<Fault>> {
         let told = |row: &Row, fallback: Instant| (row.next_probe.unwrap_or(fallback), row.last.clone());
         let (next, last) = {
@@ -89,7 +90,8 @@ impl Breaker {
             }
             let (next, last) = told(&row, now);
             if row.is_given_up(now, patience) {
-                // A probe is made by the first that comes when it is due; nobody waits for it.
+                // The first read that comes when a probe is due makes it; no read waits for a
+                // probe.
                 return match (last, self.probe.try_lock()) {
                     (_, Ok(probe)) if next <= now => Ok(Some(probe)),
                     (Some(last), _) => Err(last),
@@ -100,7 +102,7 @@ impl Breaker {
         };
         let turn = async {
             let probe = self.probe.lock().await;
-            // The probe before this one may have failed, or brought an answer.
+            // The previous probe may have failed or succeeded.
             let next = {
                 let row = lock(&self.row);
                 row.is_open().then(|| told(&row, next).0)?
@@ -146,7 +148,7 @@ mod tests {
             probes += 1;
         }
         assert!((1..40).contains(&probes), "{probes} probes");
-        // Silent for as long as a read may take: nobody waits any more.
+        // Silent for as long as a read may take: reads no longer wait.
         tokio::time::sleep(Duration::from_millis(40)).await;
         let late = Instant::now() + Duration::from_secs(600);
         let probe = breaker.turn(late, patience).await.expect("a probe is due");

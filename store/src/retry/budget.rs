@@ -1,8 +1,8 @@
-//! How many requests may still be made again.
+//! The retry budget: how many requests may still be repeated.
 
 use super::RetryOptions;
 
-/// Tokens: each first request brings a share of one, each repeated request takes one.
+/// Tokens: each first request adds a share of a token, each repeated request takes one.
 #[derive(Debug)]
 pub(super) struct Budget {
     tokens: f64,
@@ -16,12 +16,12 @@ impl Budget {
         Self { tokens: most, most, share: options.share }
     }
 
-    /// A request is made for the first time.
+    /// Records a first request.
     pub(super) fn first(&mut self) {
         self.tokens = (self.tokens + self.share).min(self.most);
     }
 
-    /// Takes a token for a request that is made again; `false` when none is left.
+    /// Takes a token for a repeated request; `false` when none is left.
     pub(super) fn again(&mut self) -> bool {
         let is_left = self.tokens >= 1.0;
         if is_left {

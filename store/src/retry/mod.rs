@@ -1,4 +1,4 @@
-//! When something is asked for again: the one policy, for requests and for tiles. `docs/retries.md` draws it.
+//! The only retry policy, for requests and for tiles. `docs/retries.md` has a state diagram.
 //!
 //! ```text
 //!  one read                       [`tries`]: attempts, deadline, budget, breaker, patience
@@ -9,16 +9,17 @@
 //!  between reads                  [`NegativeCache`]: a tile that could not be read rests, or is given up for the run
 //! ```
 //!
-//! * [`budget`] keeps requests that are made again in proportion to those that are made the first time. It is for failures
-//!   among successes.
-//! * [`breaker`]: when requests for a file fail in a row, all reads of the file wait, and one request at a time probes. So a
-//!   server that is away for a while costs a request now and then, nothing of the budget, and no read before its deadline.
-//! * [`backoff`]: how long a read waits before it asks again. [`mod@patience`]: how long it waits for an answer before it asks
-//!   anew although nothing has failed.
-//! * [`negative_cache`]: which tiles are not asked for now, although a frame wants them.
+//! * [`budget`] keeps the number of repeated requests in proportion to that of first requests. It
+//!   handles failures among successes.
+//! * [`breaker`]: when requests for a file fail in a row, all reads of the file wait, and one
+//!   request at a time probes. So a server that is down for a while costs a request from time to
+//!   time, takes nothing from the budget, and fails no read before its deadline.
+//! * [`backoff`]: how long a read waits before it repeats a request. [`mod@patience`]: how long it
+//!   waits for an answer before it repeats the request although nothing has failed.
+//! * [`negative_cache`]: which tiles are not requested now, although a frame wants them.
 //!
-//! Nobody else decides this: readers of a store ask once, and whoever schedules tiles asks [`crate::Store::recent_failure`]
-//! before it does.
+//! No other module decides this: readers of a store ask once, and the scheduler of tiles calls
+//! [`crate::Store::recent_failure`] first.
 
 mod backoff;
 mod breaker;
@@ -33,27 +34,27 @@ pub(crate) use tries::{Allowance, RetryPolicy};
 
 use std::time::Duration;
 
-/// A file of this machine is read once more when that may help: it says the same the next time.
+/// A local file is read only once more: a third read would give the same.
 pub(crate) const LOCAL_RETRIES: u32 = 1;
-/// Damaged bytes of a server are read anew this many times.
+/// Damaged bytes from a server are read again this many times.
 pub(crate) const DAMAGED_RETRIES: u32 = 5;
-/// Requests after the first while a database is opened: somebody waits for the answer.
+/// Retries while a database is opened: few, because the user waits.
 pub(crate) const OPEN_RETRIES: u32 = 3;
-/// A manifest, or the file of height ranges, that comes damaged is read this often in all.
+/// A manifest, or a file of height ranges, that arrives damaged is read this often in all.
 pub(crate) const INDEX_READS: u32 = 4;
 
-/// How failed requests are asked again.
+/// How failed requests are repeated.
 #[derive(Debug, Clone, Copy)]
 pub struct RetryOptions {
-    /// Most requests after the first, of one read.
+    /// Maximum number of retries of one read.
     pub most: u32,
     /// The wait before the second request, on average; it doubles each time.
     pub first_wait: Duration,
     /// The longest wait.
     pub longest_wait: Duration,
-    /// Requests that may be asked again for each that is asked the first time, on average over all reads...
+    /// Budget: retries for each first request, on average over all reads ...
     pub share: f64,
-    /// ... and so many more at once, after a while without failures.
+    /// ... and this many more at once, after a while without failures.
     pub burst: u32,
 }
 
@@ -69,12 +70,12 @@ impl Default for RetryOptions {
     }
 }
 
-/// What becomes of a tile that could not be read.
+/// When a tile that could not be read may be requested again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FailedTiles {
-    /// It rests, and is asked for again afterwards: it may come while a flight goes on.
+    /// After a rest: it may arrive during the flight.
     #[default]
     Rest,
-    /// It is not asked for again as long as the store is open: what a frame shows must not depend on when it is drawn.
+    /// Never while the store is open: the content of a frame must not depend on when it is drawn.
     Final,
 }

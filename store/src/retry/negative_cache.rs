@@ -1,4 +1,4 @@
-//! The negative cache: tiles that could not be read, and until when they are not asked for again.
+//! The negative cache: tiles that could not be read, and until when they are not requested again.
 
 use super::FailedTiles;
 use crate::error::{Cause, FetchError};
@@ -9,29 +9,30 @@ use std::time::{Duration, Instant};
 use terravision_common::database::Tile;
 use terravision_common::node::NodeId;
 
-/// After its first failure a tile rests so long, twice as long after the next...
+/// After its first failure a tile rests for this long, then twice as long after each further
+/// failure ...
 const FIRST_REST: Duration = Duration::from_secs(2);
 /// ... up to this.
 const LONGEST_REST: Duration = Duration::from_secs(60);
-/// A tile that the database says it does not have rests so long: it costs little to find out.
+/// The rest of a tile that the database does not contain: it costs little to find that out again.
 const ABSENT_REST: Duration = Duration::from_secs(60);
-/// A failure that will not pass by itself is not asked about for this long.
+/// The rest after a failure that will not pass by itself.
 const LONG_REST: Duration = Duration::from_secs(300);
-/// More tiles than these are not remembered: those whose rest is over are forgotten first.
+/// Maximum number of entries: tiles whose rest is over are removed first.
 const MOST_TILES: usize = 1 << 16;
 
-/// Failures that say something about the server, or the way to it, rather than about a tile.
+/// Whether a failure says something about the server or the network, rather than about a tile.
 fn is_of_the_way(error: &FetchError) -> bool {
     matches!(error.cause(), Some(Cause::Connect | Cause::Name | Cause::Timeout | Cause::Interrupted))
 }
 
 #[derive(Debug)]
 struct Entry {
-    /// When it may be asked for again; `None` for never.
+    /// When it may be requested again; `None`: never.
     until: Option<Instant>,
     failures: u32,
     error: FetchError,
-    /// It failed while its file failed in a row, perhaps without having been asked for at all.
+    /// It failed while the breaker of its file was open, perhaps without a request.
     is_of_silence: bool,
 }
 
@@ -41,43 +42,45 @@ impl Entry {
     }
 }
 
-/// The tiles that are not asked for now. Used by any thread.
+/// The tiles that are not requested now. Used by any thread.
 #[derive(Debug)]
 pub struct NegativeCache {
     tiles: Mutex<HashMap<Tile, Entry>>,
     failed_tiles: FailedTiles,
-    /// The coarsest levels, which stand in for all that is missing: whatever the failure, they do not rest for long.
+    /// The coarsest levels, which are drawn in place of missing tiles: they never rest for long,
+    /// whatever the failure.
     vital: HashSet<Tile>,
-    /// Without it there is no picture: it never rests for longer than the first time.
+    /// There is no picture without it: its rest never gets longer than the first one.
     root: NodeId,
 }
 
 impl NegativeCache {
-    /// An empty one; the tiles of `vital` and of the root never rest for long.
+    /// An empty cache; the tiles of `vital` and of the root never rest for long.
     #[must_use]
     pub fn new(failed_tiles: FailedTiles, root: NodeId, vital: impl IntoIterator<Item = Tile>) -> Self {
         Self { tiles: Mutex::default(), failed_tiles, vital: vital.into_iter().collect(), root }
     }
 
-    /// Whether a tile is of the coarsest levels.
+    /// Whether a tile belongs to the coarsest levels.
     #[must_use]
     pub fn is_vital(&self, tile: Tile) -> bool {
         self.vital.contains(&tile)
     }
 
-    /// Why a tile is not to be asked for at this moment; `None` when it may be.
+    /// Why a tile must not be requested at this moment; `None` when it may be.
     #[must_use]
     pub fn find(&self, tile: Tile, now: Instant) -> Option<FetchError> {
         lock(&self.tiles).get(&tile).filter(|entry| !entry.is_over(now)).map(|entry| entry.error.clone())
     }
 
-    /// Notes how a read ended: with an error, or with the tile.
+    /// Records the end of a read: an error, or the tile.
     pub fn note(&self, tile: Tile, error: Option<&FetchError>, now: Instant) {
         let mut tiles = lock(&self.tiles);
         let Some(error) = error else {
             tiles.remove(&tile);
-            // The server answers: what failed on the way there need not rest for as long as the silence has taught. What
-            // failed because this tile's file was silent as a whole need not rest at all.
+            // The server answers: tiles that failed because of the network need not rest as long as
+            // during the outage. Tiles that failed because their whole file was silent need not
+            // rest at all.
             for (other, entry) in tiles.iter_mut() {
                 let most = match entry.is_of_silence && other.layer == tile.layer {
                     true => now,
@@ -88,7 +91,7 @@ impl NegativeCache {
             }
             return;
         };
-        // The store ends; that says nothing about a tile.
+        // The store is being closed; that says nothing about a tile.
         if error.cause() == Some(Cause::Closed) {
             return;
         }
@@ -104,7 +107,8 @@ impl NegativeCache {
         tiles.insert(tile, Entry { until, failures, error: error.clone(), is_of_silence: false });
     }
 
-    /// Notes a read that failed while its file failed in a row: the next tile of the same layer that comes ends its rest.
+    /// Records a read that failed while the breaker of its file was open: the next tile of the same
+    /// layer that arrives ends its rest.
     pub fn note_silence(&self, tile: Tile, error: &FetchError, now: Instant) {
         self.note(tile, Some(error), now);
         if let Some(entry) = lock(&self.tiles).get_mut(&tile) {
@@ -112,14 +116,14 @@ impl NegativeCache {
         }
     }
 
-    /// How long a tile rests that has failed so often before; `None` for ever.
+    /// The rest of a tile with this many earlier failures; `None`: for ever.
     fn rest(&self, tile: Tile, error: &FetchError, failures: u32) -> Option<Duration> {
         if self.failed_tiles == FailedTiles::Final {
             return None;
         }
         match error.cause() {
             None => Some(ABSENT_REST),
-            // Nobody is asked, so nothing changes.
+            // No server is asked, so nothing changes.
             Some(Cause::Offline) => None,
             Some(_) if self.root == tile.node => Some(FIRST_REST),
             Some(cause) if cause.is_passing() || cause == Cause::Disk || self.is_vital(tile) => {
@@ -240,7 +244,7 @@ mod tests {
         for tile in [of_root, color(1)] {
             cache.note(tile, Some(&FetchError::failed(Cause::Timeout, "", "")), now);
         }
-        // Another tile comes: the server answers again.
+        // Another tile arrives: the server answers again.
         cache.note(color(2), None, now);
         assert!([of_root, color(1)].into_iter().all(|tile| cache.find(tile, now + 1000 * LONG_REST).is_some()));
     }

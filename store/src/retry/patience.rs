@@ -1,22 +1,24 @@
-//! How long a request for a tile waits for its answer before it is made anew, although nothing has failed: on a link that
-//! loses requests silently, waiting for the timeout of each would show the loss for as long.
+//! How long a request for a tile waits for its answer before it is repeated, although nothing has
+//! failed. On a link that loses requests silently, tiles would otherwise be missing until the
+//! timeout.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The first request waits for so long, and for four times as long as answers usually take if that is longer...
+/// The first request waits for this long, or four times the usual latency if that is longer ...
 const FIRST_PATIENCE: Duration = Duration::from_millis(600);
-/// ... each one after it twice as long, and after so many requests the last one has the whole timeout.
+/// ... each further request twice as long; after this many requests the last one has the whole
+/// timeout.
 const HASTY_TRIES: u32 = 5;
 
-/// How long a request waits that is made after `tries` others without an answer, where answers usually take `usual`. `None`
-/// when it is to have its whole timeout.
+/// The patience of a request after `tries` unanswered ones, when answers usually take `usual`.
+/// `None`: its whole timeout.
 #[must_use]
 pub fn patience(usual: Duration, tries: u32) -> Option<Duration> {
     (tries < HASTY_TRIES).then(|| FIRST_PATIENCE.max(usual.saturating_mul(4)).saturating_mul(1 << tries))
 }
 
-/// How long answers take, smoothed.
+/// The usual latency, smoothed.
 #[derive(Debug, Default)]
 pub(super) struct UsualTime {
     /// Nanoseconds; 0 before the first answer.
@@ -25,11 +27,11 @@ pub(super) struct UsualTime {
 
 impl UsualTime {
     pub(super) fn get(&self) -> Duration {
-        // Relaxed, here and below: a figure that orders nothing, and one lost among many does no harm.
+        // Relaxed, here and below: only statistics, and a lost update does no harm.
         Duration::from_nanos(self.nanos.load(Ordering::Relaxed))
     }
 
-    /// An answer took so long.
+    /// Records the latency of an answer.
     pub(super) fn note(&self, took: Duration) {
         let took = u64::try_from(took.as_nanos()).unwrap_or(u64::MAX);
         let smoothed = match self.nanos.load(Ordering::Relaxed) {

@@ -1,4 +1,5 @@
-//! The policy for requests, and one read under it: from its first request to its answer or its last failure.
+//! The retry policy for requests, and a read under it: from its first request to its answer or its
+//! last failure.
 
 use super::backoff::{backoff, random};
 use super::breaker::{Breaker, Turn};
@@ -13,34 +14,34 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// When requests of one database are made again. Shared by all its reads.
+/// The retry policy of one database, shared by all its reads.
 #[derive(Debug)]
 pub(crate) struct RetryPolicy {
     options: RetryOptions,
     deadline: Duration,
-    /// The database is a file of this machine.
+    /// The database is a local file.
     is_local: bool,
     is_hasty: bool,
     budget: Mutex<Budget>,
-    /// By file: a server that has one need not have the other.
+    /// By file: a server may have only one of them.
     breakers: Mutex<BTreeMap<&'static str, Arc<Breaker>>>,
     usual: UsualTime,
     repeated: AtomicU64,
 }
 
-/// What one read may do.
+/// The limits of one read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Allowance {
-    /// Requests after the first, at most.
+    /// Maximum number of retries.
     pub(crate) retries: u32,
-    /// There is no picture without it: it is asked again whether the budget allows it or not.
+    /// There is no picture without it: it is repeated even if the budget is used up.
     pub(crate) is_vital: bool,
-    /// It may be asked anew when its answer takes much longer than usual.
+    /// It may be repeated when its answer takes much longer than usual.
     pub(crate) may_be_hasty: bool,
 }
 
 impl RetryPolicy {
-    /// `deadline`: of one read. `is_local`: the database is a file of this machine.
+    /// `deadline`: of one read. `is_local`: the database is a local file.
     pub(crate) fn new(options: RetryOptions, deadline: Duration, is_hasty: bool, is_local: bool) -> Self {
         Self {
             options,
@@ -54,7 +55,7 @@ impl RetryPolicy {
         }
     }
 
-    /// Requests that were made again after a failure.
+    /// Number of requests that were repeated after a failure.
     pub(crate) fn repeated(&self) -> u64 {
         self.repeated.load(Ordering::Relaxed)
     }
@@ -64,12 +65,12 @@ impl RetryPolicy {
         self.options.most
     }
 
-    /// Whether a file has failed so often in a row that one request asks for all.
+    /// Whether the breaker of a file is open.
     pub(crate) fn is_silent(&self, file: &str) -> bool {
         lock(&self.breakers).get(file).is_some_and(|breaker| breaker.is_open())
     }
 
-    /// A read begins.
+    /// Begins a read.
     pub(crate) fn begin(&self, file: &'static str, allowance: Allowance) -> Tries<'_> {
         lock(&self.budget).first();
         let breaker = Arc::clone(lock(&self.breakers).entry(file).or_default());
@@ -77,7 +78,8 @@ impl RetryPolicy {
         Tries { policy: self, breaker, allowance, end, failures: 0, hasty: 0 }
     }
 
-    /// Whether content that came damaged, for the time `attempt` (from 0), may be read anew; returns when it is time to.
+    /// Whether content that arrived damaged for the time number `attempt` (from 0) may be read
+    /// again; waits until then.
     pub(crate) async fn again_after_damage(&self, attempt: u32, most: u32) -> bool {
         if attempt >= self.at_most(most) || !lock(&self.budget).again() {
             return false;
@@ -89,7 +91,7 @@ impl RetryPolicy {
         true
     }
 
-    /// So many retries, or fewer where they do not help.
+    /// The number of retries, or fewer where they do not help.
     fn at_most(&self, retries: u32) -> u32 {
         if self.is_local { retries.min(LOCAL_RETRIES) } else { retries }
     }
@@ -100,7 +102,7 @@ impl RetryPolicy {
     }
 }
 
-/// A read under way.
+/// A read in progress.
 #[derive(Debug)]
 pub(crate) struct Tries<'p> {
     policy: &'p RetryPolicy,
@@ -112,37 +114,39 @@ pub(crate) struct Tries<'p> {
 }
 
 impl Tries<'_> {
-    /// When the read ends, answered or not.
+    /// The deadline of the read.
     pub(crate) fn end(&self) -> Instant {
         self.end
     }
 
-    /// Waits until the next request may be made. What is returned is kept until that request has ended.
+    /// Waits until the next request may be made. The returned permission must be held until that
+    /// request has ended.
     ///
     /// # Errors
-    /// The last failure of the file, when the time is over, or when there is no sense in asking.
+    /// The last failure of the file, at the end of the time or when the file is given up.
     pub(crate) async fn turn(&self) -> Result<Turn<'_>, Arc<Fault>> {
         self.breaker.turn(self.end, self.policy.deadline).await
     }
 
-    /// How long the next request waits for its answer before [`Tries::hurry`]; `None` when it has its whole timeout. A probe
-    /// has: it asks for many.
+    /// How long the next request waits for its answer before [`Tries::hurry`]; `None`: its whole
+    /// timeout, as for a probe, on which many reads depend.
     pub(crate) fn patience(&self, turn: &Turn<'_>) -> Option<Duration> {
         let is_hasty = self.policy.is_hasty && self.allowance.may_be_hasty && turn.is_none();
         is_hasty.then(|| patience(self.policy.usual.get(), self.hasty)).flatten()
     }
 
-    /// The request was given up for a new one, because its answer takes much longer than usual. That is no failure.
+    /// Records that the request was replaced by a new one, because its answer takes much longer
+    /// than usual. This is not a failure.
     pub(crate) fn hurry(&mut self) {
         self.hasty += 1;
     }
 
-    /// Whether the request under way is one that was made anew.
+    /// Whether the current request replaces an earlier one.
     pub(crate) fn is_resent(&self) -> bool {
         self.hasty > 0
     }
 
-    /// An answer came, after so long.
+    /// Records an answer with its latency.
     pub(crate) fn answered(&self, took: Duration) {
         self.breaker.succeeded();
         if self.allowance.may_be_hasty {
@@ -150,20 +154,20 @@ impl Tries<'_> {
         }
     }
 
-    /// A request failed.
+    /// Records a failed request.
     pub(crate) fn failed(&self, fault: &Arc<Fault>) {
         if fault.cause.is_passing() {
             self.breaker.failed(fault, &self.policy.options);
         }
     }
 
-    /// Whether to ask again after a failure; returns when it is time to.
+    /// Whether to repeat the request after a failure; waits until then.
     pub(crate) async fn again(&mut self, error: &FetchError) -> bool {
         let policy = self.policy;
         if !error.is_passing() || Instant::now() >= self.end || self.breaker.is_given_up(policy.deadline) {
             return false;
         }
-        // While the breaker is open its probes keep the time, and cost nothing of attempts and budget.
+        // While the breaker is open, its probes set the pace, and take no attempts and no budget.
         if !self.breaker.is_open() {
             let wait = backoff(&policy.options, self.failures, random());
             self.failures += 1;

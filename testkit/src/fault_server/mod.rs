@@ -1,5 +1,6 @@
-//! A static web server on loopback that honours byte ranges, and misbehaves on demand: a slow link, lost connections,
-//! wrong answers of every kind. For tests and benches: not a server for production.
+//! A static web server on loopback that honours byte ranges, and misbehaves on demand: a slow link,
+//! lost connections, wrong answers of every kind. For tests and benches: not a server for
+//! production.
 //!
 //! ```no_run
 //! use terravision_testkit::fault_server::{Fault, FaultServer, Rule};
@@ -103,7 +104,8 @@ impl FaultServer {
         format!("http://{}/{path}", self.address)
     }
 
-    /// From now on it answers by these rules; the first that fits a request counts. None: it behaves.
+    /// From now on it answers by these rules; the first that fits a request counts. None: it
+    /// behaves.
     pub fn misbehave(&self, rules: impl IntoIterator<Item = Rule>) {
         *lock(&self.shared.rules) = rules.into_iter().map(|rule| (rule, 0)).collect();
     }

@@ -6,7 +6,8 @@ use crate::reference::Picture;
 /// Pixels of the colour of the sky where there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holes {
-    /// Sky pixels of the picture where the reference sees land, `tolerance` pixels or more away from any of its sky.
+    /// Sky pixels of the picture where the reference sees land, `tolerance` pixels or more away
+    /// from any of its sky.
     pub count: usize,
     /// The first of them, column and row.
     pub first: Option<[usize; 2]>,
@@ -15,12 +16,13 @@ pub struct Holes {
 }
 
 /// Counts pixels that are sky where the exact ray caster sees land. Facets move a silhouette, a
-/// needle's by its whole height; so pixels count only when they are farther than `tolerance_px` (a square's radius)
-/// from all sky and all partly covered pixels of the reference, and when no path through sky leads to such a pixel:
-/// a hole has ground all around.
+/// needle's by its whole height; so pixels count only when they are farther than `tolerance_px` (a
+/// square's radius) from all sky and all partly covered pixels of the reference, and when no path
+/// through sky leads to such a pixel: a hole has ground all around.
 #[must_use]
 pub fn count_holes(is_sky: &[bool], reference: &Picture, tolerance_px: usize) -> Holes {
-    // Beyond the picture's border nothing is known of the ground; the mask is extended by itself there.
+    // Beyond the picture's border nothing is known of the ground; the mask is extended by itself
+    // there.
     let (width, height) = (reference.width, reference.height);
     let (wide, high) = (width + 2 * tolerance_px, height + 2 * tolerance_px);
     let mut mask = vec![false; wide * high];

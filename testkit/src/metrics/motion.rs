@@ -10,14 +10,15 @@ pub struct MotionChange {
     pub mean: f64,
     /// The difference that one pixel in a hundred exceeds.
     pub p99: f64,
-    /// Mean of each block of 16 x 16 pixels, in rows from the top: a node that pops is a few blocks of the picture.
-    /// `None` where less than half of the block is seen by both.
+    /// Mean of each block of 16 x 16 pixels, in rows from the top: a node that pops is a few blocks
+    /// of the picture. `None` where less than half of the block is seen by both.
     pub blocks: Vec<Option<f64>>,
     /// Pixels that both see.
     pub pixels: usize,
 }
 
-/// One frame: the camera, the picture, and what each pixel sees (metres along the view axis, NaN for sky).
+/// One frame: the camera, the picture, and what each pixel sees (metres along the view axis, NaN
+/// for sky).
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
     /// The pose.
@@ -28,9 +29,10 @@ pub struct Frame<'a> {
     pub depth: &'a [f32],
 }
 
-/// Fetches, for each pixel of `after`, the colour that the same ground had in `before`, and compares. Ground that one
-/// of the two does not see (depths differ by more than 1 %) is left out. The fetch is bilinear, so a little change
-/// remains on sharp detail; it is the same from frame to frame, where a pop is not.
+/// Fetches, for each pixel of `after`, the colour that the same ground had in `before`, and
+/// compares. Ground that one of the two does not see (depths differ by more than 1 %) is left out.
+/// The fetch is bilinear, so a little change remains on sharp detail; it is the same from frame to
+/// frame, where a pop is not.
 #[must_use]
 pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionChange {
     let (width, height) = (after.camera.width as usize, after.camera.height as usize);
@@ -65,8 +67,9 @@ pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionC
     MotionChange { mean, p99, blocks, pixels }
 }
 
-/// The largest pop in a series of changes: how much more a block changes in one frame than in any of the two frames
-/// before and after. Returns the frame (index into `changes`), the block, and the excess.
+/// The largest pop in a series of changes: how much more a block changes in one frame than in any
+/// of the two frames before and after. Returns the frame (index into `changes`), the block, and the
+/// excess.
 ///
 /// Motion over sharp detail leaves a change too, but a similar one in every frame.
 #[must_use]
@@ -105,7 +108,8 @@ impl Projection {
         }
     }
 
-    /// Column and row (a pixel's centre is at + 0.5) and depth of a point, if it is before the camera.
+    /// Column and row (a pixel's centre is at + 0.5) and depth of a point, if it is before the
+    /// camera.
     fn pixel(&self, point: DVec3) -> Option<(f64, f64, f64)> {
         let p = point - self.eye;
         let [x, y, depth] = self.axes.map(|axis| axis.dot(p));

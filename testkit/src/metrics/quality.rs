@@ -5,8 +5,8 @@
 pub struct Quality {
     /// Peak signal to noise ratio over all three channels, decibels; infinite for equal pictures.
     pub psnr_db: f64,
-    /// Mean structural similarity of the luma (Wang et al. 2004: Gaussian window 11 x 11, sigma 1.5, K1 0.01, K2
-    /// 0.03), over the pixels whose whole window is in the mask.
+    /// Mean structural similarity of the luma (Wang et al. 2004: Gaussian window 11 x 11, sigma
+    /// 1.5, K1 0.01, K2 0.03), over the pixels whose whole window is in the mask.
     pub ssim: f64,
     /// Pixels in the mask.
     pub pixels: usize,

@@ -70,7 +70,8 @@ impl Field {
         })
     }
 
-    /// The ground of this field in one tile, or in tiles of `side` cells; without a filter it has no voxels.
+    /// The ground of this field in one tile, or in tiles of `side` cells; without a filter it has
+    /// no voxels.
     #[must_use]
     pub fn ground(&self, side: usize, filter: impl Into<Option<Filter>>) -> Ground {
         let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
@@ -111,8 +112,8 @@ impl Field {
         ground.finish();
     }
 
-    /// The ground of this field in tiles of 16 cells of several levels, some of them thinned, drawn with voxels where `is_accurate`
-    /// says so of a tile's origin.
+    /// The ground of this field in tiles of 16 cells of several levels, some of them thinned, drawn
+    /// with voxels where `is_accurate` says so of a tile's origin.
     #[must_use]
     pub fn mixed(&self, seed: u64, filter: Filter, is_accurate: impl Fn([u32; 2]) -> bool) -> Ground {
         const SIDE: usize = 16;

@@ -14,13 +14,14 @@ use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture, StartRul
 pub enum AnyMethod {
     /// [`Method::Coherent`].
     Coherent,
-    /// The same samples, every ray from where it comes below the top of the ground: plain ray casting.
+    /// The same samples, every ray from where it comes below the top of the ground: plain ray
+    /// casting.
     Plain,
-    /// The same samples, every ray from where it comes over the ground, however high above it: what the paper
-    /// compares with.
+    /// The same samples, every ray from where it comes over the ground, however high above it: what
+    /// the paper compares with.
     FromEye,
-    /// As [`AnyMethod::Coherent`], a ray always taking over the start of the one below it, as forward-only methods do:
-    /// misses ground beside cliffs.
+    /// As [`AnyMethod::Coherent`], a ray always taking over the start of the one below it, as
+    /// forward-only methods do: misses ground beside cliffs.
     ForwardOnly,
     /// [`Method::Mipmap`].
     Mipmap,

@@ -1,5 +1,6 @@
-//! One ray against the height field: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel: "Maximum mipmaps for
-//! fast, accurate, and scalable dynamic height field rendering", I3D 2008), then the exact root of the bilinear cell.
+//! One ray against the height field: a walk through the pyramid of maxima (Tevs, Ihrke, Seidel:
+//! "Maximum mipmaps for fast, accurate, and scalable dynamic height field rendering", I3D 2008),
+//! then the exact root of the bilinear cell.
 
 use super::Heights;
 use glam::DVec3;
@@ -39,8 +40,9 @@ impl GridRay {
     }
 }
 
-/// The first point, from above, where the ray `eye + t·direction`, `t >= 0`, meets the ground of heights times
-/// `exaggeration`. A ray that enters the field below its surface (through the side of the block) sees nothing.
+/// The first point, from above, where the ray `eye + t·direction`, `t >= 0`, meets the ground of
+/// heights times `exaggeration`. A ray that enters the field below its surface (through the side of
+/// the block) sees nothing.
 pub(super) fn cast(heights: &Heights, exaggeration: f64, eye: DVec3, direction: DVec3) -> Option<Hit> {
     let [east, north] = heights.origin();
     let scale = 1.0 / heights.spacing_m();
@@ -131,7 +133,8 @@ fn clip(ray: &GridRay, size: [f64; 2]) -> Option<(f64, f64)> {
     (start < end).then_some((start, end))
 }
 
-/// Coefficients of the height in cell `(i, j)`: a + b·u + c·v + d·u·v, u and v from its south west corner.
+/// Coefficients of the height in cell `(i, j)`: a + b·u + c·v + d·u·v, u and v from its south west
+/// corner.
 fn coefficients(heights: &Heights, exaggeration: f64, cell: [usize; 2]) -> [f64; 4] {
     let [a, b, c, d] = heights.corners(cell[0], cell[1]).map(|h| h * exaggeration);
     [a, b - a, c - a, a - b - c + d]
@@ -146,7 +149,8 @@ fn surface(heights: &Heights, exaggeration: f64, p: DVec3) -> f64 {
     a + b * u + c * v + d * u * v
 }
 
-/// First root of (ray height - surface) in the cell for t in the span; the start when the ray is below already.
+/// First root of (ray height - surface) in the cell for t in the span; the start when the ray is
+/// below already.
 fn cell_root(
     heights: &Heights,
     exaggeration: f64,

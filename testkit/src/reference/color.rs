@@ -2,8 +2,8 @@
 
 use glam::DVec2;
 
-/// RGB cells on a regular grid, with box-filtered halvings. Row 0 is the southern one. Averages are taken of stored
-/// (gamma) values, as everywhere in the system.
+/// RGB cells on a regular grid, with box-filtered halvings. Row 0 is the southern one. Averages are
+/// taken of stored (gamma) values, as everywhere in the system.
 #[derive(Debug, Clone)]
 pub struct Colors {
     /// Easting and northing of the south west corner of the south west cell.
@@ -19,12 +19,13 @@ struct Mip {
     rgb: Vec<[u8; 3]>,
 }
 
-/// Most taps along a footprint; longer ones are averaged from coarser halvings. Footprints this thin occur on slopes
-/// that are seen nearly edge on, a few pixels in a picture.
+/// Most taps along a footprint; longer ones are averaged from coarser halvings. Footprints this
+/// thin occur on slopes that are seen nearly edge on, a few pixels in a picture.
 const MOST_TAPS: f64 = 64.0;
 
 impl Colors {
-    /// A raster of `width` x `height` cells, `origin` the south west *corner*, rows from south to north.
+    /// A raster of `width` x `height` cells, `origin` the south west *corner*, rows from south to
+    /// north.
     ///
     /// # Panics
     /// When `rgb` has another length, or no cell.
@@ -59,10 +60,11 @@ impl Colors {
         (p - DVec2::from_array(self.origin)) / self.texel_m
     }
 
-    /// Average over the parallelogram of sides `across` and `along` (metres on the ground) around `centre`.
+    /// Average over the parallelogram of sides `across` and `along` (metres on the ground) around
+    /// `centre`.
     ///
-    /// Its Jacobian's singular values are the ellipse's axes; taps follow the long one, each tap trilinear at the
-    /// halving whose cells are as wide as the short one.
+    /// Its Jacobian's singular values are the ellipse's axes; taps follow the long one, each tap
+    /// trilinear at the halving whose cells are as wide as the short one.
     #[must_use]
     pub fn average(&self, centre: DVec2, across: DVec2, along: DVec2) -> [f64; 3] {
         let centre = self.texel(centre);

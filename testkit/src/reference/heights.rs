@@ -1,6 +1,7 @@
 //! The height field, and the pyramid of maxima that lets a ray skip what it cannot touch.
 
-/// Elevation posts on a regular grid. Row 0 is the southern one; the posts are the corners of bilinear cells.
+/// Elevation posts on a regular grid. Row 0 is the southern one; the posts are the corners of
+/// bilinear cells.
 #[derive(Debug, Clone)]
 pub struct Heights {
     columns: usize,
@@ -20,8 +21,8 @@ struct Grid {
 }
 
 impl Heights {
-    /// A height field of `columns` x `rows` posts, the south west one at `origin` (easting, northing), heights in
-    /// metres, rows from south to north.
+    /// A height field of `columns` x `rows` posts, the south west one at `origin` (easting,
+    /// northing), heights in metres, rows from south to north.
     ///
     /// # Panics
     /// When there are fewer than 2 x 2 posts or `values` has another length.

@@ -121,8 +121,8 @@ fn trace(scene: Scene<'_>, camera: &Camera, options: &RenderOptions, x: usize, y
     Pixel { rgb: sum.map(|v| (v / rays).round() as u8), hits, centre: shoot(x + 0.5, y + 0.5) }
 }
 
-/// From the hit to where the ray through `(px, py)` meets the hit's tangent plane, on the ground; no longer than a
-/// hundredth of the distance, for planes seen edge on.
+/// From the hit to where the ray through `(px, py)` meets the hit's tangent plane, on the ground;
+/// no longer than a hundredth of the distance, for planes seen edge on.
 fn footprint(hit: &Hit, camera: &Camera, px: f64, py: f64) -> DVec2 {
     let direction = camera.ray_in_world(px, py);
     let eye = camera.eye();

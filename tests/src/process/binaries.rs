@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Folder with TerraVision's programs, of the profile that this test was built with. They are built first: cargo makes
-/// the programs of *other* packages for no test.
+/// Folder with TerraVision's programs, of the profile that this test was built with. They are built
+/// first: cargo makes the programs of *other* packages for no test.
 fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
@@ -22,7 +22,8 @@ fn folder() -> &'static Path {
         let target = folder.parent().expect("a profile's folder lies in the target folder");
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
         let mut cargo = Command::new(env!("CARGO"));
-        // What cargo tells this test of itself would be news to build scripts, which would make their crates anew.
+        // What cargo tells this test of itself would be news to build scripts, which would make
+        // their crates anew.
         for (name, _) in std::env::vars_os() {
             if name.to_str().is_some_and(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
                 cargo.env_remove(name);

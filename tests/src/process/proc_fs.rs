@@ -2,7 +2,8 @@
 
 use std::fs;
 
-/// Process ids and names of the children of `parent`: those of their programs, which the kernel cuts nowhere.
+/// Process ids and names of the children of `parent`: those of their programs, which the kernel
+/// cuts nowhere.
 #[must_use]
 pub fn children_of(parent: u32) -> Vec<(u32, String)> {
     let Ok(entries) = fs::read_dir("/proc") else { return Vec::new() };

@@ -222,8 +222,8 @@ impl Finished {
         [INTERNAL_ERROR_WORDS, "panicked"].iter().any(|words| self.stderr.contains(words))
     }
 
-    /// Asserts what every failure owes its user: this exit code, a message of one sentence, no panic, and nothing of
-    /// the run left in /dev/shm.
+    /// Asserts what every failure owes its user: this exit code, a message of one sentence, no
+    /// panic, and nothing of the run left in /dev/shm.
     ///
     /// # Panics
     /// When one of them does not hold.

@@ -13,8 +13,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use terravision_common::shm::{FrameRingReader, SegmentKind, SharedFrame};
 
-/// What is written over. The control block is not among them: it says whether the run goes on, and any bytes say
-/// something about that.
+/// What is written over. The control block is not among them: it says whether the run goes on, and
+/// any bytes say something about that.
 const TARGETS: [SegmentKind; 8] = [
     SegmentKind::Ring,
     SegmentKind::PingPong,
@@ -105,7 +105,8 @@ impl BytesStorm {
         let stages: Vec<u32> = flight.children().into_iter().map(|(pid, _)| pid).collect();
         let end = Instant::now() + Duration::from_secs_f64(self.seconds);
         let mut next_write = Instant::now();
-        // Half of the flights have one segment written over, so that no other trouble ends them sooner.
+        // Half of the flights have one segment written over, so that no other trouble ends them
+        // sooner.
         let only = round.is_multiple_of(2).then(|| random.below(TARGETS.len() + 1));
         while Instant::now() < end && !flight.has_ended() {
             if Instant::now() >= next_write {
@@ -151,7 +152,8 @@ impl BytesStorm {
     }
 }
 
-/// Writes up to 64 random bytes somewhere into the head of a file, or behind it; whether it is there.
+/// Writes up to 64 random bytes somewhere into the head of a file, or behind it; whether it is
+/// there.
 fn scribble(path: &Path, random: &mut Random) -> bool {
     let Ok(file) = OpenOptions::new().write(true).open(path) else { return false };
     let len = 1 + random.below(64);

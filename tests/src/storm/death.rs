@@ -46,7 +46,8 @@ pub struct DeathReport {
     pub gap_after: &'static str,
     /// Longest time from one new frame to the next before the first kill.
     pub longest_gap_before: Duration,
-    /// Looks at which more tiles had been loaded than the pools held, although they had room for all.
+    /// Looks at which more tiles had been loaded than the pools held, although they had room for
+    /// all.
     pub loaded_twice: u64,
     /// Files that the launcher had open after the first second, and after the storm.
     pub open_files: [usize; 2],
@@ -89,8 +90,9 @@ impl DeathReport {
         faults
     }
 
-    /// What does not hold that must where nothing else uses the cores: besides [`DeathReport::faults`], no picture is missing for a
-    /// second, and memory is where it began (tiles that came meanwhile, and the longer report, are allowed an eighth).
+    /// What does not hold that must where nothing else uses the cores: besides
+    /// [`DeathReport::faults`], no picture is missing for a second, and memory is where it began
+    /// (tiles that came meanwhile, and the longer report, are allowed an eighth).
     #[must_use]
     pub fn faults_on_an_idle_machine(&self) -> Vec<String> {
         let mut faults = self.faults();
@@ -235,8 +237,8 @@ impl Eyes {
         Self { control, pools: pools.map(|kind| PoolReader::open(run, kind).expect("the run has a pool")) }
     }
 
-    /// More tiles were loaded than are there, although none had to make room. (A prefetcher that is killed may have
-    /// loaded one and not counted it, never the other way round.)
+    /// More tiles were loaded than are there, although none had to make room. (A prefetcher that is
+    /// killed may have loaded one and not counted it, never the other way round.)
     fn is_any_tile_loaded_twice(&self) -> bool {
         let loaded = self.control.counter(Counter::TilesLoaded);
         let held = |pool: &PoolReader| pool.slots().filter(|slot| slot.state.is_readable()).count() as u64;
@@ -265,7 +267,8 @@ impl Watch {
                 report.frames_seen += 1;
                 report.frames_back += u64::from(self.last.is_some_and(|last| info.frame <= last));
                 report.frames_torn += u64::from(is_torn(frame));
-                // The clock of the flight starts with the first frame; the second may be as late as one period and more.
+                // The clock of the flight starts with the first frame; the second may be as late as
+                // one period and more.
                 if let Some(before) = self.seen_at {
                     let gap = now.duration_since(before);
                     if self.victim.is_empty() {

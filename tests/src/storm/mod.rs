@@ -1,5 +1,5 @@
-//! Storms over a flight: stages that are killed at random, bytes that are written at random. A reader of the frame ring
-//! watches. Tests fly short ones, `scripts/storm.sh` long ones.
+//! Storms over a flight: stages that are killed at random, bytes that are written at random. A
+//! reader of the frame ring watches. Tests fly short ones, `scripts/storm.sh` long ones.
 
 mod bytes;
 mod death;
@@ -42,7 +42,8 @@ impl Random {
     }
 }
 
-/// A flight against the clock that shares its frames: to and fro over a ridge, with a horizon that nods.
+/// A flight against the clock that shares its frames: to and fro over a ridge, with a horizon that
+/// nods.
 fn flight(world: &TestWorld, folder: &TestFolder, name: &SharedName, seconds: f64, restarts: u32) -> Terravision {
     let frames = (seconds * f64::from(FPS)).ceil() as u64;
     let poses: Vec<Pose> = (0..frames)

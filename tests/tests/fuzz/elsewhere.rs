@@ -1,5 +1,5 @@
-//! Databases in archives and on servers, and what asks for metrics: headers of tar, heads and bodies of
-//! HTTP.
+//! Databases in archives and on servers, and what asks for metrics: headers of tar, heads and
+//! bodies of HTTP.
 
 use crate::{databases, within};
 use std::fs;

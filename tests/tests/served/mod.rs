@@ -17,7 +17,8 @@ use terravision_tests::worlds::synth_world;
 
 pub(crate) const FILES: [&str; 4] = ["manifest.json", "nodes.tvn", "elevation.pmtiles", "color.pmtiles"];
 
-/// Impatient, and stubborn: tests have no time to wait for servers that will not answer, and many faults at once.
+/// Impatient, and stubborn: tests have no time to wait for servers that will not answer, and many
+/// faults at once.
 pub(crate) fn options(folder: &TestFolder) -> StoreOptions {
     StoreOptions {
         cache_dir: Some(folder.join("cache")),

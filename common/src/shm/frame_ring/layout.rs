@@ -1,10 +1,12 @@
-//! Where things lie in a frame ring. Public: docs/frame-ring.md says the same, and other programs rely on it.
+//! Where things lie in a frame ring. Public: docs/frame-ring.md says the same, and other programs
+//! rely on it.
 
 use super::super::error::ShmError;
 use super::super::region::{Region, SharedWords};
 use crate::sync::{AtomicU32, AtomicU64, Ordering};
 
-/// Slots of a ring: one is written, so a reader has the time of this many frames, less one, to copy one.
+/// Slots of a ring: one is written, so a reader has the time of this many frames, less one, to copy
+/// one.
 pub(super) const SLOTS: u32 = 4;
 const LARGEST_SIDE: u32 = 1 << 16;
 /// Entries of the table of pose times: more than poses can be under way at a time.
@@ -121,7 +123,8 @@ impl RingLayout {
         header.ground.store(self.ground, Ordering::Relaxed);
     }
 
-    /// The layout that the header of a ring tells (`region` has the first page of its file at least), which must be the one that follows from its sizes.
+    /// The layout that the header of a ring tells (`region` has the first page of its file at
+    /// least), which must be the one that follows from its sizes.
     pub(super) fn read(region: &Region, file_bytes: u64, name: &str) -> Result<Self, ShmError> {
         let corrupt = |field, found, expected| ShmError::Corrupt { name: name.to_owned(), field, found, expected };
         let room = RING_HEADER_OFFSET + size_of::<RingHeader>() as u64;

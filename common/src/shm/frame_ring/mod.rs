@@ -1,10 +1,11 @@
 //! The frame ring: finished frames for other programs, newest wins (docs/frame-ring.md).
 //!
-//! The launcher makes it ([`FrameRing`]), the renderer writes it ([`FrameRingWriter`]), any number of programs read it,
-//! of which [`FrameRingReader`] is one: they need no more than a mapping for reading, come and go at will, and are not
-//! known to the writer, which waits for nobody. Readers load pixels as atomic words, so one that is overtaken
-//! copies nonsense, notices, and takes the newer frame. The writer stores them as one writes a file ([`super::public_file`]): a
-//! program that cuts the file under it ends the flight with a sentence.
+//! The launcher makes it ([`FrameRing`]), the renderer writes it ([`FrameRingWriter`]), any number
+//! of programs read it, of which [`FrameRingReader`] is one: they need no more than a mapping for
+//! reading, come and go at will, and are not known to the writer, which waits for nobody. Readers
+//! load pixels as atomic words, so one that is overtaken copies nonsense, notices, and takes the
+//! newer frame. The writer stores them as one writes a file ([`super::public_file`]): a program
+//! that cuts the file under it ends the flight with a sentence.
 
 mod layout;
 mod reader;
@@ -70,7 +71,8 @@ impl FrameRing {
     }
 }
 
-/// The times of poses, in the clock of who sent them, from the pilot to the frames that come of them.
+/// The times of poses, in the clock of who sent them, from the pilot to the frames that come of
+/// them.
 #[derive(Debug)]
 pub struct PoseTimes {
     file: Arc<PublicFile>,
@@ -78,7 +80,8 @@ pub struct PoseTimes {
 }
 
 impl PoseTimes {
-    /// The pose that was made a camera at this moment has this time; to be said before the camera is sent.
+    /// The pose that was made a camera at this moment has this time; to be said before the camera
+    /// is sent.
     ///
     /// # Errors
     /// The ring was cut short.
@@ -120,8 +123,9 @@ impl FrameRingWriter {
         Ok(Self { file: opened, layout, next, buffer: Vec::new() })
     }
 
-    /// Publishes a frame: `rgba` in rows from the top, `depth` and `ground` by pixel; the latter two are
-    /// looked at only when the ring has such a plane. Waits for nobody. Returns the number of the publication.
+    /// Publishes a frame: `rgba` in rows from the top, `depth` and `ground` by pixel; the latter
+    /// two are looked at only when the ring has such a plane. Waits for nobody. Returns the number
+    /// of the publication.
     ///
     /// # Errors
     /// [`ShmError::CutShort`]: another program has cut the file; who maps it may be dead of it.

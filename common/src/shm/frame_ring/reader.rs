@@ -63,8 +63,8 @@ impl FrameRingReader {
         self.layout.shape
     }
 
-    /// Whether the flight has ended in order; what is in the ring stays readable. Of a launcher that was killed see
-    /// [`FrameRingReader::launcher_pid`].
+    /// Whether the flight has ended in order; what is in the ring stays readable. Of a launcher
+    /// that was killed see [`FrameRingReader::launcher_pid`].
     #[must_use]
     pub fn is_ended(&self) -> bool {
         named::is_ended(&self.region)
@@ -82,8 +82,9 @@ impl FrameRingReader {
         newest(&self.region.words::<RingHeader>(RING_HEADER_OFFSET).newest)
     }
 
-    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no newer one (`into` keeps what
-    /// it has), or when the writer overtook every copy (`into` is empty).
+    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no
+    /// newer one (`into` keeps what it has), or when the writer overtook every copy (`into` is
+    /// empty).
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the slot of the newest frame does not hold it; `into` is empty.

@@ -6,16 +6,19 @@ use super::layout::{RingLayout, SLOT_HEADER_BYTES};
 use crate::camera::Camera;
 use crate::sync::{AtomicU64, Ordering};
 
-/// What a slot says of its frame. Degrees and the database's CRS, as on the command line: other programs read it.
+/// What a slot says of its frame. Degrees and the database's CRS, as on the command line: other
+/// programs read it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameInfo {
     /// Number of the frame in its flight.
     pub frame: u64,
     /// When it was published, nanoseconds of the monotonic clock.
     pub published_nanos: u64,
-    /// When its pose was made or came in, nanoseconds of the monotonic clock; 0 when time plays no part.
+    /// When its pose was made or came in, nanoseconds of the monotonic clock; 0 when time plays no
+    /// part.
     pub camera_nanos: u64,
-    /// Time of its pose in the clock of who sent it, seconds; NaN for poses of a path, or without a time.
+    /// Time of its pose in the clock of who sent it, seconds; NaN for poses of a path, or without a
+    /// time.
     pub pose_time_s: f64,
     /// Easting, northing and height of the eye, in the database's CRS, metres.
     pub position: [f64; 3],
@@ -82,7 +85,8 @@ impl FrameInfo {
     }
 }
 
-/// The words of a plane at a byte offset within its slot, out of the slot's words behind the sequence.
+/// The words of a plane at a byte offset within its slot, out of the slot's words behind the
+/// sequence.
 pub(super) fn plane(words: &[AtomicU64], offset: u64, bytes: u64) -> &[AtomicU64] {
     let first = (offset / 8) as usize - 1;
     words.get(first..first + bytes.div_ceil(8) as usize).unwrap_or_default()
@@ -91,7 +95,8 @@ pub(super) fn plane(words: &[AtomicU64], offset: u64, bytes: u64) -> &[AtomicU64
 /// Bytes of a plane that are made at a time.
 const CHUNK: usize = 1 << 18;
 
-/// Stores a whole slot but for its sequence, at `offset` of the file; called between `begin` and `publish`.
+/// Stores a whole slot but for its sequence, at `offset` of the file; called between `begin` and
+/// `publish`.
 #[expect(clippy::too_many_arguments, reason = "the place, and the planes as they come")]
 pub(super) fn store(
     file: &PublicFile,

@@ -177,7 +177,8 @@ proptest! {
                 }
             }
         }
-        // The writer keeps to what it knows: the ring recovers by itself, for readers that are attached.
+        // The writer keeps to what it knows: the ring recovers by itself, for readers that are
+        // attached.
         for number in 2..=6 {
             write(&mut writer, number, 16);
         }

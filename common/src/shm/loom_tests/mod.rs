@@ -1,5 +1,6 @@
-//! Models of the algorithms: `loom` runs them under every order of their atomic steps (at most three preemptions), with
-//! every value that a weak memory may return, and reports races on the bytes in between. A file per structure.
+//! Models of the algorithms: `loom` runs them under every order of their atomic steps (at most
+//! three preemptions), with every value that a weak memory may return, and reports races on the
+//! bytes in between. A file per structure.
 
 mod bell;
 mod frame_ring;
@@ -37,7 +38,8 @@ impl HeapItems {
     }
 }
 
-// SAFETY: the positions' protocol gives each cell to one side at a time, which is what the models check.
+// SAFETY: the positions' protocol gives each cell to one side at a time, which is what the models
+// check.
 unsafe impl Sync for HeapItems {}
 
 // SAFETY: `put` and `take` reach the one cell of the index; clones of the Arc share the positions.

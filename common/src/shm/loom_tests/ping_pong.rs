@@ -7,7 +7,8 @@ use loom::sync::Arc;
 #[test]
 fn loom_ping_pong_gives_each_half_to_one_side_at_a_time() {
     model(|| {
-        // A half is written and read in place, in several steps, between the cursor's calls, as the handles do it.
+        // A half is written and read in place, in several steps, between the cursor's calls, as the
+        // handles do it.
         let halves = HeapItems::new(2);
         let mut writer = WriteCursor::attach(&halves.positions, KIND, 2).unwrap();
         let mut reader = ReadCursor::attach(&halves.positions, KIND, 2).unwrap();

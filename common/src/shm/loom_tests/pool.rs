@@ -100,7 +100,8 @@ fn loom_pool_lets_either_the_wish_or_the_eviction_win() {
         let wisher = {
             let pool = Arc::clone(&pool);
             loom::thread::spawn(move || {
-                // Frame 2 wants the tile. When that was in time, the tile stays until frame 2 is completed.
+                // Frame 2 wants the tile. When that was in time, the tile stays until frame 2 is
+                // completed.
                 let is_kept = pool.words.touch(Some(Generation::new(1)), at(2));
                 if is_kept && pool.words.is_readable(Generation::new(1)) {
                     assert_eq!(pool.read(), 1);

@@ -9,8 +9,8 @@ fn loom_seqlock_gives_whole_values() {
     model(|| {
         let lock = Arc::new(SeqLock::<2>::new());
         lock.write(&[1, 1]);
-        // The reader is the thread that is started: the checker shows it older values of words than it shows a first thread
-        // that has written them itself.
+        // The reader is the thread that is started: the checker shows it older values of words than
+        // it shows a first thread that has written them itself.
         let reader = {
             let lock = Arc::clone(&lock);
             loom::thread::spawn(move || {

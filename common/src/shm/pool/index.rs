@@ -7,8 +7,9 @@ use crate::node::NodeId;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
-/// A reader with a map from node to slot. The map is made of what the reader was told, each time checked against the
-/// pool's table; an entry whose slot has been filled anew finds nothing. After it was made it allocates nothing.
+/// A reader with a map from node to slot. The map is made of what the reader was told, each time
+/// checked against the pool's table; an entry whose slot has been filled anew finds nothing. After
+/// it was made it allocates nothing.
 #[derive(Debug)]
 pub struct PoolIndex {
     reader: PoolReader,
@@ -46,7 +47,8 @@ impl PoolIndex {
         &self.reader
     }
 
-    /// A node's tile is said to lie there. `false` when it is not: it has gone again, or what was said cannot be.
+    /// A node's tile is said to lie there. `false` when it is not: it has gone again, or what was
+    /// said cannot be.
     pub fn note(&mut self, node: NodeId, key: SlotKey) -> bool {
         let SlotKey { slot, generation } = key;
         let is_there = self
@@ -65,7 +67,8 @@ impl PoolIndex {
         true
     }
 
-    /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when it is not there.
+    /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when
+    /// it is not there.
     pub fn keep(&mut self, node: NodeId, sequence: Sequence) -> bool {
         let Some(&slot) = self.slot_of.get(&node.pack()) else { return false };
         let Some(Some(entry)) = self.entries.get_mut(slot.index()) else { return false };
@@ -78,8 +81,8 @@ impl PoolIndex {
         is_kept
     }
 
-    /// Where a node's tile lies, if it is kept for frame `sequence`. One that came after the frame looked
-    /// is not: it might go while the frame is drawn.
+    /// Where a node's tile lies, if it is kept for frame `sequence`. One that came after the frame
+    /// looked is not: it might go while the frame is drawn.
     #[must_use]
     pub fn kept(&self, node: NodeId, sequence: Sequence) -> Option<SlotKey> {
         let slot = *self.slot_of.get(&node.pack())?;

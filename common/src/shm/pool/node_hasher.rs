@@ -2,7 +2,8 @@
 
 use std::hash::Hasher;
 
-/// Hash of a packed node id: one multiplication. The ids are ours, so nobody chooses them to collide.
+/// Hash of a packed node id: one multiplication. The ids are ours, so nobody chooses them to
+/// collide.
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct NodeHasher(u64);
 
@@ -18,8 +19,8 @@ impl Hasher for NodeHasher {
     }
 
     fn write_u64(&mut self, value: u64) {
-        // 2^64 divided by the golden ratio, made odd (Knuth, The Art of Computer Programming 3, 6.4). The upper half
-        // is mixed into the lower: the table takes bits from both ends.
+        // 2^64 divided by the golden ratio, made odd (Knuth, The Art of Computer Programming 3,
+        // 6.4). The upper half is mixed into the lower: the table takes bits from both ends.
         let product = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         self.0 = product ^ product >> 32;
     }

@@ -19,8 +19,8 @@ pub struct PoolReader {
 }
 
 impl PoolReader {
-    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]); waits a moment for the segment
-    /// to become ready.
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]); waits a
+    /// moment for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -64,7 +64,8 @@ impl PoolReader {
 
     /// The tile of this key, in place; `None` when its slot does not exist or holds another.
     ///
-    /// The bytes stay as they are while a frame that wanted the slot is not completed: read them for such frames only.
+    /// The bytes stay as they are while a frame that wanted the slot is not completed: read them
+    /// for such frames only.
     #[must_use]
     pub fn bytes(&self, key: SlotKey) -> Option<PoolBytes<'_>> {
         bytes(&self.segment, key)
@@ -87,8 +88,8 @@ impl PoolReader {
         self.slots().find(|info| info.node == Some(node) && info.state.is_readable()).map(|info| info.key())
     }
 
-    /// Frame `sequence` wants the tile of this key: it stays until that frame is completed. `false` when it is
-    /// gone already.
+    /// Frame `sequence` wants the tile of this key: it stays until that frame is completed. `false`
+    /// when it is gone already.
     #[must_use]
     pub fn touch(&self, key: SlotKey, sequence: Sequence) -> bool {
         table(&self.segment).get(key.slot.index()).is_some_and(|words| words.touch(Some(key.generation), sequence))
@@ -111,8 +112,8 @@ pub(super) fn bytes(segment: &Segment, key: SlotKey) -> Option<PoolBytes<'_>> {
         return None;
     }
     let offset = segment.item_offset(key.slot.get().into());
-    // SAFETY: published (SYNC pool.publish), and not filled anew before the frames that want it are completed, by the
-    // protocol that `PoolReader::bytes` states.
+    // SAFETY: published (SYNC pool.publish), and not filled anew before the frames that want it are
+    // completed, by the protocol that `PoolReader::bytes` states.
     let bytes = unsafe { segment.region().slice(offset, segment.geometry().item_bytes) };
     Some(PoolBytes { bytes, words, generation: key.generation })
 }
@@ -139,8 +140,8 @@ impl<'a> PoolBytes<'a> {
         bytemuck::cast_slice(&self.bytes[..whole])
     }
 
-    /// Whether the slot still holds this tile. After a use that the protocol covers it does; a reader that lost its
-    /// place sees that it did.
+    /// Whether the slot still holds this tile. After a use that the protocol covers it does; a
+    /// reader that lost its place sees that it did.
     #[must_use]
     pub fn is_still_valid(&self) -> bool {
         self.words.is_readable(self.generation)

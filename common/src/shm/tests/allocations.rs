@@ -20,7 +20,8 @@ thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
 }
 
-// SAFETY: all calls go to `System` as they came; the counter is a thread local without destructor or allocation.
+// SAFETY: all calls go to `System` as they came; the counter is a thread local without destructor
+// or allocation.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.with(|count| count.set(count.get() + 1));

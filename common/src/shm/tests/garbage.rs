@@ -1,4 +1,5 @@
-//! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor hang.
+//! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor
+//! hang.
 
 use crate::database::{Layer, Tile};
 use crate::ids::{RingPosition, Sequence, SlotIndex, SlotKey};

@@ -50,7 +50,8 @@ struct Entry {
 }
 
 proptest! {
-    /// Tiles stay while a frame in flight wants them, the least recently wanted goes first, and locked ones never.
+    /// Tiles stay while a frame in flight wants them, the least recently wanted goes first, and
+    /// locked ones never.
     #[test]
     fn a_pool_is_a_least_recently_wanted_cache(steps in proptest::collection::vec(step(), 0..300)) {
         const SLOTS: usize = 8;
@@ -85,7 +86,8 @@ proptest! {
                     let guard = writer.allocate(node(number), sequence, completed);
                     prop_assert_eq!(guard.is_some(), has_room);
                     let Some(mut guard) = guard else { continue };
-                    // Whoever was in that slot was the least recently wanted, and only gone if no slot was free.
+                    // Whoever was in that slot was the least recently wanted, and only gone if no
+                    // slot was free.
                     let evicted = model.iter().find(|(_, entry)| entry.key.slot == guard.key().slot).map(|(n, e)| (*n, *e));
                     if let Some((evicted, entry)) = evicted {
                         prop_assert_eq!(Some(entry.last_used), oldest);

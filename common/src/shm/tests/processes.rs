@@ -76,7 +76,8 @@ fn node(frame: u64) -> NodeId {
     NodeId::new(frame as u32, 1, 0).unwrap()
 }
 
-/// Generator and preparer in one process: a tree for each camera, and a slot, an array and a tile for each tree.
+/// Generator and preparer in one process: a tree for each camera, and a slot, an array and a tile
+/// for each tree.
 fn generate_and_prepare(run: &RunId) {
     let control = Control::open(run).unwrap();
     control.register(Stage::Generator).unwrap();
@@ -229,7 +230,8 @@ fn what_a_killed_process_held_is_free_for_its_successor() {
         control.wait_written(1).unwrap();
         assert!(ElevationWriter::open(&run).is_err() && TreeReader::open(&run).is_err());
         part.kill();
-        // The tree was not given back: it is read again. The array and the tile were not published: they never were.
+        // The tree was not given back: it is read again. The array and the tile were not published:
+        // they never were.
         let mut reader = TreeReader::open(&run).unwrap();
         assert_eq!(reader.next(&control).unwrap().header().frame, 7);
         assert_eq!(ElevationWriter::open(&run).unwrap().begin(&control).unwrap().position(), 0);

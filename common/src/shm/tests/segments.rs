@@ -159,7 +159,8 @@ fn segments_of_dead_runs_are_removed_and_nothing_else_is() {
     std::fs::write(&orphans[0], b"TVSHMSEG left behind").unwrap();
     std::fs::write(&orphans[1], vec![0; 8192]).unwrap();
     std::fs::write(&foreign, b"TVSHMSEG left behind").unwrap();
-    // With the name of a segment: someone's notes, a link to a file that begins like a segment, and a second name of one.
+    // With the name of a segment: someone's notes, a link to a file that begins like a segment, and
+    // a second name of one.
     let [notes, link, second] =
         [SegmentKind::PingPong, SegmentKind::WantList, SegmentKind::ElevationPool].map(|kind| path(&dead, kind));
     std::fs::write(&notes, b"someone's notes").unwrap();

@@ -194,8 +194,8 @@ impl Plane {
         (foot - corner) / self.spacing_m(node.q())
     }
 
-    /// The space that the ground of a node may fill, clipped to the extent: its heights, exaggerated,
-    /// lie between these two.
+    /// The space that the ground of a node may fill, clipped to the extent: its heights,
+    /// exaggerated, lie between these two.
     #[must_use]
     pub fn node_bounds(&self, node: NodeId, [a, b]: [f64; 2]) -> WorldBox {
         let (side, low) = (self.node_side(node.q()), self.node_origin(node));

@@ -12,7 +12,8 @@ mod sampler;
 
 pub use sampler::TileSampler;
 
-/// Where one coordinate of a lattice point falls in a tile: the cell, and the offset within it in [0, 1].
+/// Where one coordinate of a lattice point falls in a tile: the cell, and the offset within it in
+/// [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CellPosition {
     /// Index of the cell, 0 to Nz − 1.
@@ -22,8 +23,9 @@ pub struct CellPosition {
 }
 
 impl CellPosition {
-    /// Position of lattice coordinate `at` in a tile that begins at `origin` and has `cells` cells of `1 << level`
-    /// lattice units. A coordinate outside of the tile is taken to its border; the last post belongs to the last cell.
+    /// Position of lattice coordinate `at` in a tile that begins at `origin` and has `cells` cells
+    /// of `1 << level` lattice units. A coordinate outside of the tile is taken to its border; the
+    /// last post belongs to the last cell.
     #[inline]
     #[must_use]
     pub fn new(at: u64, origin: u64, level: u8, cells: u32) -> CellPosition {
@@ -53,8 +55,8 @@ pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPositio
     facet_linear(z(south), z(south + 1), z(south + stride), z(south + stride + 1), x.offset, y.offset)
 }
 
-/// Elevation of the tile of `node` at a lattice point, metres. `posts` are the tile's, `(Nz + 1)²`, row 0 the
-/// southern one. A point outside of the node is taken to its border.
+/// Elevation of the tile of `node` at a lattice point, metres. `posts` are the tile's, `(Nz + 1)²`,
+/// row 0 the southern one. A point outside of the node is taken to its border.
 #[inline]
 #[must_use]
 pub fn node_elevation(surface: &Surface, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
@@ -72,8 +74,9 @@ pub struct GroundPoint {
     pub validity: Validity,
 }
 
-/// The ground at a foot in the tile of `node`, which has these `values`: heights, and behind them the planes of validity of a
-/// world that has them. A foot outside of the node is taken to its border.
+/// The ground at a foot in the tile of `node`, which has these `values`: heights, and behind them
+/// the planes of validity of a world that has them. A foot outside of the node is taken to its
+/// border.
 #[must_use]
 pub fn node_ground(surface: &Surface, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
     let cells = surface.cells();
@@ -110,8 +113,8 @@ mod tests {
     }
 
     proptest! {
-        /// Splitting a facet at the next finer lattice changes nothing: interpolating the interpolated posts gives
-        /// the same bits.
+        /// Splitting a facet at the next finer lattice changes nothing: interpolating the
+        /// interpolated posts gives the same bits.
         #[test]
         fn a_finer_lattice_draws_the_same_surface(
             posts in prop::collection::vec(-8_000_000i32..8_000_000, 25),

@@ -1,8 +1,9 @@
 //! A tile whose elevation is wanted at the columns of an array, row after row.
 //!
-//! Rows of the array that fall into the same row of the tile's cells share its corners, which are gathered once: a level
-//! up that is every second row, at the smooth level all of them or nearly so. What is left for each row compiles to
-//! SIMD. All of it gives the bits of [`facet_linear`], which is exact.
+//! Rows of the array that fall into the same row of the tile's cells share its corners, which are
+//! gathered once: a level up that is every second row, at the smooth level all of them or nearly
+//! so. What is left for each row compiles to SIMD. All of it gives the bits of [`facet_linear`],
+//! which is exact.
 
 use super::CellPosition;
 use crate::surface::facet::facet_linear;
@@ -36,8 +37,8 @@ impl TileSampler {
         }
     }
 
-    /// Takes the columns, lattice coordinates, of an array in a tile that begins at `origin` and has `cells` cells of
-    /// `1 << level` lattice units.
+    /// Takes the columns, lattice coordinates, of an array in a tile that begins at `origin` and
+    /// has `cells` cells of `1 << level` lattice units.
     pub fn enter(&mut self, columns: &[u64], origin: u64, level: u8, cells: u32) {
         self.stride = cells as usize + 1;
         self.gathered = None;
@@ -92,7 +93,8 @@ mod tests {
     const CELLS: u32 = 8;
 
     proptest! {
-        /// Of arrays as fine as the tile and finer ones, whole and cut by the extent, wherever they lie in it.
+        /// Of arrays as fine as the tile and finer ones, whole and cut by the extent, wherever they
+        /// lie in it.
         #[test]
         fn every_row_has_the_bits_of_the_single_point(
             posts in prop::collection::vec(-8_000_000i32..8_000_000, 81),

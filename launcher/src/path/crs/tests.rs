@@ -14,8 +14,9 @@ fn utm_positions_agree_with_proj() {
 
 #[test]
 fn north_turns_with_the_meridian() {
-    // Convergence: (lon - central meridian) * sin(lat) = 1 * sin(45 deg) = 0.707 deg east of grid north... to the
-    // first order; east of the central meridian true north lies to the west of grid north.
+    // Convergence: (lon - central meridian) * sin(lat) = 1 * sin(45 deg) = 0.707 deg east of grid
+    // north... to the first order; east of the central meridian true north lies to the west of grid
+    // north.
     let heading = utm10().from_lonlat().unwrap().heading(-122.0, 45.0, 0.0).unwrap();
     assert!((heading.to_degrees() + 0.707).abs() < 0.001, "{}", heading.to_degrees());
     let polar = utm10().from_lonlat().unwrap().heading(-123.0, 90.0, 0.5).unwrap();
@@ -132,7 +133,8 @@ fn what_proj_said_at_ingest_is_used() {
         .with_table(Some(table), [325_000.0, 507_000.0]);
     for transform in [world.from_lonlat().unwrap(), world.from_crs("EPSG:4326").unwrap().unwrap()] {
         assert!(distance(&transform, [-3.15, 54.45], BRITAIN_PLACE) < 0.01);
-        // Convergence is that of the plane: 1.15 degrees times the sine of the latitude, west of the meridian of -2.
+        // Convergence is that of the plane: 1.15 degrees times the sine of the latitude, west of
+        // the meridian of -2.
         let heading = transform.heading(-3.15, 54.45, 0.0).unwrap().to_degrees();
         assert!((heading - 1.15 * 54.45f64.to_radians().sin()).abs() < 0.01, "{heading}");
     }

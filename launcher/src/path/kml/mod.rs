@@ -1,5 +1,6 @@
-//! KML (OGC KML 2.3, 12-007r2, and Google's `gx` extension, which it took over): what there is to fly in a file, the first of
-//! these that it has: a tour ([`tour`]), tracks or lines ([`lines`]), or placemarks with a view each.
+//! KML (OGC KML 2.3, 12-007r2, and Google's `gx` extension, which it took over): what there is to
+//! fly in a file, the first of these that it has: a tour ([`tour`]), tracks or lines ([`lines`]),
+//! or placemarks with a view each.
 
 mod lines;
 mod tour;

@@ -1,8 +1,9 @@
 //! Tours: `gx:FlyTo` with a view, and `gx:Wait`.
 //!
-//! A FlyTo of mode `smooth` is a knot of a curve without corner; one of mode `bounce` (KML's default) starts and ends at
-//! rest and rises over the way between. The first FlyTo is where the flight begins, its duration has no meaning here. A
-//! FlyTo of no duration is a cut, one without a view a wait. What waits before the first view waits at it.
+//! A FlyTo of mode `smooth` is a knot of a curve without corner; one of mode `bounce` (KML's
+//! default) starts and ends at rest and rises over the way between. The first FlyTo is where the
+//! flight begins, its duration has no meaning here. A FlyTo of no duration is a cut, one without a
+//! view a wait. What waits before the first view waits at it.
 
 use super::super::spline::{Key, Spline};
 use super::super::xml::Node;

@@ -1,5 +1,5 @@
-//! Views: `Camera` and `LookAt`. Values outside of what KML allows are taken as Google Earth takes them: angles wrap, tilt ends
-//! at its bounds.
+//! Views: `Camera` and `LookAt`. Values outside of what KML allows are taken as Google Earth takes
+//! them: angles wrap, tilt ends at its bounds.
 
 use super::super::crs::Transform;
 use super::super::gpx::wrapped;
@@ -24,7 +24,8 @@ pub(super) struct ViewReader<'a> {
     field: Option<Field>,
     /// Views with another one.
     other_fields: usize,
-    /// Values that were brought into their range, or replaced by their default; the line of the first.
+    /// Values that were brought into their range, or replaced by their default; the line of the
+    /// first.
     mended: usize,
     first_mended: u32,
 }
@@ -109,8 +110,9 @@ impl<'a> ViewReader<'a> {
         let place = self.lonlat.position(longitude, latitude).map_err(at)?;
         let heading_rad = self.lonlat.heading(longitude, latitude, heading).map_err(at)?;
 
-        // A camera clamped to the ground would see nothing: KML places it relative to the ground then, and that is also its
-        // default. A point that is looked at is clamped to the ground by default.
+        // A camera clamped to the ground would see nothing: KML places it relative to the ground
+        // then, and that is also its default. A point that is looked at is clamped to the ground by
+        // default.
         let modes = ["clampToGround", "clampToSeaFloor", "relativeToGround", "relativeToSeaFloor", "absolute"];
         let height = match (self.word(view, "altitudeMode", &modes), is_camera) {
             ("absolute", _) => altitude,

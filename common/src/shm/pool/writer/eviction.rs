@@ -1,5 +1,5 @@
-//! Which tile leaves memory when another one needs its slot: the one that was wanted, or expected to be, least recently, of
-//! those that no frame in flight uses.
+//! Which tile leaves memory when another one needs its slot: the one that was wanted, or expected
+//! to be, least recently, of those that no frame in flight uses.
 
 use super::PoolWriter;
 use crate::ids::{Sequence, SlotIndex, SlotKey};
@@ -12,13 +12,14 @@ use crate::shm::slot_words::SlotWords;
 const CANDIDATES: usize = 256;
 
 impl PoolWriter {
-    /// The frame as of which a reusable slot's tile was last wanted or expected; none for a free slot.
+    /// The frame as of which a reusable slot's tile was last wanted or expected; none for a free
+    /// slot.
     pub(super) fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: Sequence) -> Option<Sequence> {
         let usage = words.usage();
         match usage.state {
             SlotState::Free => Some(Sequence::NONE),
-            // Never none: a tile that nobody is known to have wanted or expected (a writer before this one knew) still makes
-            // room only when no slot is free.
+            // Never none: a tile that nobody is known to have wanted or expected (a writer before
+            // this one knew) still makes room only when no slot is free.
             _ if usage.is_reusable(completed) => {
                 Some(usage.sequence.max(self.expected_at[slot.index()]).max(Sequence::FIRST))
             }
@@ -26,8 +27,8 @@ impl PoolWriter {
         }
     }
 
-    /// A slot for a tile of `node` that frame `sequence` wants: the free, then the one that was wanted least recently, if that
-    /// was before `limit`.
+    /// A slot for a tile of `node` that frame `sequence` wants: the free, then the one that was
+    /// wanted least recently, if that was before `limit`.
     pub(super) fn claim(
         &mut self,
         node: NodeId,
@@ -52,7 +53,8 @@ impl PoolWriter {
                 continue;
             }
             if looks == 0 && seen > self.looked_at && completed > self.looked_at {
-                // It is only expected, and frames that were completed since may have left slots that are not.
+                // It is only expected, and frames that were completed since may have left slots
+                // that are not.
                 self.candidates.clear();
                 continue;
             }
@@ -67,8 +69,9 @@ impl PoolWriter {
         }
     }
 
-    /// Collects the reusable slots that were wanted least recently. Later candidates were all wanted later than these
-    /// (but for the expected, of which `claim` takes care), so the order over several looks is the order of one.
+    /// Collects the reusable slots that were wanted least recently. Later candidates were all
+    /// wanted later than these (but for the expected, of which `claim` takes care), so the order
+    /// over several looks is the order of one.
     fn find_candidates(&mut self, completed: Sequence) {
         self.looked_at = completed;
         let mut candidates = std::mem::take(&mut self.candidates);

@@ -1,4 +1,5 @@
-//! The pool as its only writer sees it: who is in it. Which tile goes when room is needed is decided in [`eviction`].
+//! The pool as its only writer sees it: who is in it. Which tile goes when room is needed is
+//! decided in [`eviction`].
 
 mod eviction;
 
@@ -21,7 +22,8 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct PoolWriter {
     place: Arc<WriterPlace>,
-    /// Slot of each node that is in the pool or was put into a slot that has not been claimed again.
+    /// Slot of each node that is in the pool or was put into a slot that has not been claimed
+    /// again.
     slot_of: HashMap<u64, SlotIndex, BuildHasherDefault<NodeHasher>>,
     /// The node that [`PoolWriter::slot_of`] has for each slot.
     node_of: Vec<Option<NodeId>>,
@@ -33,7 +35,8 @@ pub struct PoolWriter {
     looked_at: Sequence,
 }
 
-/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other threads.
+/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other
+/// threads.
 #[derive(Debug)]
 struct WriterPlace {
     segment: Arc<Segment>,
@@ -61,9 +64,9 @@ pub enum Residency {
 }
 
 impl PoolWriter {
-    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write; waits a moment for the
-    /// segment to become ready. After a writer that was killed, the tiles that it published stay, and slots that it was
-    /// filling are free.
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write;
+    /// waits a moment for the segment to become ready. After a writer that was killed, the tiles
+    /// that it published stay, and slots that it was filling are free.
     ///
     /// # Errors
     /// See [`ShmError`]; [`ShmError::RoleTaken`] while another writer lives.
@@ -139,9 +142,10 @@ impl PoolWriter {
         }
     }
 
-    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one wanted least recently
-    /// whose last frame is at most `completed_sequence` ([`crate::shm::Control::completed_sequence`]) and that is not
-    /// locked. `None` when there is none (wait for a frame to complete), or when the tile is in the pool or being loaded
+    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one
+    /// wanted least recently whose last frame is at most `completed_sequence`
+    /// ([`crate::shm::Control::completed_sequence`]) and that is not locked. `None` when there is
+    /// none (wait for a frame to complete), or when the tile is in the pool or being loaded
     /// ([`PoolWriter::residency`] tells which).
     ///
     /// Allocates no memory. The guard may be filled and published on any thread.
@@ -149,8 +153,9 @@ impl PoolWriter {
         self.fill(node, sequence, completed_sequence, None)
     }
 
-    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`. Takes a free slot,
-    /// else one that was neither wanted nor expected since before `sequence`. Nothing but that order protects the tile.
+    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`.
+    /// Takes a free slot, else one that was neither wanted nor expected since before `sequence`.
+    /// Nothing but that order protects the tile.
     pub fn allocate_expected(
         &mut self,
         node: NodeId,
@@ -185,8 +190,9 @@ impl PoolWriter {
         Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true })
     }
 
-    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that frame had wanted it.
-    /// Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing. Returns what it found.
+    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that
+    /// frame had wanted it. Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing.
+    /// Returns what it found.
     pub fn expect(&mut self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
@@ -210,13 +216,14 @@ impl PoolWriter {
         table(&self.place.segment).iter().filter(|words| words.usage().state.is_readable()).count() as u32
     }
 
-    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it stays until that frame
-    /// is completed. `false` when the slot holds nothing or does not exist.
+    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it
+    /// stays until that frame is completed. `false` when the slot holds nothing or does not exist.
     pub fn touch(&self, slot: SlotIndex, sequence: Sequence) -> bool {
         self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
     }
 
-    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what it found.
+    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what
+    /// it found.
     pub fn touch_node(&self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if residency != Residency::Absent
@@ -244,7 +251,8 @@ impl PoolWriter {
     }
 }
 
-/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the slot is free again.
+/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the
+/// slot is free again.
 #[derive(Debug)]
 #[must_use]
 pub struct FillGuard {
@@ -264,8 +272,8 @@ impl FillGuard {
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         let segment = &self.place.segment;
         let offset = segment.item_offset(self.key.slot.get().into());
-        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader takes a slot that is
-        // being filled); the slice borrows `self`, the one guard of the slot.
+        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader
+        // takes a slot that is being filled); the slice borrows `self`, the one guard of the slot.
         unsafe { segment.region().slice_mut(offset, segment.geometry().item_bytes) }
     }
 
