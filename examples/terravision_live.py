@@ -22,7 +22,7 @@ def _open(file, magic, timeout, prot):
         memory = mmap.mmap(segment.fileno(), 0, prot=prot)
     found = struct.unpack_from("<8sI", memory)
     if found != (magic, 1):
-        raise ValueError(f"{path} is no segment {magic} of version 1: {found}")
+        raise ValueError(f"{path} is not a segment {magic} of version 1: {found}")
     return memory
 
 

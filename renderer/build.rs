@@ -31,8 +31,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// WGSL to SPIR-V 1.3. The default writer flags would flip Y: Vulkan's own convention is wanted here. Buffer indices
-/// are checked on the processor before a frame is recorded, and the device is created with robust buffer access.
+/// WGSL to SPIR-V 1.3. The default writer flags would flip Y: Vulkan's own convention is wanted
+/// here. Buffer indices are checked on the processor before a frame is recorded, and the device is
+/// created with robust buffer access.
 fn compile(source: &str) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::all())

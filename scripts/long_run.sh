@@ -7,7 +7,7 @@
 #   scripts/long_run.sh --short   half a minute over a small world, for tests
 #
 #   TERRAVISION_WORLD   fly over this database
-#   TERRAVISION_NODES   else over one of so many nodes a side (1024, which are 164 km; 64 in the short form). Bytes go with the square
+#   TERRAVISION_NODES   else over one of this many nodes a side (1024, which are 164 km; 64 in the short form). Bytes go with the square
 #   TERRAVISION_OUT     where world and plot land (out)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -56,7 +56,7 @@ trap cleanup EXIT
 
 free_port() { python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])'; }
 
-# Waits until somebody listens on port $1, as long as process $2 lives.
+# Waits until a server listens on port $1, as long as process $2 lives.
 await_port() {
   local tries
   for tries in {1..600}; do
@@ -64,7 +64,7 @@ await_port() {
     kill -0 "$2" || break
     sleep 0.1
   done
-  printf 'servers: nobody listens on port %s\n' "$1" >&2
+  printf 'servers: no server listens on port %s\n' "$1" >&2
   exit 1
 }
 

@@ -11,7 +11,7 @@ use crate::stages::fly_recorded;
 use crate::world;
 use anyhow::{Context, ensure};
 use std::f64::consts::TAU;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraError, CameraFields};
 use terravision_common::database::Database;
 
 const BENCH: &str = "flat";
@@ -47,7 +47,7 @@ impl Turns {
 pub fn run(settings: &Settings, options: &Options, findings: &mut Findings) -> anyhow::Result<()> {
     let worlds = DOUBLINGS.map(world::sparse).into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     let smallest = Database::open(&worlds[0])?;
-    let round = views(&smallest, options);
+    let round = views(&smallest, options)?;
     let flights = worlds
         .iter()
         .map(|folder| Ok(Flight { database: Database::open(folder)?, round: round.clone() }))
@@ -91,12 +91,12 @@ pub fn run(settings: &Settings, options: &Options, findings: &mut Findings) -> a
 }
 
 /// A small circle above the middle of the detailed square, looking steeply down.
-fn views(smallest: &Database, options: &Options) -> Vec<Camera> {
+fn views(smallest: &Database, options: &Options) -> Result<Vec<Camera>, CameraError> {
     let [width, height] = smallest.world().extent_m();
     let frames = options.frames.clamp(1, MOST_FRAMES);
     let view = |k: u64| {
         let angle = TAU * k as f64 / frames as f64;
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [width * (0.5 + 0.05 * angle.sin()), height * (0.5 + 0.05 * angle.cos()), EYE_M],
             heading_rad: angle,
             pitch_rad: PITCH_DEG.to_radians(),
@@ -105,7 +105,7 @@ fn views(smallest: &Database, options: &Options) -> Vec<Camera> {
             width: options.size[0],
             height: options.size[1],
             timestamp_nanos: 0,
-        }
+        })
     };
     (0..frames).map(view).collect()
 }

@@ -5,12 +5,12 @@ use anyhow::{Context, ensure};
 use glam::DVec2;
 use std::f64::consts::TAU;
 use std::path::Path;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Database, TileScratch, ground_height};
 use terravision_common::shm::CameraRecord;
 
 /// Height of the camera above the ground below it, as a share of the world's shorter side, and at
-/// least so many metres.
+/// least this many metres.
 const HEIGHT_SHARE: f64 = 0.025;
 const HEIGHT_M: f64 = 150.0;
 /// Vertical field of view.
@@ -62,7 +62,7 @@ impl Flight {
         let round = below
             .iter()
             .enumerate()
-            .map(|(k, &(angle, x, y, _))| Camera {
+            .map(|(k, &(angle, x, y, _))| CameraFields {
                 eye_in_world: world.surface().position(DVec2::new(x, y), smooth(k) + up).to_array(),
                 // Along the way, turned inwards by a third of a right angle.
                 heading_rad: angle + TAU / 4.0 + TAU / 12.0,
@@ -73,14 +73,15 @@ impl Flight {
                 height: size[1],
                 timestamp_nanos: 0,
             })
-            .collect();
+            .map(Camera::new)
+            .collect::<Result<_, _>>()?;
         Ok(Self { database, round })
     }
 
-    /// The records of so many rounds, frames counted from 0.
+    /// The records of this many rounds, frames counted from 0.
     #[must_use]
     pub fn records(&self, rounds: u64) -> Vec<CameraRecord> {
         let cameras = (0..rounds).flat_map(|_| self.round.iter().copied());
-        cameras.zip(0..).map(|(camera, frame)| CameraRecord { frame, camera }).collect()
+        cameras.zip(0..).map(|(camera, frame)| CameraRecord { frame, camera: *camera.fields() }).collect()
     }
 }

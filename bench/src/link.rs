@@ -17,7 +17,7 @@ use terravision_common::report::{DrawnFrames, NetworkReport, RealtimeReport};
 use terravision_common::run::Prediction;
 use terravision_testkit::fault_server::{FaultServer, Link};
 
-/// Speed of the flight: this share of the world's shorter side in a second, and at most so many
+/// Speed of the flight: this share of the world's shorter side in a second, and at most this many
 /// metres.
 const SPEED_SHARE: f64 = 0.0125;
 const FASTEST_M_PER_S: f64 = 300.0;
@@ -122,7 +122,7 @@ fn fly(
     scratch: &Path,
 ) -> anyhow::Result<PredictedFlight> {
     let (Some(root), Some(name)) = (world.parent(), world.file_name()) else {
-        bail!("{} is no folder", world.display())
+        bail!("{} is not a folder", world.display())
     };
     let server = FaultServer::serve(root);
     server.set_link(Link {

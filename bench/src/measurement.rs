@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// A wish that a value is compared with. Missing it is told; a bench fails for it only when that is
-/// asked for (`--strict`), since a busy machine is nobody's fault.
+/// asked for (`--strict`), because the machine may just be busy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Target {

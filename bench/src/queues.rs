@@ -223,7 +223,7 @@ fn sum_to(n: u64) -> u64 {
 pub fn read(arguments: &ReaderArgs, out: &mut impl Write) -> anyhow::Result<()> {
     let ReaderArgs { run, queue, count, acknowledge } = arguments;
     let (count, acknowledge) = (*count, *acknowledge);
-    let run = RunId::parse(run).context("that is no run")?;
+    let run = RunId::parse(run).context("--run is not the id of a run")?;
     let control = Control::open(&run)?;
     control.register(Stage::Renderer)?;
     let mut events = Producer::<Event>::open(&run, SegmentKind::EventsRenderer)?;

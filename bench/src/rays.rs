@@ -10,7 +10,7 @@ use crate::measurement::{Measurement, Target, median};
 use anyhow::Context;
 use glam::DVec2;
 use std::time::Instant;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::surface::Surface;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 
@@ -116,7 +116,7 @@ const EYE: f64 = EYES[1];
 /// picture is all ground.
 fn camera(eye: f64, roll_deg: f64) -> Camera {
     let to_far_edge = ((eye - 20.0) / (0.7 * SIDE as f64)).atan();
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [4.0, 0.5 * SIDE as f64, eye],
         heading_rad: 90f64.to_radians(),
         pitch_rad: -30f64.to_radians(),
@@ -125,7 +125,8 @@ fn camera(eye: f64, roll_deg: f64) -> Camera {
         width: SIZE[0],
         height: SIZE[1],
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 /// One way of drawing.

@@ -21,7 +21,7 @@ use terravision_common::report::{DrawnFrames, RealtimeReport};
 const AFTER_STEP_S: f64 = 2.0;
 /// From here on after a step the state is a steady one.
 const STEADY_AFTER_S: f64 = 5.0;
-/// Moves that take longer are no oscillation: they follow the terrain.
+/// Slower changes are not oscillations: they follow the terrain.
 const OSCILLATION_S: f64 = 5.0;
 /// Most frames of the flight that finds out what can be reached; the first half of them loads
 /// tiles.

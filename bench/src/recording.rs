@@ -162,7 +162,7 @@ impl RecordedFrames {
         self.frames.len()
     }
 
-    /// Whether there are none.
+    /// Whether it is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()

@@ -140,7 +140,8 @@ impl Session {
         let mut command = Command::new(&program);
         command
             .envs(STAGE_ENVIRONMENT)
-            // Nobody reads what a stage says before it has failed: its log would fill the pipe.
+            // Standard error of a stage is read only after it has failed: its log would fill the
+            // pipe.
             .env_remove(terravision_common::log::VARIABLE)
             .arg("--run")
             .arg(config)
@@ -267,7 +268,7 @@ impl EventLog {
                     self.triangles.push(triangles);
                 }
                 Some(EventContent::Span { name, .. }) => {
-                    self.spans.push((name, event.frame, event.duration_nanos as f64 / 1e6));
+                    self.spans.push((name, event.frame().get(), event.duration_nanos as f64 / 1e6));
                 }
                 Some(EventContent::FrameUploaded { tiles }) => self.uploaded += tiles,
                 Some(EventContent::Text { kind: TextKind::Device }) => {

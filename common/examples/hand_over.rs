@@ -1,10 +1,11 @@
-//! How long ring and ping-pong buffer take from one process to another:
-//! `cargo run --release -p terravision-common --example hand_over`.
+//! Measures the latency of the ring and of the ping-pong buffer between two processes: `cargo run
+//! --release -p terravision-common --example hand_over`.
 //!
-//! Also the smallest program that shares memory between two processes: make the segments, start the
-//! other process with the run's name, open the handles on both sides. A message goes to the other
-//! process and an answer comes back; half of that is a hand-over. The first process rests before
-//! each message: without a rest the other one has just begun to wait, with one it sleeps.
+//! It is also the smallest program that shares memory between two processes: it makes the segments,
+//! starts the other process with the run's name, and opens the handles on both sides. A message
+//! goes to the other process and an answer comes back; half of the round trip is the latency. The
+//! first process pauses before each message: without a pause the other one has just begun to wait,
+//! with a pause it sleeps.
 
 use bytemuck::Zeroable;
 use std::error::Error;
@@ -40,7 +41,7 @@ fn ask(run: &RunId) -> Result<(), Box<dyn Error>> {
     let mut trees = TreeWriter::open(run)?;
     let mut answers = Consumer::<CameraRecord>::open(run, SegmentKind::CameraRing)?;
     let mut out = std::io::stdout().lock();
-    // The first answer says that the other process is there.
+    // The first answer shows that the other process is ready.
     answers.pop(&control)?;
     for rest in RESTS_MICROS.map(Duration::from_micros) {
         let mut slots = Vec::with_capacity(ROUNDS as usize);

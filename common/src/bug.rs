@@ -1,9 +1,9 @@
-//! The last resort against faults of this program: a panic becomes one sentence, and one within a
-//! decoder of foreign bytes an error.
+//! The last resort against bugs of this program: a panic becomes one sentence, and a panic within a
+//! decoder of foreign bytes becomes an error.
 //!
-//! No input should bring a panic about: readers of foreign bytes give errors. Where one does so
-//! nevertheless, the user is told in a sentence what to do, destructors run (they remove segments
-//! and half-written files), and the exit code is [`INTERNAL_ERROR`].
+//! No input should cause a panic: readers of foreign bytes return errors. If a panic happens
+//! nevertheless, one sentence tells the user what to do, destructors run (they remove segments and
+//! half-written files), and the exit code is [`INTERNAL_ERROR`].
 
 use crate::terminal::complain;
 use std::any::Any;
@@ -11,9 +11,9 @@ use std::backtrace::{Backtrace, BacktraceStatus};
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 
-/// Exit code of a program that a fault of its own has ended (the one that Rust gives it).
+/// Exit code after a panic (that of Rust).
 pub const INTERNAL_ERROR: u8 = 101;
-/// How the sentence begins.
+/// The beginning of the sentence.
 pub const INTERNAL_ERROR_WORDS: &str = "internal error";
 
 thread_local! {
@@ -21,13 +21,13 @@ thread_local! {
     static IS_CONTAINED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Work that ended by a panic: what it decoded cannot be used.
+/// Work that ended with a panic: its result cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("its decoder failed")]
 pub struct Contained;
 
-/// From now on a panic is told in one sentence that begins like this program's other messages: with
-/// `prefix`.
+/// From now on a panic is reported in one sentence that begins with `prefix`, like the other
+/// messages of this program.
 pub fn report_panics(prefix: &'static str) {
     std::panic::set_hook(Box::new(move |panic| {
         if IS_CONTAINED.get() {
@@ -56,8 +56,8 @@ fn words_of(payload: &(dyn Any + Send)) -> &str {
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
 }
 
-/// Does work on foreign bytes by code that is not ours. A panic of it is an error, without a
-/// message on standard error; what the work was changing is then in an undefined, but safe state.
+/// Runs third-party code on foreign bytes. A panic becomes an error, without a message on standard
+/// error; data that the work was changing is then in an undefined, but safe state.
 ///
 /// # Errors
 /// [`Contained`].

@@ -10,14 +10,14 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Most pixels along one side that a picture may have; the device may allow fewer.
+/// Maximum number of pixels along one side of a picture; the device may allow fewer.
 pub const MAX_SIDE_PX: u32 = 65_536;
 
-/// A camera as it travels through shared memory. 72 bytes, every bit pattern is a value;
-/// [`Camera::is_valid`] says whether it is a camera.
+/// The numbers that a [`Camera`] is made of, as they travel through shared memory: 72 bytes,
+/// unchecked, every bit pattern is a value.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Camera {
+pub struct CameraFields {
     /// Eye in world coordinates, metres (z is height, in the database's vertical datum, before
     /// exaggeration of terrain).
     pub eye_in_world: [f64; 3],
@@ -33,29 +33,127 @@ pub struct Camera {
     pub width: u32,
     /// Height of the picture, pixels.
     pub height: u32,
-    /// When the pose was made, nanoseconds of the monotonic clock; 0 when time plays no part.
+    /// When the pose was made, nanoseconds of the monotonic clock; 0 in exact mode.
     pub timestamp_nanos: u64,
 }
 
-const _: () = assert!(size_of::<Camera>() == 72);
+const _: () = assert!(size_of::<CameraFields>() == 72);
+
+/// Why numbers do not make a [`Camera`].
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraError {
+    /// One number is not finite, or out of its range.
+    #[error("its {field} is {found}, expected {expected}")]
+    OutOfRange {
+        /// Which number.
+        field: &'static str,
+        /// What it is.
+        found: f64,
+        /// What it should have been.
+        expected: &'static str,
+    },
+}
+
+/// A camera: where the eye is, where it looks, and the size of its picture. Valid by construction;
+/// who reads [`CameraFields`] from shared memory makes one of them before use.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    fields: CameraFields,
+}
+
+impl Default for Camera {
+    /// At the world's origin, level, looking north; a picture of one pixel.
+    fn default() -> Self {
+        Self { fields: CameraFields { vfov_rad: 1.0, width: 1, height: 1, ..CameraFields::zeroed() } }
+    }
+}
 
 impl Camera {
-    /// Whether every number is finite and in range; the reader of shared memory asks before use.
-    #[must_use]
-    pub fn is_valid(&self) -> bool {
-        let finite = [self.heading_rad, self.pitch_rad, self.roll_rad, self.vfov_rad];
-        self.eye_in_world.iter().chain(&finite).all(|v| v.is_finite())
-            && self.eye_in_world.iter().all(|v| v.abs() < 1e12)
-            && self.vfov_rad > 1e-4
-            && self.vfov_rad < 3.1
-            && (1..=MAX_SIDE_PX).contains(&self.width)
-            && (1..=MAX_SIDE_PX).contains(&self.height)
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// [`CameraError`] for the first number that is wrong.
+    pub fn new(fields: CameraFields) -> Result<Self, CameraError> {
+        let CameraFields { eye_in_world, heading_rad, pitch_rad, roll_rad, vfov_rad, width, height, .. } = fields;
+        let fail = |field, found, expected| Err(CameraError::OutOfRange { field, found, expected });
+        if let Some(wrong) = eye_in_world.into_iter().find(|v| v.is_nan() || v.abs() >= 1e12) {
+            return fail("eye", wrong, "coordinates within 1e12 m of the world's origin");
+        }
+        for (field, angle) in [("heading", heading_rad), ("pitch", pitch_rad), ("roll", roll_rad)] {
+            if !angle.is_finite() {
+                return fail(field, angle, "a finite angle");
+            }
+        }
+        if !(vfov_rad > 1e-4 && vfov_rad < 3.1) {
+            return fail("vertical field of view", vfov_rad, "0.0001 to 3.1 rad");
+        }
+        for (field, side) in [("width", width), ("height", height)] {
+            if !(1..=MAX_SIDE_PX).contains(&side) {
+                return fail(field, side.into(), "1 to 65536 pixels");
+            }
+        }
+        Ok(Self { fields })
     }
 
-    /// Whether this is the same view as the other's, whenever each was made.
+    /// The numbers it is made of.
+    #[must_use]
+    pub fn fields(&self) -> &CameraFields {
+        &self.fields
+    }
+
+    /// Heading, radians clockwise from grid north.
+    #[must_use]
+    pub fn heading_rad(&self) -> f64 {
+        self.fields.heading_rad
+    }
+
+    /// Pitch, radians up from the horizontal.
+    #[must_use]
+    pub fn pitch_rad(&self) -> f64 {
+        self.fields.pitch_rad
+    }
+
+    /// Roll, radians clockwise.
+    #[must_use]
+    pub fn roll_rad(&self) -> f64 {
+        self.fields.roll_rad
+    }
+
+    /// Vertical field of view, radians.
+    #[must_use]
+    pub fn vfov_rad(&self) -> f64 {
+        self.fields.vfov_rad
+    }
+
+    /// Width of the picture, pixels.
+    #[must_use]
+    pub fn width(&self) -> u32 {
+        self.fields.width
+    }
+
+    /// Height of the picture, pixels.
+    #[must_use]
+    pub fn height(&self) -> u32 {
+        self.fields.height
+    }
+
+    /// When the pose was made, nanoseconds of the monotonic clock; 0 when time plays no part.
+    #[must_use]
+    pub fn timestamp_nanos(&self) -> u64 {
+        self.fields.timestamp_nanos
+    }
+
+    /// The same camera, its pose made at another moment.
+    #[must_use]
+    pub fn made_at(&self, timestamp_nanos: u64) -> Self {
+        Self { fields: CameraFields { timestamp_nanos, ..self.fields } }
+    }
+
+    /// Whether both have the same view, regardless of their times.
     #[must_use]
     pub fn is_same_view(&self, other: &Self) -> bool {
-        Self { timestamp_nanos: 0, ..*self } == Self { timestamp_nanos: 0, ..*other }
+        self.made_at(0) == other.made_at(0)
     }
 
     /// The view a `share` (0 to 1) of the way to another, turning the shorter way round. Size and
@@ -67,27 +165,30 @@ impl Camera {
             let by = (to - from).rem_euclid(TAU);
             from + share * if by > PI { by - TAU } else { by }
         };
-        Self {
-            eye_in_world: std::array::from_fn(|axis| linear(self.eye_in_world[axis], other.eye_in_world[axis])),
-            heading_rad: turn(self.heading_rad, other.heading_rad),
-            pitch_rad: linear(self.pitch_rad, other.pitch_rad),
-            roll_rad: turn(self.roll_rad, other.roll_rad),
-            vfov_rad: linear(self.vfov_rad, other.vfov_rad),
-            ..*self
-        }
+        let (from, to) = (&self.fields, &other.fields);
+        let between = Self::new(CameraFields {
+            eye_in_world: std::array::from_fn(|axis| linear(from.eye_in_world[axis], to.eye_in_world[axis])),
+            heading_rad: turn(from.heading_rad, to.heading_rad),
+            pitch_rad: linear(from.pitch_rad, to.pitch_rad),
+            roll_rad: turn(from.roll_rad, to.roll_rad),
+            vfov_rad: linear(from.vfov_rad, to.vfov_rad),
+            ..*from
+        });
+        // Numbers between valid ones are valid; only a share beyond 0 to 1 leads out of them.
+        between.unwrap_or(*self)
     }
 
     /// Eye in world coordinates.
     #[must_use]
     pub fn eye(&self) -> DVec3 {
-        DVec3::from_array(self.eye_in_world)
+        DVec3::from_array(self.fields.eye_in_world)
     }
 
     /// Unit vectors right, up and forward of the camera, in world space.
     #[must_use]
     pub fn axes_in_world(&self) -> [DVec3; 3] {
-        let (sr, cr) = self.roll_rad.sin_cos();
-        let [level_right, forward] = surface::look(self.heading_rad, self.pitch_rad);
+        let (sr, cr) = self.fields.roll_rad.sin_cos();
+        let [level_right, forward] = surface::look(self.fields.heading_rad, self.fields.pitch_rad);
         let level_up = level_right.cross(forward);
         // Rolling clockwise tips the camera's right side down.
         let right = level_right * cr - level_up * sr;
@@ -105,14 +206,14 @@ impl Camera {
     /// Focal length in pixels: pixels per metre at one metre's depth.
     #[must_use]
     pub fn focal_px(&self) -> f64 {
-        0.5 * f64::from(self.height) / (0.5 * self.vfov_rad).tan()
+        0.5 * f64::from(self.fields.height) / (0.5 * self.fields.vfov_rad).tan()
     }
 
     /// Tangents of half the horizontal and half the vertical field of view.
     #[must_use]
     pub fn half_tangents(&self) -> [f64; 2] {
-        let v = (0.5 * self.vfov_rad).tan();
-        [v * f64::from(self.width) / f64::from(self.height), v]
+        let v = (0.5 * self.fields.vfov_rad).tan();
+        [v * f64::from(self.fields.width) / f64::from(self.fields.height), v]
     }
 
     /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of
@@ -121,8 +222,8 @@ impl Camera {
     pub fn ray_in_world(&self, px: f64, py: f64) -> DVec3 {
         let [right, up, forward] = self.axes_in_world();
         let [tx, ty] = self.half_tangents();
-        let x = (2.0 * px / f64::from(self.width) - 1.0) * tx;
-        let y = (1.0 - 2.0 * py / f64::from(self.height)) * ty;
+        let x = (2.0 * px / f64::from(self.fields.width) - 1.0) * tx;
+        let y = (1.0 - 2.0 * py / f64::from(self.fields.height)) * ty;
         forward + right * x + up * y
     }
 
@@ -141,7 +242,7 @@ mod tests {
     use super::*;
 
     fn camera(heading: f64, pitch: f64, roll: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [1.0, 2.0, 3.0],
             heading_rad: heading.to_radians(),
             pitch_rad: pitch.to_radians(),
@@ -150,7 +251,8 @@ mod tests {
             width: 1280,
             height: 720,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     fn close(a: DVec3, b: DVec3) -> bool {
@@ -166,12 +268,35 @@ mod tests {
     }
 
     #[test]
+    fn numbers_that_make_no_camera_are_refused_by_name() {
+        let good = *camera(10.0, -5.0, 0.0).fields();
+        let refused = |fields| Camera::new(fields).unwrap_err().to_string();
+        assert_eq!(
+            refused(CameraFields { eye_in_world: [0.0, 1e12, 0.0], ..good }),
+            "its eye is 1000000000000, expected coordinates within 1e12 m of the world's origin"
+        );
+        for heading_rad in [f64::NAN, f64::INFINITY] {
+            assert!(refused(CameraFields { heading_rad, ..good }).starts_with("its heading is "));
+        }
+        assert!(refused(CameraFields { pitch_rad: f64::NAN, ..good }).starts_with("its pitch is NaN"));
+        assert!(refused(CameraFields { roll_rad: f64::NAN, ..good }).starts_with("its roll is NaN"));
+        for vfov_rad in [f64::NAN, 0.0, 3.1] {
+            assert!(refused(CameraFields { vfov_rad, ..good }).starts_with("its vertical field of view is "));
+        }
+        for side in [0, MAX_SIDE_PX + 1] {
+            assert!(refused(CameraFields { width: side, ..good }).starts_with("its width is "));
+            assert!(refused(CameraFields { height: side, ..good }).starts_with("its height is "));
+        }
+        assert_eq!(Camera::new(*Camera::default().fields()), Ok(Camera::default()));
+    }
+
+    #[test]
     fn a_view_between_two_turns_the_shorter_way() {
         let [from, to] = [camera(350.0, -10.0, 0.0), camera(370.0 - 360.0, -20.0, 0.0)];
         let middle = from.toward(&to, 0.5);
-        assert!((middle.heading_rad - 360f64.to_radians()).abs() < 1e-12 && !middle.is_same_view(&from));
-        assert!((middle.pitch_rad + 15f64.to_radians()).abs() < 1e-12);
-        assert!(from.toward(&to, 0.0).is_same_view(&Camera { timestamp_nanos: 5, ..from }));
+        assert!((middle.heading_rad() - 360f64.to_radians()).abs() < 1e-12 && !middle.is_same_view(&from));
+        assert!((middle.pitch_rad() + 15f64.to_radians()).abs() < 1e-12);
+        assert!(from.toward(&to, 0.0).is_same_view(&from.made_at(5)));
     }
 
     #[test]

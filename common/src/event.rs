@@ -1,20 +1,23 @@
-//! Events: what each stage tells the launcher about its work, through a ring that is dropped into
-//! when full and never waited for. The launcher makes the report and the trace from them.
+//! Events, with which each stage reports its work to the launcher. The ring that carries them never
+//! blocks: events that find it full are dropped. The launcher makes the report and the trace from
+//! them.
 
 use crate::database::{Layer, Tile};
+use crate::ids::FrameNumber;
 use crate::node::NodeId;
 use crate::outcome::TileFailure;
+use crate::run::TechniqueChoice;
 use bytemuck::{Pod, Zeroable};
 
-/// What an event says: its kind, with what that kind has to say. [`Event::new`] and
-/// [`Event::content`] are the one codec.
+/// The content of an event: its kind, with typed fields. [`Event::new`] and [`Event::content`] are
+/// the only codec.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum EventContent {
     /// A span of work on a frame.
     Span {
         /// Which work.
         name: SpanName,
-        /// The node whose tile it was about, where it was about one.
+        /// The node of the tile that the work was about, if any.
         node: Option<NodeId>,
     },
     /// A tile could not be read.
@@ -24,7 +27,7 @@ pub enum EventContent {
         /// Why.
         failure: TileFailure,
     },
-    /// A tile that could not be read came after all (realtime).
+    /// A tile that could not be read has arrived (realtime).
     TileCame {
         /// The tile.
         tile: Tile,
@@ -40,7 +43,7 @@ pub enum EventContent {
         /// Whether every tile that it wanted was drawn.
         is_settled: bool,
     },
-    /// What a frame wanted.
+    /// Counts of what a frame wanted.
     FrameWanted {
         /// Tiles.
         tiles: u32,
@@ -52,19 +55,29 @@ pub enum EventContent {
         /// How many.
         tiles: u64,
     },
-    /// What a frame was made for (realtime): the event's start is when its camera was made.
+    /// The resolutions of a frame (realtime); the event's start is when its camera was made.
     FrameCamera {
         /// Screen resolution of facets, pixels.
         r_z_px: f32,
         /// Screen resolution of texels, pixels.
         r_c_px: f32,
     },
-    /// What a frame lacked (realtime).
+    /// Counts of what a frame lacked (realtime).
     FrameLacked {
-        /// Tiles that it wanted and that were not there.
+        /// Wanted tiles that were not resident.
         tiles: u32,
-        /// The share of the ground's screen area that it draws as finely as wanted.
+        /// The share of the ground's screen area that it draws at the wanted resolution.
         sharp_share: f32,
+    },
+    /// What one draw of a frame cost: the event's duration, by the device's own clock or of all
+    /// processor cores together.
+    FrameDraw {
+        /// What drew: never [`TechniqueChoice::Auto`].
+        technique: TechniqueChoice,
+        /// Which view of the frame, from 0.
+        view: u8,
+        /// How many of the frame's tiles.
+        tiles: u32,
     },
     /// A piece of a text; see [`Event::text`].
     Text {
@@ -73,7 +86,7 @@ pub enum EventContent {
     },
 }
 
-/// What a text is that events carry in pieces.
+/// The kind of a text that events carry in pieces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TextKind {
     /// The name of the device that draws. Sent once, before the first frame.
@@ -103,6 +116,7 @@ mod kind {
     pub(super) const FRAME_LACKED: u32 = 17;
     pub(super) const FAILURE: u32 = 18;
     pub(super) const TILE_CAME: u32 = 19;
+    pub(super) const FRAME_DRAW: u32 = 20;
 }
 
 impl TextKind {
@@ -126,7 +140,7 @@ pub enum SpanName {
     AwaitTiles = 2,
     /// Preparer: truncation, elevation arrays, slots.
     Prepare = 3,
-    /// Prefetcher: decoding of one tile, straight into its slot.
+    /// Prefetcher: decoding of one tile, directly into its slot.
     LoadTile = 4,
     /// Renderer: reading the ring, recording commands.
     Record = 5,
@@ -136,12 +150,12 @@ pub enum SpanName {
     Draw = 7,
     /// Renderer's sink: encoding and writing.
     Encode = 8,
-    /// Prefetcher: from the request for a tile until its bytes are there.
+    /// Prefetcher: from the request for a tile until its bytes have arrived.
     FetchTile = 9,
 }
 
 impl SpanName {
-    /// All of them, in the order in which a frame passes through them.
+    /// All spans, in the order in which a frame passes through them.
     pub const ALL: [Self; 9] = [
         Self::Generate,
         Self::AwaitTiles,
@@ -154,7 +168,7 @@ impl SpanName {
         Self::FetchTile,
     ];
 
-    /// Whether such work is about one tile.
+    /// Whether this is work on a single tile.
     #[must_use]
     pub const fn is_of_a_tile(self) -> bool {
         matches!(self, Self::LoadTile | Self::FetchTile)
@@ -166,7 +180,7 @@ impl SpanName {
         Self::ALL.into_iter().find(|name| u64::from(*name as u32) == number)
     }
 
-    /// As reports and traces show it.
+    /// The name in reports and traces.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -191,8 +205,8 @@ pub struct Event {
     kind: u32,
     /// Thread within the process, 0 for its main thread.
     pub thread: u32,
-    /// The frame.
-    pub frame: u64,
+    /// The frame; of a piece of a text, the length of the whole.
+    frame: u64,
     /// Nanoseconds of the monotonic clock, which all processes of a machine share.
     pub start_nanos: u64,
     /// Duration in nanoseconds.
@@ -207,7 +221,7 @@ const _: () = assert!(size_of::<Event>() == 48);
 
 /// Bytes of text in one event of a kind that carries text.
 const TEXT_BYTES: usize = 32;
-/// Longest text that events carry, bytes; what is longer is cut.
+/// Longest text that events carry, bytes; longer texts are cut.
 const TEXT_MAX: usize = 512;
 
 /// Two numbers of 32 bits in one word, the first in the lower half.
@@ -231,6 +245,23 @@ const fn layer_number(layer: Layer) -> u64 {
     }
 }
 
+/// A technique's number in an event.
+const fn technique_number(technique: TechniqueChoice) -> u32 {
+    match technique {
+        TechniqueChoice::Auto => 0,
+        TechniqueChoice::Mesh => 1,
+        TechniqueChoice::Rays => 2,
+    }
+}
+
+const fn technique_of(number: u32) -> Option<TechniqueChoice> {
+    match number {
+        1 => Some(TechniqueChoice::Mesh),
+        2 => Some(TechniqueChoice::Rays),
+        _ => None,
+    }
+}
+
 /// The tile of a layer's number and a packed node.
 fn tile_of(layer: u64, node: u64) -> Option<Tile> {
     let layer = match layer {
@@ -242,7 +273,7 @@ fn tile_of(layer: u64, node: u64) -> Option<Tile> {
 }
 
 impl Event {
-    /// An event that says this, of thread 0 and frame 0, at no time: whoever tells it sets what
+    /// An event with this content, of thread 0 and frame 0, without a time: callers set what
     /// matters.
     #[must_use]
     pub fn new(content: EventContent) -> Self {
@@ -264,36 +295,45 @@ impl Event {
             EventContent::FrameLacked { tiles, sharp_share } => {
                 event(kind::FRAME_LACKED, halves(tiles, sharp_share.to_bits()), 0)
             }
+            EventContent::FrameDraw { technique, view, tiles } => {
+                let what = technique_number(technique) | (view as u32) << 8;
+                event(kind::FRAME_DRAW, halves(what, tiles), 0)
+            }
             EventContent::Text { kind } => event(kind.number(), 0, 0),
         }
     }
 
-    /// Of this frame.
+    /// Sets the frame.
     #[must_use]
-    pub fn of_frame(self, frame: u64) -> Self {
-        Self { frame, ..self }
+    pub fn of_frame(self, frame: FrameNumber) -> Self {
+        Self { frame: frame.get(), ..self }
     }
 
-    /// Of this thread of the process, 0 for its main thread.
+    /// The frame that it is of.
+    #[must_use]
+    pub fn frame(&self) -> FrameNumber {
+        FrameNumber::new(self.frame)
+    }
+
+    /// Sets the thread of the process, 0 for its main thread.
     #[must_use]
     pub fn on_thread(self, thread: u32) -> Self {
         Self { thread, ..self }
     }
 
-    /// At this time, nanoseconds of the monotonic clock.
+    /// Sets the start, nanoseconds of the monotonic clock.
     #[must_use]
     pub fn at(self, start_nanos: u64) -> Self {
         Self { start_nanos, ..self }
     }
 
-    /// For so long, nanoseconds.
+    /// Sets the duration, nanoseconds.
     #[must_use]
     pub fn lasting(self, duration_nanos: u64) -> Self {
         Self { duration_nanos, ..self }
     }
 
-    /// What it says; `None` when it says nothing that an event can say (it came from shared
-    /// memory).
+    /// The content; `None` when it is not valid (it came from shared memory).
     #[must_use]
     pub fn content(&self) -> Option<EventContent> {
         let Self { value, node, .. } = *self;
@@ -318,6 +358,11 @@ impl Event {
             kind::FRAME_LACKED => {
                 EventContent::FrameLacked { tiles: low(value), sharp_share: f32::from_bits(high(value)) }
             }
+            kind::FRAME_DRAW => EventContent::FrameDraw {
+                technique: technique_of(low(value) & 0xFF)?,
+                view: u8::try_from(low(value) >> 8).ok()?,
+                tiles: high(value),
+            },
             kind::DEVICE_NAME => EventContent::Text { kind: TextKind::Device },
             kind::DRIVER_NAME => EventContent::Text { kind: TextKind::Driver },
             kind::TECHNIQUE_NAME => EventContent::Text { kind: TextKind::Technique },
@@ -354,7 +399,7 @@ impl Event {
         events
     }
 
-    /// Puts one piece of a text in its place; `true` when it was the last one. An invalid piece is
+    /// Adds one piece of a text to `into`; `true` when it was the last one. An invalid piece is
     /// ignored.
     pub fn collect_text(&self, into: &mut Vec<u8>) -> bool {
         let (len, from) = (self.frame as usize, (self.thread as usize).saturating_mul(TEXT_BYTES));
@@ -431,6 +476,10 @@ mod tests {
             any::<u64>().prop_map(|tiles| EventContent::FrameUploaded { tiles }),
             any::<(f32, f32)>().prop_map(|(r_z_px, r_c_px)| EventContent::FrameCamera { r_z_px, r_c_px }),
             any::<(u32, f32)>().prop_map(|(tiles, sharp_share)| EventContent::FrameLacked { tiles, sharp_share }),
+            (any::<bool>(), any::<u8>(), any::<u32>()).prop_map(|(is_mesh, view, tiles)| {
+                let technique = if is_mesh { TechniqueChoice::Mesh } else { TechniqueChoice::Rays };
+                EventContent::FrameDraw { technique, view, tiles }
+            }),
             (0..kinds.len()).prop_map(move |index| EventContent::Text { kind: kinds[index] }),
         ]
     }
@@ -445,7 +494,7 @@ mod tests {
         fn any_bytes_say_what_can_be_said_again_or_nothing(kind in 0u32..24, value: u64, node: u64) {
             let event = Event { kind, value, node, ..Event::zeroed() };
             if let Some(content) = event.content() {
-                // Bit for bit, since numbers may be none.
+                // Compared as bits, because numbers may be NaN.
                 let again = Event::new(content).content().unwrap();
                 prop_assert_eq!(format!("{again:?}"), format!("{content:?}"));
             }

@@ -1,5 +1,5 @@
-//! Opening and making files that others may have prepared: no hang at a pipe, no step through
-//! another user's link.
+//! Opens and creates files where other users may have prepared something: never blocks on a pipe,
+//! never follows another user's link.
 
 use rustix::fs::{Mode, OFlags};
 use std::fs::{DirBuilder, File, FileType, Permissions};
@@ -7,10 +7,10 @@ use std::io::{self, Read};
 use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// Names that are tried for a temporary folder, before something else must be wrong.
+/// How many names are tried for a temporary folder.
 const TRIES: u32 = 100;
 
-/// What kind of thing a name stands for, in words.
+/// The kind of a file, in words.
 #[must_use]
 pub fn kind_of(file: FileType) -> &'static str {
     match file {
@@ -23,13 +23,13 @@ pub fn kind_of(file: FileType) -> &'static str {
     }
 }
 
-/// Opens a regular file for reading. Anything else is refused at once: the opening of a named pipe
-/// would wait for its other end, and a device may have no end.
+/// Opens a regular file for reading. Anything else is refused at once: opening a named pipe would
+/// wait for its other end, and a device may be endless.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::InvalidInput`] for what is not a file.
+/// The system's error; [`io::ErrorKind::InvalidInput`] for anything but a file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Without waiting, which means nothing to a regular file, and without becoming the owner of a
+    // Non-blocking, which has no effect on regular files, and without acquiring a controlling
     // terminal.
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY;
     let file = File::from(rustix::fs::open(path, flags, Mode::empty())?);
@@ -54,8 +54,8 @@ pub fn read_bounded(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Makes a new folder that nobody else may enter (0700), in the folder for temporary files; its
-/// name begins with `prefix`.
+/// Creates a new private folder (0700) in the folder for temporary files; its name begins with
+/// `prefix`.
 ///
 /// # Errors
 /// What the system says.
@@ -63,7 +63,7 @@ pub fn temporary_folder(prefix: &str) -> io::Result<PathBuf> {
     let parent = std::env::temp_dir();
     for _ in 0..TRIES {
         let path = parent.join(format!("{prefix}-{:016x}", random()));
-        // Making a folder never follows a link, and fails where something is.
+        // Creating a folder never follows a link, and fails if the name exists.
         match DirBuilder::new().mode(0o700).create(&path) {
             Ok(()) => return Ok(path),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -80,21 +80,21 @@ pub fn random() -> u64 {
     std::collections::hash_map::RandomState::new().build_hasher().finish()
 }
 
-/// Makes sure that a folder is there and is this user's alone: made with all that is missing above
-/// it, or made private (0700) when it belongs to this user already.
+/// Makes sure that a folder exists and is private to the user: creates it, with missing parents, or
+/// makes it private (0700) if it belongs to this user.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::PermissionDenied`] for a folder of another user.
+/// The system's error; [`io::ErrorKind::PermissionDenied`] for a folder of another user.
 pub fn private_folder(path: &Path) -> io::Result<()> {
     claim(path, |_| true)
 }
 
-/// [`private_folder`] for a folder that a user names, and in which other things may lie: it is made
-/// private when it has nothing but `own_names`. Else it stays as it is.
+/// [`private_folder`] for a folder that the user names and that may contain other files: it is made
+/// private only when it contains nothing but `own_names`. Otherwise its mode is not changed.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::PermissionDenied`] for a folder of another user, or one
-/// that others may write into.
+/// The system's error; [`io::ErrorKind::PermissionDenied`] for a folder of another user, or one
+/// that others can write to.
 pub fn claim_folder(path: &Path, own_names: &[&str]) -> io::Result<()> {
     let is_own = |entry: io::Result<std::fs::DirEntry>| {
         entry.is_ok_and(|entry| own_names.iter().any(|name| entry.file_name() == *name))
@@ -104,8 +104,7 @@ pub fn claim_folder(path: &Path, own_names: &[&str]) -> io::Result<()> {
 
 fn claim(path: &Path, may_change: impl Fn(&Path) -> bool) -> io::Result<()> {
     DirBuilder::new().mode(0o700).recursive(true).create(path)?;
-    // A link is followed: a cache may lie on another disk. What counts is the folder that it leads
-    // to.
+    // Follows links, because a cache may lie on another disk. What counts is the target.
     let about = std::fs::metadata(path)?;
     let refused = |why: String| Err(io::Error::new(io::ErrorKind::PermissionDenied, why));
     let own = rustix::process::geteuid().as_raw();
@@ -113,7 +112,7 @@ fn claim(path: &Path, may_change: impl Fn(&Path) -> bool) -> io::Result<()> {
         return refused(format!("the folder belongs to another user (uid {}, expected {own})", about.uid()));
     }
     let mut mode = about.mode() & 0o777;
-    // Where it cannot be changed, on a disk that is read only, it need not be.
+    // On a read-only disk the mode cannot be changed, and need not be.
     if mode & 0o077 != 0 && may_change(path) && std::fs::set_permissions(path, Permissions::from_mode(0o700)).is_ok() {
         mode = 0o700;
     }
@@ -147,7 +146,7 @@ mod tests {
         assert!(refused(&fifo).contains("named pipe"));
         assert!(refused(Path::new("/dev/zero")).contains("device"));
         assert!(refused(&folder).contains("folder"));
-        // A socket cannot be opened at all: the system says so.
+        // A socket cannot be opened: the system reports it.
         open_regular(&socket).unwrap_err();
         open_regular(&folder.join("file")).unwrap();
         assert_eq!(read_bounded(&folder.join("file"), 1).unwrap(), b"x");
@@ -167,7 +166,7 @@ mod tests {
         set(0o777);
         private_folder(&deep).unwrap();
         assert_eq!(mode(&deep), 0o700);
-        // One with things of others in it stays as it is: used when others can only read it.
+        // A folder with other files keeps its mode: it is used if others can only read it.
         fs::write(deep.join("mine"), "x").unwrap();
         set(0o777);
         claim_folder(&deep, &["mine"]).unwrap();

@@ -1,5 +1,5 @@
-//! What renderer and launcher both have to know of a film: the renderer makes its pictures, the
-//! launcher keeps the stream, so that a renderer that dies does not take it along.
+//! What renderer and launcher share about films: the renderer makes the pictures, the launcher
+//! writes the stream, so that the stream survives when the renderer dies.
 //!
 //! ```text
 //! renderer ──packets──▶ pipe ──▶ launcher: whole packets, each frame once ──▶ ffmpeg's input, or standard output
@@ -7,10 +7,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Before the bytes of a frame in the pipe: which frame, and how many bytes.
+/// The header before the bytes of a frame in the pipe: which frame, and how many bytes.
 ///
-/// Two little-endian `u64`. A renderer that is killed leaves half a packet at the end of its pipe,
-/// which is thrown away.
+/// Two little-endian `u64`. A killed renderer may leave half a packet at the end of its pipe, which
+/// is discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PacketHeader {
     /// Number of the frame in its flight.
@@ -23,7 +23,7 @@ impl PacketHeader {
     /// Length in the pipe, bytes.
     pub const SIZE: usize = 16;
 
-    /// As it travels.
+    /// Encodes it.
     #[must_use]
     pub fn to_bytes(self) -> [u8; Self::SIZE] {
         let mut out = [0; Self::SIZE];
@@ -32,7 +32,7 @@ impl PacketHeader {
         out
     }
 
-    /// As it came.
+    /// Decodes it.
     #[must_use]
     pub fn from_bytes(bytes: [u8; Self::SIZE]) -> Self {
         let half = |from: usize| u64::from_le_bytes(std::array::from_fn(|n| bytes[from + n]));
@@ -44,14 +44,14 @@ impl PacketHeader {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrameEncoding {
-    /// Four bytes a pixel, RGBA, with even sides: an odd one is made even by repeating the last
-    /// column or row (4:2:0 needs it).
+    /// Four bytes a pixel, RGBA. Sides are even, as 4:2:0 requires: the last column or row is
+    /// repeated if necessary.
     Raw,
     /// `FRAME` and three planes, as in Y4M.
     Y4m,
 }
 
-/// What stands before the planes of a frame in Y4M.
+/// The header of a frame in Y4M.
 pub const Y4M_FRAME: &[u8] = b"FRAME\n";
 
 impl FrameEncoding {
@@ -72,7 +72,7 @@ pub fn even(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.next_multiple_of(2))
 }
 
-/// Frames per second as a fraction: whole numbers as they are, the NTSC rates exactly, else in
+/// Frames per second as a fraction: exact for whole numbers and NTSC rates, otherwise in
 /// thousandths.
 #[must_use]
 pub fn rational_fps(fps: f64) -> [u64; 2] {
@@ -89,10 +89,10 @@ pub fn rational_fps(fps: f64) -> [u64; 2] {
 
 /// A matrix from R'G'B' to Y'CbCr, limited range.
 ///
-/// Y4M cannot say which matrix made its colours. Players and encoders guess by size, and so do we
-/// choose: BT.709 for pictures at least 1280 wide or more than 576 high, BT.601 for smaller ones.
-/// The choice is also written as the comment `XTV_MATRIX=BT709` (or `BT601`), which readers that do
-/// not know it skip, and the range as `XCOLORRANGE=LIMITED`.
+/// Y4M cannot state which matrix was used. Players and encoders guess by size, so the matrix is
+/// chosen in the same way: BT.709 for pictures at least 1280 wide or more than 576 high, BT.601 for
+/// smaller ones. The choice is also written as the comment `XTV_MATRIX=BT709` (or `BT601`), which
+/// other readers skip, and the range as `XCOLORRANGE=LIMITED`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Matrix {
     /// ITU-R BT.601-7.
@@ -102,7 +102,7 @@ pub enum Matrix {
 }
 
 impl Matrix {
-    /// What players take pictures of this size to be.
+    /// The matrix that players assume for pictures of this size.
     #[must_use]
     pub fn for_size([width, height]: [u32; 2]) -> Self {
         if width >= 1280 || height > 576 { Self::Bt709 } else { Self::Bt601 }

@@ -1,7 +1,7 @@
-//! Numbers of the same width that must not be taken for one another, each a type of its own.
+//! Newtypes for numbers of the same width that must not be mixed up.
 //!
-//! A layout in shared memory keeps plain numbers; whoever writes or reads it converts, with `get`
-//! and `new`. Nothing converts by itself.
+//! Layouts in shared memory contain plain numbers; readers and writers convert explicitly, with
+//! `new` and `get`.
 
 use std::fmt;
 
@@ -13,13 +13,13 @@ macro_rules! number {
         pub struct $name($inner);
 
         impl $name {
-            /// From the number that a layout has.
+            /// From the number in a layout.
             #[must_use]
             pub const fn new(number: $inner) -> Self {
                 Self(number)
             }
 
-            /// As the number that a layout has.
+            /// The number for a layout.
             #[must_use]
             pub const fn get(self) -> $inner {
                 self.0
@@ -46,6 +46,20 @@ number! {
     FrameNumber(u64)
 }
 
+impl FrameNumber {
+    /// The one after it.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.saturating_add(1))
+    }
+
+    /// How many frames it is after another one; `None` when it is before it.
+    #[must_use]
+    pub const fn since(self, first: Self) -> Option<u64> {
+        self.0.checked_sub(first.0)
+    }
+}
+
 number! {
     /// A frame's place among those of the run that are drawn, from 1, without gaps; 0 is before the
     /// first. Pools go by it: what frame `s` names stays until `s` is completed.
@@ -53,24 +67,24 @@ number! {
 }
 
 impl Sequence {
-    /// Before the first frame: of what no frame wants.
+    /// Before the first frame: for tiles that no frame wants.
     pub const NONE: Self = Self(0);
-    /// Of the first frame.
+    /// The first frame.
     pub const FIRST: Self = Self(1);
 
-    /// That of the next frame.
+    /// The sequence of the next frame.
     #[must_use]
     pub const fn next(self) -> Self {
         Self(self.0.saturating_add(1))
     }
 
-    /// So many frames later.
+    /// This many frames later.
     #[must_use]
     pub const fn saturating_add(self, frames: u64) -> Self {
         Self(self.0.saturating_add(frames))
     }
 
-    /// So many frames earlier, at most back to [`Sequence::NONE`].
+    /// This many frames earlier, at most back to [`Sequence::NONE`].
     #[must_use]
     pub const fn saturating_sub(self, frames: u64) -> Self {
         Self(self.0.saturating_sub(frames))
@@ -78,8 +92,7 @@ impl Sequence {
 }
 
 number! {
-    /// Position of an item in a ring: counts up over all that was ever put in, so it is never used
-    /// twice.
+    /// Position of an item in a ring: counts all items ever written, so that it is never reused.
     RingPosition(u64)
 }
 
@@ -89,7 +102,7 @@ number! {
 }
 
 number! {
-    /// How often a slot of a tile pool was filled: another tile in the slot, another generation. 0
+    /// How often a slot of a tile pool was filled: every tile in the slot has another generation. 0
     /// before the first.
     Generation(u32)
 }
@@ -103,10 +116,10 @@ impl SlotIndex {
 }
 
 impl Generation {
-    /// Of a slot that was never filled.
+    /// The generation of a slot that was never filled.
     pub const NEVER_FILLED: Self = Self(0);
 
-    /// The one after it; never [`Generation::NEVER_FILLED`].
+    /// The next generation; never [`Generation::NEVER_FILLED`].
     #[must_use]
     pub const fn next(self) -> Self {
         match self.0.wrapping_add(1) {
@@ -116,8 +129,7 @@ impl Generation {
     }
 }
 
-/// Where a tile lies in its pool: a slot, and the generation that the slot must still have for the
-/// tile to be in it.
+/// The place of a tile in its pool: a slot, and the generation that the slot must still have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SlotKey {
     /// The slot.
@@ -127,7 +139,7 @@ pub struct SlotKey {
 }
 
 impl SlotKey {
-    /// From the numbers that a layout has.
+    /// From the numbers in a layout.
     #[must_use]
     pub const fn new(slot: u32, generation: u32) -> Self {
         Self { slot: SlotIndex(slot), generation: Generation(generation) }

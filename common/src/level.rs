@@ -1,4 +1,4 @@
-//! How fine to sample at a point: the level functions (design §4).
+//! The level functions: the level of detail that a point needs.
 //!
 //! *Screen resolution* `r(p)` is the number of pixels that a metre on the ground covers at terrain
 //! point `p`:
@@ -14,8 +14,8 @@
 //!
 //! Levels are in **tree levels**: a node of level `q` is fine enough at `p` for elevation when `q
 //! <= elevation level`, that is `s_z(q) <= √2·r_z / r(p)`, and for colour when `q <= colour level`.
-//! In the design's words this is `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so the tree
-//! does not depend on it.
+//! (With absolute levels these are `L_z − l_z(0)` and `L_c − l_c(0)`; `s0` cancels out, so that the
+//! tree does not depend on it.)
 
 //!
 //! A facet is a triangle, half of a lattice cell. The side of the square with its area is what
@@ -34,20 +34,20 @@ use std::f64::consts::SQRT_2;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Measure {
-    /// The smaller: fewest facets, blurred where the ground is seen at a glancing angle.
+    /// The smaller one: fewest facets, but blurred where the ground is seen at a glancing angle.
     Min,
     /// Their geometric mean: facets and texels of constant *area* on level ground; slopes that face
     /// the camera get too few of both.
     Area,
-    /// The larger: the best picture for its triangles, because slopes that face the camera are seen
-    /// in full.
+    /// The larger one: the best picture for its number of triangles, because slopes that face the
+    /// camera get full resolution.
     #[default]
     Max,
 }
 
-/// `w` never falls below this, metres: the eye may be inside of a box or on the smooth surface.
+/// Lower bound of `w`, metres: the eye may be inside a box or on the smooth surface.
 const NEAREST_M: f64 = 0.1;
-/// `s` never falls below this: towards the horizon facets would grow without bound.
+/// Lower bound of `s`: towards the horizon facets would grow without limit.
 const LEAST_SLANT: f64 = 0.15;
 /// Safety of the lower bound, in levels, over the rounding of the exact evaluation (about 1e-8 at
 /// 1000 km).
@@ -67,7 +67,7 @@ pub struct LevelFunction {
     color_minus_elevation: f64,
 }
 
-/// What one view wants.
+/// The level function of one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct ViewLevel {
     frame: EyeFrame,
@@ -78,9 +78,8 @@ struct ViewLevel {
 }
 
 impl LevelFunction {
-    /// The level functions for a frame of one view. `camera` is one that the caller has checked
-    /// with [`Camera::is_valid`]; `r_z_px` and `r_c_px`, the wanted screen resolutions in pixels,
-    /// are positive. Heights are multiplied by `exaggeration`.
+    /// The level functions of a frame with one view. `r_z_px` and `r_c_px`, the wanted screen
+    /// resolutions in pixels, must be positive. Heights are multiplied by `exaggeration`.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -93,7 +92,7 @@ impl LevelFunction {
         Self::for_views(camera, &Views::single(camera), world, exaggeration, measure, r_z_px, r_c_px)
     }
 
-    /// The level functions for a frame of these views, carried by `pose`.
+    /// The level functions of a frame with these views, carried by `pose`.
     #[must_use]
     pub fn for_views(
         pose: &Camera,
@@ -140,7 +139,7 @@ impl LevelFunction {
         self.color_minus_elevation
     }
 
-    /// The elevation level wanted at a point whose height is exaggerated already.
+    /// The elevation level wanted at a point whose height is already exaggerated.
     #[must_use]
     pub fn elevation_level_at(&self, column: Column, row: Row, height_m: f64) -> f64 {
         let mut out = [0.0];
@@ -162,13 +161,13 @@ impl LevelFunction {
         &self.views[..self.view_count]
     }
 
-    /// A level that is not above the elevation level at any point of the box.
+    /// Lower bound of the elevation level over a box.
     #[must_use]
     pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
         self.views().iter().map(|view| view.elevation_bound(self.measure, bounds)).fold(f64::INFINITY, f64::min)
     }
 
-    /// A level that is not above the colour level at any point of the box.
+    /// Lower bound of the colour level over a box.
     #[must_use]
     pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
         self.elevation_bound(bounds) + self.color_minus_elevation
@@ -186,7 +185,7 @@ impl ViewLevel {
         }
     }
 
-    /// Puts the levels at a row of points together with what `out` has.
+    /// Combines the levels at a row of points with those in `out`: the finer ones remain.
     #[inline(always)]
     fn levels(
         &self,
@@ -272,6 +271,7 @@ pub fn deepest_color_below(world: &World) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFields;
     use crate::world::WorldFields;
     use glam::DVec3;
     use proptest::prelude::*;
@@ -291,7 +291,7 @@ mod tests {
     }
 
     fn camera(eye: [f64; 3], angles: [f64; 3], vfov_rad: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: eye,
             heading_rad: angles[0],
             pitch_rad: angles[1],
@@ -300,7 +300,8 @@ mod tests {
             width: 1280,
             height: 720,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     fn measures() -> impl Strategy<Value = Measure> {

@@ -1,25 +1,25 @@
-//! What the processes of TerraVision share.
+//! Code that the processes of TerraVision share.
 //!
 //! * [`node`]: the id of a quad tree node. [`world`]: what a database holds. [`surface`]: where its
 //!   ground lies in space, the one home of geometry.
 //! * [`camera`]: pose, projection, view frustum. [`rig`]: several cameras that one pose carries.
-//!   [`level`]: how fine to sample at a point (design §4).
-//! * [`tree`], [`slot`], [`outcome`], [`event`]: what travels through shared memory from process to
-//!   process, byte for byte.
+//!   [`level`]: the level of detail that a point needs.
+//! * [`tree`], [`slot`], [`outcome`], [`event`]: the records that processes exchange through shared
+//!   memory.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
-//! * [`ids`]: numbers that must not be mixed up.
+//! * [`ids`]: newtypes for numbers that must not be mixed up.
 //! * [`lonlat`]: from longitude and latitude to a world's plane. [`validity`]: which ground was
 //!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
 //!   that is cleared at once.
-//! * [`rate`]: feedback from frame times to screen resolutions (design §8).
-//! * [`film`]: what renderer and launcher both know of films. [`texels`]: how the pool holds colour
-//!   tiles, block-compressed or not.
-//! * [`top_levels`]: what the pools keep for ever. [`synthetic`]: a terrain for tests and benches.
-//! * [`files`], [`terminal`], [`bug`]: files that others prepared, text of others on its way to a
-//!   terminal, panics as a last resort.
-//! * [`log`]: what each process does, for whoever looks for a fault.
-//! * [`threads`]: whether the system gives any. [`run`]: what the launcher tells each stage about
-//!   the run that it is part of. [`report`]: what it says of the run afterwards.
+//! * [`rate`]: feedback from frame times to screen resolutions.
+//! * [`film`]: what renderer and launcher share about films. [`texels`]: formats of colour tiles in
+//!   the pool, block-compressed or not.
+//! * [`top_levels`]: tiles that are never evicted. [`synthetic`]: a terrain for tests and benches.
+//! * [`files`]: safe handling of files that other users may have prepared. [`terminal`]: foreign
+//!   text on a terminal. [`bug`]: reports of panics.
+//! * [`log`]: logging of all processes.
+//! * [`threads`]: whether threads can be started. [`run`]: the configuration of a run, from the
+//!   launcher to each stage. [`report`]: the report of a run.
 
 pub mod bug;
 pub mod camera;

@@ -1,29 +1,29 @@
-//! The log: what each process does, for whoever looks for a fault. Off unless it is asked for.
+//! The log of each process, for debugging. Off by default.
 //!
-//! What a user has to know is a message of the launcher, not a line of the log. A filter
-//! ([`VARIABLE`], or `--log`) says what is logged: a level for all of TerraVision, or directives of
-//! `tracing-subscriber` for single targets. The launcher hands its filter on to the processes that
-//! it starts; those of stages send their lines to the launcher, by standard error.
+//! What users have to know is a message of the launcher, not a line of the log. A filter
+//! ([`VARIABLE`], or `--log`) selects what is logged: a level for all of TerraVision, or directives
+//! of `tracing-subscriber` for single targets. The launcher passes its filter on to the processes
+//! that it starts; stages send their lines to the launcher on standard error.
 //!
-//! Levels: `error` data are lost, `warn` something is done differently than asked, `info` once in a
-//! run, `debug` once for each operation (a process, a request, a list of tiles), `trace` once for
-//! each frame or tile.
+//! Levels: `error` data are lost; `warn` something is done differently than requested; `info` once
+//! in a run; `debug` once for each operation (a process, a request, a list of tiles); `trace` once
+//! for each frame or tile.
 
 use crate::terminal::{complain, cut};
 use std::io::{self, Write};
 use std::sync::OnceLock;
 use tracing_subscriber::EnvFilter;
 
-/// The variable of the environment that has the filter.
+/// The environment variable with the filter.
 pub const VARIABLE: &str = "TERRAVISION_LOG";
-/// The target of lines that stages write to standard error beside their log:
-/// `TERRAVISION_LOG=stages` shows these alone.
+/// The target of other lines that stages write to standard error: `TERRAVISION_LOG=stages` shows
+/// only these.
 pub const STAGES_TARGET: &str = "stages";
-/// Stands before each line of a stage's log: the launcher passes such a line on and does not take
-/// it for a message.
+/// Prefix of each line of a stage's log: the launcher passes such a line on, and does not treat it
+/// as a message.
 pub const STAGE_MARK: &str = "@log ";
 
-/// Longest line of a log, bytes; a longer one is cut.
+/// Longest line of a log, bytes; longer ones are cut.
 const LINE_BYTES: usize = 2048;
 const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
 
@@ -37,11 +37,11 @@ static FILTER: OnceLock<String> = OnceLock::new();
 )]
 pub struct FilterError {
     found: String,
-    /// Behind a colon; may be empty.
+    /// The reason, after a colon; may be empty.
     reason: String,
 }
 
-/// Starts the log of a program that a person starts, if there is a filter: `asked` (of `--log`), or
+/// Starts the log of a program that a user starts, if there is a filter: `asked` (of `--log`), or
 /// else [`VARIABLE`].
 ///
 /// # Errors
@@ -54,15 +54,15 @@ pub fn start(asked: Option<&str>) -> Result<(), FilterError> {
     }
 }
 
-/// Starts the log of a stage, which the launcher has given its own filter.
+/// Starts the log of a stage, with the filter that the launcher has set.
 pub fn start_stage() {
     if let Ok(text) = std::env::var(VARIABLE) {
-        // The launcher has complained of a filter that cannot be read.
+        // The launcher has reported an invalid filter.
         start_with(text, STAGE_MARK).ok();
     }
 }
 
-/// What a process that this one starts finds in its environment, so that it logs alike.
+/// The environment variable for child processes, so that they use the same filter.
 #[must_use]
 pub fn environment() -> Option<(&'static str, &'static str)> {
     FILTER.get().map(|text| (VARIABLE, text.as_str()))
@@ -71,13 +71,14 @@ pub fn environment() -> Option<(&'static str, &'static str)> {
 fn start_with(text: String, mark: &'static str) -> Result<(), FilterError> {
     let filter = filter(&text)?;
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false);
-    // There is one already where two tests are in one process.
+    // It has been started already when two tests run in one process.
     log.with_writer(move || Lines { mark }).try_init().ok();
     FILTER.set(text).ok();
     Ok(())
 }
 
-/// A level alone is for the programs of TerraVision: libraries (HTTP, TLS) then only warn.
+/// A level alone applies to the programs of TerraVision: libraries (HTTP, TLS) then log only
+/// warnings.
 fn filter(text: &str) -> Result<EnvFilter, FilterError> {
     let text = text.trim();
     let error = |reason: String| FilterError { found: text.to_owned(), reason };
@@ -85,8 +86,7 @@ fn filter(text: &str) -> Result<EnvFilter, FilterError> {
     let directives = match level.as_str() {
         "off" | "error" => level,
         level if LEVELS.contains(&level) => format!("warn,terravision={level},{STAGES_TARGET}={level}"),
-        // A word alone would be a target without lines: more likely it is a level that is not
-        // spelled right.
+        // A single word would be a target without lines: more likely it is a misspelled level.
         _ if !text.contains(['=', ',', '[']) && text != STAGES_TARGET && !text.starts_with("terravision") => {
             return Err(error(String::new()));
         }

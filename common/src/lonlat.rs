@@ -1,35 +1,40 @@
-//! From longitude and latitude to a world's plane, as PROJ does it, without PROJ.
+//! Converts longitude and latitude to a world's plane like PROJ, but without PROJ.
 //!
-//! `proj4rs` knows projections, but neither PROJ's database of datum shifts nor its grids. Where
-//! that matters, ingest, which has PROJ, tabulates what `proj4rs` misses ([`LonLatTable`]); the
-//! launcher adds it ([`Plane`] and the table).
+//! `proj4rs` implements projections, but has neither PROJ's database of datum shifts nor its grids.
+//! Where that matters, ingest, which uses PROJ, tabulates the difference ([`LonLatTable`]), and the
+//! launcher adds it to the result of `proj4rs` ([`Projection`]).
 
+use crate::bug::contained;
 use proj4rs::Proj;
 use proj4rs::errors::Error;
 use serde::{Deserialize, Serialize};
 
 /// Longitude and latitude of WGS 84, as a PROJ string.
 pub const WGS84_LONLAT: &str = "+proj=longlat +datum=WGS84 +no_defs";
-/// Most nodes that a table has along one side.
+/// Maximum number of nodes of a table along one side.
 pub const MAX_SIDE: usize = 33;
+/// The error of a PROJ string at which `proj4rs` panics.
+const NO_NUMBER: Error = Error::InvalidParameterValue("a value is not a number");
 
-/// A coordinate system that `proj4rs` computes with.
+/// A coordinate system that `proj4rs` supports.
 #[derive(Clone)]
-pub struct Plane(Proj);
+pub struct Projection(Proj);
 
-impl std::fmt::Debug for Plane {
+impl std::fmt::Debug for Projection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Plane").field(&self.0.projname()).finish()
+        f.debug_tuple("Projection").field(&self.0.projname()).finish()
     }
 }
 
-impl Plane {
+impl Projection {
     /// Reads a PROJ string.
     ///
     /// # Errors
-    /// When `proj4rs` does not know what is in it.
+    /// When `proj4rs` does not support it.
     pub fn parse(text: &str) -> Result<Self, Error> {
-        Proj::from_proj_string(text).map(Self)
+        // `proj4rs` 0.3.0 panics at characters of several bytes within an angle, such as 45°30'.
+        let text = text.replace('°', "d");
+        contained(|| Proj::from_proj_string(&text)).unwrap_or(Err(NO_NUMBER)).map(Self)
     }
 
     /// The system of an EPSG code; `None` when `proj4rs` does not know it.
@@ -48,7 +53,7 @@ impl Plane {
     /// first.
     ///
     /// # Errors
-    /// When they have no place there.
+    /// When they cannot be converted.
     pub fn to(&self, other: &Self, [x, y]: [f64; 2]) -> Result<[f64; 2], Error> {
         let mut point = if self.is_lonlat() {
             if !(x.abs() <= 540.0 && y.abs() <= 90.0) {
@@ -58,7 +63,9 @@ impl Plane {
         } else {
             (x, y)
         };
-        proj4rs::transform::transform(&self.0, &other.0, &mut point)?;
+        // Parameters are foreign, too.
+        contained(|| proj4rs::transform::transform(&self.0, &other.0, &mut point))
+            .unwrap_or(Err(Error::NanCoordinateValue))?;
         if other.is_lonlat() {
             point = (point.0.to_degrees(), point.1.to_degrees());
         }
@@ -66,15 +73,13 @@ impl Plane {
     }
 }
 
-/// What PROJ adds to what `proj4rs` makes of a longitude and latitude: a lattice of offsets, linear
-/// between its nodes.
+/// The difference between PROJ and `proj4rs`: a lattice of offsets, linear between its nodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LonLatTable {
     /// PROJ string of the longitudes and latitudes: WGS 84 on Earth, the body's own elsewhere.
     pub lonlat: String,
-    /// PROJ string of the plane that the lattice lies in: the world's without its datum, or one
-    /// nearby.
+    /// PROJ string of the plane of the lattice: that of the world without its datum, or one nearby.
     pub plane: String,
     /// The plane's coordinates of the first node.
     pub first: [f64; 2],
@@ -85,14 +90,14 @@ pub struct LonLatTable {
     /// What is added to the plane's coordinates to get the world's, metres: x and y of each node,
     /// rows from the first.
     pub offsets_m: Vec<f64>,
-    /// How far places of paths would be off without the table, at most, metres.
+    /// Largest error of places without the table, metres.
     pub shift_m: f64,
-    /// How far they are off with it, at most, metres: measured between the nodes.
+    /// Largest error with the table, metres, measured between the nodes.
     pub error_m: f64,
 }
 
 impl LonLatTable {
-    /// Whether its numbers fit together; a manifest may come from anywhere.
+    /// Whether its numbers are consistent; manifests are not trusted.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.size.iter().all(|n| (2..=MAX_SIDE).contains(n))
@@ -107,9 +112,9 @@ impl LonLatTable {
         [self.first[0] + i as f64 * self.step[0], self.first[1] + j as f64 * self.step[1]]
     }
 
-    /// The world's coordinates of a place in the plane. Outside the lattice the border's cells go
-    /// on as far as the lattice is wide, and from there on nothing changes. Zero offset when the
-    /// table is not valid.
+    /// The world's coordinates of a place in the plane. Outside the lattice, offsets are
+    /// extrapolated from the cells at the border, up to one width of the lattice, and are constant
+    /// beyond. The offset is zero when the table is not valid.
     #[must_use]
     pub fn world_from_plane(&self, place: [f64; 2]) -> [f64; 2] {
         let cell_of = |axis: usize| {
@@ -135,8 +140,8 @@ pub fn proj_value<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     text.split_whitespace().find_map(|word| word.strip_prefix('+')?.strip_prefix(key)?.strip_prefix('='))
 }
 
-/// A PROJ string without what says how its datum lies to WGS 84. A datum that `proj4rs` knows by
-/// name leaves its ellipsoid.
+/// A PROJ string without the relation of its datum to WGS 84. A datum that `proj4rs` knows by name
+/// is replaced by its ellipsoid.
 #[must_use]
 pub fn without_datum(text: &str) -> String {
     let ellipsoid = match proj_value(text, "datum").map(str::to_ascii_lowercase).as_deref() {
@@ -149,7 +154,7 @@ pub fn without_datum(text: &str) -> String {
         Some("ire65") => Some("mod_airy"),
         Some("nzgd49") => Some("intl"),
         Some("osgb36" | "osni52") => Some("airy"),
-        // A datum of another name is left to the reader, who will say that it is not known.
+        // An unknown datum is left in place, so that the parser reports it.
         Some(_) => return text.to_owned(),
     };
     let mut words: Vec<String> = text
@@ -163,9 +168,8 @@ pub fn without_datum(text: &str) -> String {
     words.join(" ")
 }
 
-/// PROJ string of longitude and latitude on the body of this PROJ string. A path's longitudes and
-/// latitudes on Earth are WGS 84 whatever the world's datum; other bodies have one ellipsoid, the
-/// world's own.
+/// PROJ string of longitude and latitude on the body of this PROJ string. On Earth, longitudes and
+/// latitudes of paths are always WGS 84; other bodies have a single ellipsoid, that of the world.
 #[must_use]
 pub fn lonlat_of_body(text: &str) -> String {
     let radius: Option<f64> = proj_value(text, "a").or(proj_value(text, "R")).and_then(|a| a.parse().ok());
@@ -203,6 +207,20 @@ mod tests {
     }
 
     #[test]
+    fn angles_may_have_degree_signs_and_other_letters_are_an_error() {
+        let places = ["45d30'", "45°30'", "45.5"].map(|angle| {
+            let plane =
+                Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=50 +lon_0=9 +datum=WGS84")).unwrap();
+            Projection::parse(WGS84_LONLAT).unwrap().to(&plane, [10.0, 46.0]).unwrap()
+        });
+        let is_equal = |[x, y]: [f64; 2]| (x - places[0][0]).abs() < 1e-6 && (y - places[0][1]).abs() < 1e-6;
+        assert!(places.into_iter().all(is_equal), "{places:?}");
+        for angle in ["1\u{fffd}2'", "4é5\"", "1東2'"] {
+            assert!(Projection::parse(&format!("+proj=lcc +lat_1={angle} +lat_2=45 +datum=NAD83")).is_err(), "{angle}");
+        }
+    }
+
+    #[test]
     fn offsets_are_linear_between_and_beyond_the_nodes() {
         let table = table();
         assert!(table.is_valid());
@@ -227,7 +245,7 @@ mod tests {
     fn a_datum_is_taken_out_of_a_proj_string() {
         let text = "+proj=utm +zone=17 +datum=NAD27 +units=m +no_defs";
         assert_eq!(without_datum(text), "+proj=utm +zone=17 +units=m +no_defs +ellps=clrk66");
-        assert!(Plane::parse(text).is_err() && Plane::parse(&without_datum(text)).is_ok());
+        assert!(Projection::parse(text).is_err() && Projection::parse(&without_datum(text)).is_ok());
         let text = "+proj=tmerc +ellps=bessel +towgs84=1,2,3 +nadgrids=x.gsb +units=m";
         assert_eq!(without_datum(text), "+proj=tmerc +ellps=bessel +units=m");
         let text = "+proj=tmerc +datum=moon2000";

@@ -1,8 +1,8 @@
 //! The quad tree's node id.
 //!
-//! Two rules stand here once and hold everywhere: **level 0 is the finest**, and a node's origin is
-//! its **lower left (south west) corner**. Public formats (tile pyramids numbered from the root,
-//! rows counted from the north) are converted at the border, by the code that reads or writes them.
+//! Two conventions hold everywhere: **level 0 is the finest**, and a node's origin is its **lower
+//! left (south west) corner**. Public formats (tile pyramids numbered from the root, rows counted
+//! from the north) are converted by the code that reads or writes them.
 
 use std::fmt;
 
@@ -13,8 +13,8 @@ pub const MAX_LEVEL: u8 = 24;
 /// Node `(m, n, q)`: column `m` counted from the west, row `n` from the south, level `q` (0 is the
 /// finest).
 ///
-/// It covers the square of side `b·2^q` whose lower left corner is `(m·b·2^q, n·b·2^q)` (design
-/// §3).
+/// It covers the square of side `b·2^q` whose lower left corner is `(m·b·2^q, n·b·2^q)`, where `b`
+/// is the side of a node of level 0.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId {
     q: u8,
@@ -86,8 +86,8 @@ impl NodeId {
         (self.q as u64) << 56 | (self.n as u64) << 28 | self.m as u64
     }
 
-    /// The id that [`NodeId::pack`] packed; `None` for a number that no id packs to (it came from
-    /// outside).
+    /// The id that [`NodeId::pack`] packed; `None` for an invalid number (it may come from shared
+    /// memory).
     #[must_use]
     pub const fn unpack(packed: u64) -> Option<Self> {
         let mask = (1 << 28) - 1;

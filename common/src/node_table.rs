@@ -1,11 +1,11 @@
-//! A hash table from node to number that is cleared in one step and never allocates after it was
-//! made.
+//! A hash table from node to number that is cleared in constant time and never allocates after
+//! construction.
 
 use crate::node::NodeId;
 
-/// Maps up to a fixed number of nodes to a `u32` each. Open addressing with linear probing, half
-/// full at most; clearing begins a new epoch, so that it costs nothing (a frame clears it, and a
-/// frame's cost must not depend on capacity).
+/// Maps up to a fixed number of nodes to a `u32` each. Open addressing with linear probing, at most
+/// half full. Clearing begins a new epoch, so that it costs nothing: each frame clears the table,
+/// and the cost of a frame must not depend on its capacity.
 #[derive(Debug, Clone)]
 pub struct NodeTable {
     entries: Vec<Entry>,
@@ -29,7 +29,7 @@ impl NodeTable {
         Self { entries: vec![Entry::default(); len], mask: len - 1, epoch: 1, len: 0 }
     }
 
-    /// Forgets everything.
+    /// Removes all nodes.
     pub fn clear(&mut self) {
         self.len = 0;
         self.epoch = self.epoch.wrapping_add(1);
@@ -51,7 +51,7 @@ impl NodeTable {
         self.len == 0
     }
 
-    /// Index of the node's entry, or of the free one where it would go.
+    /// Index of the node's entry, or of the free entry for it.
     fn find(&self, node: NodeId) -> usize {
         let key = node.pack();
         // Fibonacci hashing: the multiplier is 2^64 over the golden ratio (Knuth, TAOCP 3, §6.4);
@@ -70,8 +70,8 @@ impl NodeTable {
         (entry.epoch == self.epoch).then_some(entry.value)
     }
 
-    /// Sets the node's number and returns the one it had. A full table (of more than its capacity)
-    /// takes no new node and gives the number back as an error.
+    /// Sets the node's number and returns the previous one. A full table takes no new node and
+    /// returns the number as an error.
     ///
     /// # Errors
     /// The number, when the table is full.

@@ -1,5 +1,4 @@
-//! What became of the tiles that the preparer wants, as it travels from the prefetcher to the
-//! preparer.
+//! Outcomes of the tiles that the preparer wants, sent by the prefetcher.
 
 use crate::database::Tile;
 use crate::ids::{Sequence, SlotKey};
@@ -7,41 +6,41 @@ use bytemuck::{Pod, Zeroable};
 
 /// The tile is in its pool.
 const RESIDENT: u32 = 0;
-/// Not a cause, but that the pool has no room.
+/// Not a cause: the pool has no room.
 const NO_ROOM: u32 = u32::MAX;
 
-/// One outcome; 32 bytes. [`TileOutcome::read`] says what it means, and whether it can be.
+/// One outcome; 32 bytes. [`TileOutcome::read`] decodes and checks it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileOutcome {
     /// [`Tile::pack`].
     tile: u64,
-    /// 0 resident, else the number of a [`TileFailure`]; the highest number for no room.
+    /// 0: resident; the highest number: no room; otherwise the number of a [`TileFailure`].
     code: u32,
     /// Slot of the pool.
     slot: u32,
     /// Generation of the slot.
     generation: u32,
     reserved: u32,
-    /// The completed sequence that was seen.
+    /// The completed sequence at that time.
     completed: u64,
 }
 
 const _: () = assert!(size_of::<TileOutcome>() == 32);
 
-/// Why a tile cannot be read: the one list of causes, for outcomes, events, reports and metrics.
+/// Why a tile cannot be read: the only list of causes, for outcomes, events, reports and metrics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum TileFailure {
     /// The database has no such tile.
     Missing = 1,
-    /// What there is of it is damaged.
+    /// It is damaged.
     Damaged = 2,
     /// It could not be read.
     Unreadable = 3,
     /// The server refuses it, and will do so again.
     Refused = 4,
-    /// It is not in the disk cache, and no server is to be asked.
+    /// It is not in the disk cache, and the network must not be used.
     NotCached = 5,
 }
 
@@ -55,7 +54,7 @@ impl TileFailure {
         self as u8
     }
 
-    /// The failure of this number; `None` for a number of none (it came from shared memory).
+    /// The failure with this number; `None` for an invalid number (it came from shared memory).
     #[must_use]
     pub fn from_number(number: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|failure| u64::from(failure.number()) == number)
@@ -85,18 +84,18 @@ impl TileFailure {
         }
     }
 
-    /// Whether the tile may come soon, when the server answers again: it could not be read, or what
-    /// came was damaged. A server that has no such tile, or refuses it, will do so again.
+    /// Whether the tile may arrive soon, when the server answers again: it could not be read, or
+    /// arrived damaged. A server that has no such tile, or refuses it, will do so again.
     #[must_use]
     pub const fn may_pass(self) -> bool {
         matches!(self, Self::Damaged | Self::Unreadable)
     }
 }
 
-/// What became of a tile.
+/// The outcome of a tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It can be read.
+    /// It is resident.
     Resident {
         /// Where it lies in its pool.
         key: SlotKey,
@@ -106,17 +105,17 @@ pub enum Outcome {
         /// Why.
         failure: TileFailure,
     },
-    /// No tile of its layer finds room: frames that are not completed hold all slots, and none is
-    /// being filled.
+    /// No tile of its layer finds room: uncompleted frames hold all slots, and no slot is being
+    /// filled.
     NoRoom {
-        /// [`crate::shm::Control::completed_sequence`] as it was then: after a later one there may
+        /// [`crate::shm::Control::completed_sequence`] at that time: when it has grown, there may
         /// be room.
         completed: Sequence,
     },
 }
 
 impl TileOutcome {
-    /// The outcome of a tile.
+    /// Encodes the outcome of a tile.
     #[must_use]
     pub fn new(tile: Tile, outcome: Outcome) -> Self {
         let record = Self { tile: tile.pack(), ..Self::zeroed() };
@@ -129,8 +128,8 @@ impl TileOutcome {
         }
     }
 
-    /// What it says; `None` when it says nothing that can be (it came from shared memory). Whether
-    /// the slot holds the tile is for the reader to check.
+    /// Decodes it; `None` when it is not valid (it came from shared memory). The reader has to
+    /// check whether the slot holds the tile.
     #[must_use]
     pub fn read(&self) -> Option<(Tile, Outcome)> {
         let tile = Tile::unpack(self.tile)?;

@@ -39,18 +39,21 @@ pub struct Report {
     pub width: u32,
     /// Height of the pictures, pixels.
     pub height: u32,
-    /// What drew: `mesh` or `rays`; empty when no stage told.
+    /// The technique: `mesh` or `rays`; empty if no stage has sent it.
     pub technique: String,
-    /// The device that drew.
+    /// The device.
     pub device: String,
-    /// Its driver; of rays, how they were cast.
+    /// Its driver; for rays, how they were cast.
     pub driver: String,
-    /// What the flags came to.
+    /// The effective settings.
     pub settings: Settings,
     /// Time per frame by stage.
     pub stages: BTreeMap<String, FrameTimes>,
     /// Time per frame by kind of work.
     pub spans: BTreeMap<String, FrameTimes>,
+    /// What drawing cost, by technique.
+    #[serde(default)]
+    pub draws: BTreeMap<String, DrawReport>,
     /// Tiles that the run used.
     pub tiles: TilesReport,
     /// Nodes of a frame's tree, median.
@@ -71,28 +74,28 @@ pub struct Report {
     pub trees_cut_short: u64,
     /// Events that found their ring full, or were malformed.
     pub events_dropped: u64,
-    /// How often stages were started again, by stage.
+    /// How often stages were restarted, by stage.
     pub restarts: BTreeMap<String, u32>,
-    /// Of a flight against the clock.
+    /// For a real-time flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub realtime: Option<RealtimeReport>,
     /// What the prefetcher did.
     pub prefetch: PrefetchReport,
-    /// Of a database on a server.
+    /// For a database on a server.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network: Option<NetworkReport>,
 }
 
 impl Report {
-    /// Whether the run was what its mode promises: in exact mode all frames with all their tiles,
-    /// in realtime mode no tile that can never be had.
+    /// Whether the run delivered what its mode promises: in exact mode all frames with all their
+    /// tiles, in realtime mode no tile that can never be read.
     #[must_use]
     pub fn is_as_promised(&self) -> bool {
         if self.realtime.is_some() { self.tiles.unavailable_count == 0 } else { self.settled }
     }
 }
 
-/// What the flags came to.
+/// The effective settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Wanted size of facets, pixels.
@@ -122,20 +125,30 @@ pub struct FrameTimes {
     pub ms_max: f64,
 }
 
+/// What the draws of one technique cost.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct DrawReport {
+    /// Milliseconds of all of a frame's views together, by the device's own clock, or of all
+    /// processor cores where they draw.
+    pub times: FrameTimes,
+    /// Tiles of all of a frame's views together, median.
+    pub tiles_median: f64,
+}
+
 /// Tiles that a run used.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TilesReport {
-    /// Tiles that frames wanted, each frame counted for itself.
+    /// Tiles that frames wanted, summed over frames.
     pub wanted: u64,
     /// Tiles read from the database.
     pub loaded: u64,
-    /// Tiles that made room for others.
+    /// Tiles that were evicted.
     pub evicted: u64,
     /// Colour tiles copied to the device.
     pub uploaded: u64,
     /// Tiles that could not be read.
     pub unavailable: Vec<UnavailableTile>,
-    /// Their number: larger than the list when events were lost.
+    /// Their number, which is larger than the list when events were lost.
     pub unavailable_count: u64,
 }
 
@@ -152,7 +165,7 @@ pub struct UnavailableTile {
     pub cause: String,
 }
 
-/// The part about a flight against the clock.
+/// The part about a real-time flight.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RealtimeReport {
     /// Moment of the first frame, nanoseconds of the monotonic clock.
@@ -173,7 +186,7 @@ pub struct RealtimeReport {
     pub on_time_share: f64,
     /// Frames that lacked a tile.
     pub lacking: u64,
-    /// Mean share of the ground's screen area that was drawn as finely as wanted.
+    /// Mean share of the ground's screen area that was drawn at the wanted resolution.
     pub sharp_mean: f64,
     /// From the end of a frame to the end of the next, milliseconds.
     pub interval_ms: Percentiles,
@@ -185,21 +198,21 @@ pub struct RealtimeReport {
     pub drawn: DrawnFrames,
 }
 
-/// Of many values.
+/// Percentiles of many values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
     /// Median.
     pub p50: f64,
-    /// 95 % are no larger.
+    /// 95th percentile.
     pub p95: f64,
-    /// 99 % are no larger.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest.
     pub worst: f64,
 }
 
 impl Percentiles {
-    /// By nearest rank; 0 of no values.
+    /// By nearest rank; 0 without values.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let mut values = values.to_vec();
@@ -212,7 +225,7 @@ impl Percentiles {
     }
 }
 
-/// Frames that were drawn against the clock: columns, all of the same length.
+/// Frames that were drawn in real time: columns, all of the same length.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DrawnFrames {
     /// Number of the frame.
@@ -238,7 +251,7 @@ pub struct DrawnFrames {
     pub tiles_wanted: Vec<u32>,
     /// Tiles that were resident.
     pub tiles_resident: Vec<u32>,
-    /// Share of the ground's screen area that was drawn as finely as wanted.
+    /// Share of the ground's screen area that was drawn at the wanted resolution.
     pub sharp: Vec<f64>,
 }
 
@@ -247,15 +260,15 @@ pub struct DrawnFrames {
 pub struct PrefetchReport {
     /// How the camera was predicted.
     pub prediction: String,
-    /// Tiles asked of the database.
+    /// Tiles requested from the database.
     pub requested: u64,
-    /// Tiles that it gave.
+    /// Tiles received.
     pub received: u64,
-    /// Requests that were given up.
+    /// Requests that were cancelled.
     pub cancelled: u64,
-    /// Bytes of the tiles that it gave.
+    /// Bytes of the received tiles.
     pub bytes: u64,
-    /// N: tiles asked for at a time.
+    /// N: the number of requests that may be in flight.
     pub window: WindowReport,
     /// From the request for a tile to its answer, milliseconds.
     pub round_trip_ms: Percentiles,
@@ -283,18 +296,18 @@ pub struct NetworkReport {
     pub bytes: u64,
     /// The disk cache.
     pub cache: CacheReport,
-    /// What went wrong, by cause.
+    /// Failures, by cause.
     pub failures: Vec<FailureReport>,
 }
 
 /// The disk cache.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CacheReport {
-    /// Pieces that were in it.
+    /// Pieces that it contained.
     pub hits: u64,
-    /// Pieces that were not.
+    /// Pieces that it did not contain.
     pub misses: u64,
-    /// Bytes that came from it.
+    /// Bytes read from it.
     pub bytes: u64,
 }
 

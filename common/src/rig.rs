@@ -1,11 +1,11 @@
-//! Rigs: several cameras that are carried by one pose and draw one frame from one tree: a stereo
+//! Rigs: several cameras that one pose carries and that draw one frame from one tree: a stereo
 //! pair, the cameras of a drone, the six faces of a cube.
 //!
-//! A run has one rig ([`crate::run::RunConfig::rig`]); from a frame's pose every stage derives the
-//! same [`Views`], so that a pose is all that travels through the rings. Without a rig a frame has
-//! one view, the pose's own camera.
+//! A run has one rig ([`crate::run::RunConfig::rig`]). Every stage derives the same [`Views`] from
+//! a frame's pose, so that the rings carry only poses. Without a rig a frame has one view, the
+//! camera of the pose.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraError, CameraFields};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_PI_2;
@@ -14,7 +14,7 @@ use std::ops::Deref;
 /// Most views of a frame: the faces of a cube.
 pub const MAX_VIEWS: usize = 6;
 
-/// A camera whose forward axis is this near to the vertical has no heading of its own (sine of the
+/// A camera whose forward axis is this close to the vertical has no defined heading (sine of the
 /// angle).
 const VERTICAL: f64 = 1e-9;
 
@@ -24,14 +24,13 @@ const VERTICAL: f64 = 1e-9;
 pub struct RigView {
     /// Its name, part of file names: unique in its rig.
     pub name: String,
-    /// Where its eye is, metres to the right, ahead and above as the pose's camera sees it.
+    /// Offset of its eye, metres to the right, ahead and above in the frame of the pose's camera.
     pub offset_m: [f64; 3],
-    /// How far it is turned to the right, radians, before it is pitched up and then rolled
-    /// clockwise.
+    /// Yaw to the right, radians; applied before pitch and roll.
     pub yaw_rad: f64,
-    /// Radians up.
+    /// Pitch, radians up.
     pub pitch_rad: f64,
-    /// Radians clockwise.
+    /// Roll, radians clockwise.
     pub roll_rad: f64,
     /// Vertical field of view, radians.
     pub vfov_rad: f64,
@@ -49,7 +48,7 @@ pub struct Rig {
     pub views: Vec<RigView>,
 }
 
-/// One view of a frame: a camera, which says how large its picture is, and where that lies in the
+/// One view of a frame: a camera, which has the size of its picture, and the place of that in the
 /// frame's picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
@@ -63,7 +62,7 @@ impl View {
     /// Width and height, pixels.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
-        [self.camera.width, self.camera.height]
+        [self.camera.width(), self.camera.height()]
     }
 
     /// Whether all of it lies within a picture of this size.
@@ -87,7 +86,7 @@ impl Views {
         Self { views: [View { camera: *camera, at: [0; 2] }; MAX_VIEWS], count: 1 }
     }
 
-    /// These views; `None` when there are none or too many.
+    /// These views; `None` for none or too many.
     #[must_use]
     pub fn new(views: impl IntoIterator<Item = View>) -> Option<Self> {
         let mut views = views.into_iter();
@@ -113,6 +112,41 @@ impl Views {
     }
 }
 
+/// Where the views of a frame lie in its picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PictureLayout {
+    /// Width and height of the picture, pixels.
+    pub size: [u32; 2],
+    /// Upper left corner and size of each view; zeros behind the last.
+    views: [[u32; 4]; MAX_VIEWS],
+}
+
+impl PictureLayout {
+    /// Of views in a picture of this size.
+    #[must_use]
+    pub fn new(size: [u32; 2], views: &Views) -> Self {
+        let mut layout = Self { size, ..Self::default() };
+        for (place, view) in layout.views.iter_mut().zip(views.iter()) {
+            *place = [view.at[0], view.at[1], view.size()[0], view.size()[1]];
+        }
+        layout
+    }
+
+    /// One view that is the whole picture.
+    #[must_use]
+    pub fn whole(size: [u32; 2]) -> Self {
+        let mut layout = Self { size, ..Self::default() };
+        layout.views[0] = [0, 0, size[0], size[1]];
+        layout
+    }
+
+    /// Whether one view is the whole picture.
+    #[must_use]
+    pub fn is_single(&self) -> bool {
+        self.views[0] == [0, 0, self.size[0], self.size[1]]
+    }
+}
+
 impl Deref for Views {
     type Target = [View];
 
@@ -123,10 +157,17 @@ impl Deref for Views {
 
 impl Rig {
     /// The views of a frame whose pose is this camera's.
-    #[must_use]
-    pub fn views(&self, pose: &Camera) -> Views {
-        let views = self.views.iter().map(|view| View { camera: view.camera(pose), at: view.at });
-        Views::new(views.take(MAX_VIEWS)).unwrap_or(Views::single(pose))
+    ///
+    /// # Errors
+    /// [`CameraError`] of the first view that is not a camera from there.
+    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+        let mut is_lost = Ok(());
+        // Without a list on the way: a frame allocates nothing.
+        let views = Views::new(self.views.iter().take(MAX_VIEWS).map_while(|view| {
+            let camera = view.camera(pose).map_err(|error| is_lost = Err(error)).ok()?;
+            Some(View { camera, at: view.at })
+        }));
+        is_lost.map(|()| views.unwrap_or(Views::single(pose)))
     }
 
     /// Width and height of the picture that holds all views, pixels.
@@ -136,7 +177,7 @@ impl Rig {
         [end(0).unwrap_or(1), end(1).unwrap_or(1)]
     }
 
-    /// A size that no view exceeds, pixels.
+    /// The largest width and the largest height of all views, pixels.
     #[must_use]
     pub fn view_size(&self) -> [u32; 2] {
         [0, 1].map(|axis| self.views.iter().map(|view| view.size[axis]).max().unwrap_or(1))
@@ -151,17 +192,19 @@ impl Rig {
 
 impl RigView {
     /// The camera of this view, carried by a pose.
-    #[must_use]
-    pub fn camera(&self, pose: &Camera) -> Camera {
+    ///
+    /// # Errors
+    /// [`CameraError`]: the view lies too far from the pose, or a number of it is wrong.
+    pub fn camera(&self, pose: &Camera) -> Result<Camera, CameraError> {
         let [right, up, forward] = pose.axes_in_world();
         let [across, ahead, above] = self.offset_m;
         let mut eye = pose.eye();
         if self.offset_m != [0.0; 3] {
             eye += right * across + forward * ahead + up * above;
         }
-        let [heading_rad, pitch_rad, roll_rad] = self.angles(pose);
+        let [heading_rad, pitch_rad, roll_rad] = self.angles(pose)?;
         let [width, height] = self.size;
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: eye.to_array(),
             heading_rad,
             pitch_rad,
@@ -169,25 +212,25 @@ impl RigView {
             vfov_rad: self.vfov_rad,
             width,
             height,
-            timestamp_nanos: pose.timestamp_nanos,
-        }
+            timestamp_nanos: pose.timestamp_nanos(),
+        })
     }
 
-    /// Heading, pitch and roll. Where angles can be added they are, so that a view that is not
-    /// turned has the pose's own bits.
-    fn angles(&self, pose: &Camera) -> [f64; 3] {
+    /// Heading, pitch and roll. Angles are added where possible, so that a view that is not rotated
+    /// has exactly the angles of the pose.
+    fn angles(&self, pose: &Camera) -> Result<[f64; 3], CameraError> {
         let Self { yaw_rad, pitch_rad, roll_rad, .. } = *self;
         if [yaw_rad, pitch_rad] == [0.0; 2] {
-            return [pose.heading_rad, pose.pitch_rad, pose.roll_rad + roll_rad];
+            return Ok([pose.heading_rad(), pose.pitch_rad(), pose.roll_rad() + roll_rad]);
         }
-        if [pose.pitch_rad, pose.roll_rad] == [0.0; 2] {
-            return [pose.heading_rad + yaw_rad, pitch_rad, roll_rad];
+        if [pose.pitch_rad(), pose.roll_rad()] == [0.0; 2] {
+            return Ok([pose.heading_rad() + yaw_rad, pitch_rad, roll_rad]);
         }
         let [right, up, forward] = pose.axes_in_world();
         let world_from_pose = DMat3::from_cols(right, forward, up);
         // As a pose in the carrying camera's own space: x right, y ahead, z above.
-        let turned = Camera { heading_rad: yaw_rad, pitch_rad, roll_rad, ..*pose };
-        angles_of(turned.axes_in_world().map(|axis| world_from_pose * axis))
+        let turned = Camera::new(CameraFields { heading_rad: yaw_rad, pitch_rad, roll_rad, ..*pose.fields() })?;
+        Ok(angles_of(turned.axes_in_world().map(|axis| world_from_pose * axis)))
     }
 }
 
@@ -195,8 +238,7 @@ impl RigView {
 fn angles_of([right, up, forward]: [DVec3; 3]) -> [f64; 3] {
     let level = forward.truncate().length();
     if level < VERTICAL {
-        // Straight up or down: any heading will do, with the roll that belongs to it; none is taken
-        // for the roll.
+        // Straight up or down: heading and roll are not unique; roll 0 is chosen.
         return [(-right.y).atan2(right.x), FRAC_PI_2.copysign(forward.z), 0.0];
     }
     [forward.x.atan2(forward.y), forward.z.atan2(level), (-right.z).atan2(up.z)]
@@ -221,7 +263,7 @@ mod tests {
     }
 
     fn pose(angles: [f64; 3]) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [10.0, 20.0, 30.0],
             heading_rad: angles[0],
             pitch_rad: angles[1],
@@ -230,20 +272,21 @@ mod tests {
             width: 64,
             height: 48,
             timestamp_nanos: 9,
-        }
+        })
+        .expect("valid")
     }
 
     #[test]
     fn a_view_that_is_neither_moved_nor_turned_is_the_pose_to_the_bit() {
         let pose = pose([0.3, -0.7, 0.1]);
-        assert_eq!(view().camera(&pose), pose);
+        assert_eq!(view().camera(&pose), Ok(pose));
     }
 
     #[test]
     fn offsets_are_seen_from_the_camera() {
         // Looking east, 30 degrees down.
         let pose = pose([FRAC_PI_2, -30f64.to_radians(), 0.0]);
-        let eye = |offset_m| RigView { offset_m, ..view() }.camera(&pose).eye() - pose.eye();
+        let eye = |offset_m| RigView { offset_m, ..view() }.camera(&pose).unwrap().eye() - pose.eye();
         assert!((eye([2.0, 0.0, 0.0]) - DVec3::new(0.0, -2.0, 0.0)).length() < 1e-12, "right is south");
         assert!((eye([0.0, 2.0, 0.0]) - 2.0 * pose.axes_in_world()[2]).length() < 1e-12);
         assert!(eye([0.0, 0.0, 2.0]).z > 1.7 && eye([0.0, 0.0, 2.0]).x > 0.9, "above leans ahead");
@@ -255,7 +298,7 @@ mod tests {
         let [right, up, forward] = pose.axes_in_world();
         let turned = |yaw: f64, pitch: f64| {
             let view = RigView { yaw_rad: yaw.to_radians(), pitch_rad: pitch.to_radians(), ..view() };
-            view.camera(&pose).axes_in_world()
+            view.camera(&pose).unwrap().axes_in_world()
         };
         let near = |a: DVec3, b: DVec3| (a - b).length() < 1e-12;
         assert!(near(turned(90.0, 0.0)[2], right) && near(turned(90.0, 0.0)[1], up));
@@ -266,19 +309,21 @@ mod tests {
 
     #[test]
     fn straight_down_from_a_level_pose_is_exact() {
-        let down = RigView { pitch_rad: -FRAC_PI_2, ..view() }.camera(&pose([1.2, 0.0, 0.0]));
-        assert_eq!([down.heading_rad, down.pitch_rad, down.roll_rad], [1.2, -FRAC_PI_2, 0.0]);
+        let down = RigView { pitch_rad: -FRAC_PI_2, ..view() }.camera(&pose([1.2, 0.0, 0.0])).unwrap();
+        assert_eq!([down.heading_rad(), down.pitch_rad(), down.roll_rad()], [1.2, -FRAC_PI_2, 0.0]);
     }
 
     #[test]
     fn the_picture_holds_all_views() {
         let views = [view(), RigView { at: [64, 10], ..view() }];
         let rig = Rig { views: views.into() };
-        let made = rig.views(&pose([0.0; 3]));
+        let made = rig.views(&pose([0.0; 3])).unwrap();
         assert_eq!((made.len(), made.picture(), rig.pixels()), (2, [128, 58], 2 * 64 * 48));
         assert!(made[1].is_within([128, 58]) && !made[1].is_within([127, 58]));
         let far = View { at: [u32::MAX, 0], ..made[0] };
         assert!(!far.is_within([u32::MAX, 48]));
+        let lost = Rig { views: vec![view(), RigView { offset_m: [1e12, 0.0, 0.0], ..view() }] };
+        assert!(lost.views(&pose([0.0; 3])).unwrap_err().to_string().starts_with("its eye is "));
         assert!(Views::new([]).is_none() && Views::new([made[0]; MAX_VIEWS + 1]).is_none());
     }
 

@@ -1,17 +1,19 @@
-//! What the launcher tells each stage about the run that it is part of: one JSON object, `--run` on
+//! The configuration of a run, which the launcher passes to each stage: one JSON object, `--run` on
 //! the stage's command line.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraError};
 use crate::film::FrameEncoding;
+use crate::ids::FrameNumber;
 use crate::level::Measure;
 use crate::rate::RateSettings;
 use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// End of the frames of a flight of which nobody knows the number beforehand: another program sends
-/// the poses.
+/// The end of a flight whose number of frames is not known beforehand: another program sends the
+/// poses.
 pub const OPEN_END: u64 = u64::MAX;
 
 /// One run of the pipeline, validated by the launcher.
@@ -22,7 +24,7 @@ pub struct RunConfig {
     pub run_id: String,
     /// Folder with the index of the terrain database: its manifest and height ranges.
     pub world: PathBuf,
-    /// Where its tiles are.
+    /// The source of its tiles.
     pub database: DatabaseConfig,
     /// Width of a frame's picture, which holds all of its views, pixels.
     pub width: u32,
@@ -41,30 +43,30 @@ pub struct RunConfig {
     pub measure: Measure,
     /// Factor on all heights of the terrain.
     pub exaggeration: f64,
-    /// How the colour pool holds its tiles. Rays read them on the processor: for them, never
-    /// compressed.
+    /// Format of tiles in the colour pool. Never compressed for rays, which are cast on the
+    /// processor.
     #[serde(default)]
     pub texels: TexelFormat,
     /// Threads that decode tiles in the prefetcher, and that cast rays in the renderer.
     pub decoder_threads: u32,
-    /// What the prefetcher does beyond what frames ask of it.
+    /// Options of the prefetcher.
     pub prefetch: PrefetchConfig,
-    /// What the renderer draws and where frames go.
+    /// Options of the renderer, and the outputs of frames.
     pub render: RenderConfig,
-    /// How a flight against the clock is flown; `None` in exact mode, in which every frame waits
-    /// for all its tiles.
+    /// Options of a real-time flight; `None` in exact mode, in which every frame waits for all its
+    /// tiles.
     #[serde(default)]
     pub realtime: Option<RealtimeConfig>,
-    /// The cameras that a pose carries; `None` for one, the pose's own.
+    /// The cameras that a pose carries; `None`: only the camera of the pose.
     #[serde(default)]
     pub rig: Option<Rig>,
 }
 
-/// The realtime part of a [`RunConfig`]: frames may be skipped, none waits.
+/// The realtime part of a [`RunConfig`]: frames may be skipped, and do not wait.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RealtimeConfig {
-    /// Whether r_z and r_c follow the measured frame times; else they stay as wanted.
+    /// Whether r_z and r_c follow the measured frame times; otherwise they are constant.
     pub has_feedback: bool,
     /// Coarsest screen resolutions of facets and texels, pixels.
     pub coarsest_px: [f64; 2],
@@ -74,9 +76,18 @@ pub struct RealtimeConfig {
 
 impl RunConfig {
     /// The views of a frame whose pose is this camera's.
+    ///
+    /// # Errors
+    /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
+    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
+    }
+
+    /// Numbers of the run's frames.
     #[must_use]
-    pub fn views(&self, pose: &Camera) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(pose), |rig| rig.views(pose))
+    pub fn frame_numbers(&self) -> Range<FrameNumber> {
+        let [first, end] = self.frames.map(FrameNumber::new);
+        first..end
     }
 
     /// Pixels of all views of a frame together.
@@ -91,7 +102,8 @@ impl RunConfig {
         1e9 / self.fps
     }
 
-    /// What the rate control of a realtime flight holds; `None` in exact mode and without feedback.
+    /// Settings of the rate control of a realtime flight; `None` in exact mode and without
+    /// feedback.
     #[must_use]
     pub fn rate_settings(&self) -> Option<RateSettings> {
         let RealtimeConfig { coarsest_px, rest_px, .. } = self.realtime.as_ref().filter(|r| r.has_feedback)?;
@@ -106,26 +118,26 @@ impl RunConfig {
 pub struct DatabaseConfig {
     /// A folder, or a URL as the user gave it.
     pub location: String,
-    /// Folder of the disk cache of remote databases; the user's own when there is none here.
+    /// Folder of the disk cache of remote databases; `None`: the default folder.
     pub cache: Option<PathBuf>,
-    /// Most bytes that it may take.
+    /// Upper bound of its bytes.
     pub cache_bytes: u64,
-    /// Ask nobody: what the cache does not have is missing.
+    /// Never use the network: tiles that are not in the cache are missing.
     pub is_offline: bool,
-    /// Longest time that one request may take, milliseconds.
+    /// Timeout of one request, milliseconds.
     pub request_timeout_ms: u64,
-    /// Most requests at a time.
+    /// Maximum number of concurrent requests.
     pub parallel_requests: u32,
 }
 
 impl DatabaseConfig {
-    /// Whether a server has it: a tile that does not come may come later.
+    /// Whether it is on a server: a tile that fails may arrive later.
     #[must_use]
     pub fn is_remote(&self) -> bool {
         self.location.contains("://") && !self.location.starts_with("file:")
     }
 
-    /// A database in a folder of this machine.
+    /// A local database.
     #[must_use]
     pub fn folder(path: &Path) -> Self {
         Self {
@@ -143,10 +155,10 @@ impl DatabaseConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrefetchConfig {
-    /// How the view is predicted, to have its tiles before it comes.
+    /// How the view is predicted, to load its tiles in advance.
     pub prediction: Prediction,
-    /// Whether a tile that could not be read is tried again after a while. A run that waits for its
-    /// tiles does not: what it draws must not depend on when a tile came.
+    /// Whether a tile that could not be read is requested again after a while. Not in a run that
+    /// waits for its tiles: its pictures must not depend on when a tile arrives.
     pub has_retries: bool,
 }
 
@@ -154,7 +166,7 @@ impl PrefetchConfig {
     /// For a run that waits for every tile that it wants.
     pub const EXACT: Self = Self { prediction: Prediction::Off, has_retries: false };
 
-    /// For a flight against the clock.
+    /// For a real-time flight.
     #[must_use]
     pub const fn realtime(prediction: Prediction) -> Self {
         Self { prediction, has_retries: true }
@@ -167,17 +179,16 @@ impl PrefetchConfig {
 pub enum Prediction {
     /// Not at all.
     Off,
-    /// The camera goes on and turns as it does.
+    /// Constant speed and constant turn rate.
     Linear,
-    /// It also goes on to gain or lose speed as it does: better in long bends, worse when the path
-    /// is jerky.
+    /// Constant acceleration: better in long bends, worse when the path is jerky.
     Quadratic,
-    /// The path is known: the launcher tells the cameras to come.
+    /// The path is known: the launcher sends future cameras.
     Oracle,
 }
 
 impl Prediction {
-    /// As flags and reports name it.
+    /// Its name in flags and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -196,42 +207,42 @@ pub struct RenderConfig {
     /// How the ground is drawn.
     #[serde(default)]
     pub technique: TechniqueChoice,
-    /// How rays are cast, when they are.
+    /// How rays are cast, if they are used.
     #[serde(default)]
     pub rays: RaysChoice,
     /// Colour of the sky, 8 bit RGB.
     pub sky_rgb: [u8; 3],
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
-    /// Height of the world's lowest ground as it is drawn, metres: walls go down to it where the
-    /// world ends; `None` for none.
+    /// Height of the world's lowest ground, exaggerated, metres: skirts at the world's border reach
+    /// down to it; `None`: no skirts.
     #[serde(default)]
     pub skirt_low_m: Option<f64>,
     /// Draw the tree's colour leaves over the picture.
     pub has_tree_overlay: bool,
-    /// Ask for the Vulkan validation layer; one message of it ends the renderer with an error.
+    /// Enable the Vulkan validation layer; a message from it ends the renderer with an error.
     pub has_validation: bool,
-    /// Frames recorded or drawn at a time; 0 leaves it to the renderer, which knows the device.
+    /// Frames in flight on the device; 0: chosen by the renderer.
     pub frames_in_flight: u32,
     /// Where frames go.
     pub sink: SinkConfig,
-    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky. A target for each
-    /// view, or none at all.
+    /// Also write depth: float32 TIFF, metres along the view axis, NaN for sky. One target for each
+    /// view, or none.
     #[serde(default)]
     pub depth: Vec<PlaneTarget>,
     /// Also write ground position: 3 x float64 TIFF of easting, northing, height; NaN for sky.
     /// Likewise.
     #[serde(default)]
     pub ground: Vec<PlaneTarget>,
-    /// Also put every frame into a frame ring, for other programs.
+    /// Also write every frame to a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
-    /// What depth and ground say where the ground was made up.
+    /// Values of depth and ground where the ground was made up.
     #[serde(default)]
     pub made_up: MadeUp,
 }
 
-/// How depth and ground positions tell ground that was made up from ground that was measured.
+/// How depth and ground positions distinguish ground that was made up from measured ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MadeUp {
@@ -244,7 +255,7 @@ pub enum MadeUp {
 }
 
 impl MadeUp {
-    /// As the command line spells it.
+    /// Its name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -258,7 +269,7 @@ impl MadeUp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TechniqueChoice {
-    /// As a mesh where there is a Vulkan device, else by rays.
+    /// As a mesh if there is a Vulkan device, otherwise by rays.
     #[default]
     Auto,
     /// As triangles, by a Vulkan device.
@@ -268,7 +279,7 @@ pub enum TechniqueChoice {
 }
 
 impl TechniqueChoice {
-    /// As flags and reports name it.
+    /// Its name in flags and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -290,16 +301,16 @@ pub enum RaysChoice {
     Coherent,
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
-    /// By a GPU, if there is one; else whichever of the first two is faster on one of the first
-    /// frames.
+    /// On a GPU, if there is one; otherwise the faster of the first two, measured on one of the
+    /// first frames.
     Auto,
 }
 
-/// How the renderer's words of what casts rays begin as long as [`RaysChoice::Auto`] has not been
-/// decided.
+/// Prefix of the renderer's description of how rays are cast while [`RaysChoice::Auto`] has not
+/// been decided.
 pub const UNDECIDED_RAYS: &str = "not tried yet:";
 
-/// Where one plane of values, depth or ground, of every frame goes.
+/// The output of one plane of values, depth or ground, of every frame.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlaneTarget {
@@ -326,7 +337,7 @@ pub fn frame_file_name(frame: u64, extension: &str) -> String {
     format!("frame-{frame:06}.{extension}")
 }
 
-/// What other programs get.
+/// Options of the frame ring for other programs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShareConfig {
@@ -338,7 +349,7 @@ pub struct ShareConfig {
     pub has_ground: bool,
 }
 
-/// Where finished frames go.
+/// The output of finished frames.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SinkConfig {

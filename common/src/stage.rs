@@ -1,15 +1,16 @@
-//! What the programs of all stages have in common: the command line, signals, events, exit codes.
+//! The common shell of all stages: command line, signals, events, exit codes.
 //!
-//! A stage is started by the launcher as `terravision-<stage> --run -`, with the run as JSON on its
-//! standard input: what it says may be secret (the password in a database's URL), and everybody can
-//! read a command line (`/proc/PID/cmdline`), while a pipe is nobody else's, leaves no copy in an
-//! environment that children would inherit, and has no limit. `--run JSON` does, too. It ends by
-//! itself after the last frame, or when a wait tells it that the run is over. SIGINT and SIGHUP are
-//! left to the launcher, which the terminal tells as well; SIGTERM ends a stage at once (nothing
-//! half written is ever visible), and so does the launcher's death.
+//! The launcher starts a stage as `terravision-<stage> --run -`, with the run as JSON on its
+//! standard input. The run may contain secrets (the password in a database's URL), and every user
+//! can read command lines (`/proc/PID/cmdline`), while a pipe is private, leaves no copy in an
+//! environment that children inherit, and has no size limit. `--run JSON` works too. A stage ends
+//! by itself after the last frame, or when a wait returns that the run is over. SIGINT and SIGHUP
+//! are left to the launcher, which also gets them from the terminal. SIGTERM ends a stage at once
+//! (half-written data is never visible), and so does the launcher's death.
 
 use crate::bug::report_panics;
 use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
+use crate::ids::FrameNumber;
 use crate::log::start_stage;
 use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
@@ -25,37 +26,37 @@ pub const BAD_USAGE: u8 = 2;
 /// Exit code of a stage whose run was stopped.
 pub const INTERRUPTED: u8 = 130;
 
-/// What stands for the run on a command line when the run itself comes on standard input.
+/// The argument that means: the run is on standard input.
 pub const FROM_STDIN: &str = "-";
 /// Longest text of a run.
 pub const MOST_RUN_BYTES: u64 = 1 << 20;
 
 /// Environment of a stage's process. A software Vulkan device allocates and frees tens of megabytes
-/// in every frame; glibc would give them back to the kernel each time, and the page faults of
-/// getting them again are a tenth of the frame.
+/// in every frame; glibc would return them to the kernel each time, and the page faults of new
+/// allocations take a tenth of the frame.
 pub const STAGE_ENVIRONMENT: [(&str, &str); 2] =
     [("MALLOC_TRIM_THRESHOLD_", "268435456"), ("MALLOC_MMAP_THRESHOLD_", "33554432")];
 
-/// Why a command line is no run.
+/// Why a command line is not a valid run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UsageError {
     /// Not `--run JSON`.
     #[error(
-        "expected --run and one JSON object, or - for one on standard input: the launcher (terravision fly) starts this program, nobody else"
+        "expected --run and one JSON object, or - for one on standard input: this program is started by the launcher (terravision fly)"
     )]
     Arguments,
-    /// The JSON is no run.
+    /// The JSON is not a valid run.
     #[error("the run cannot be read: {source}")]
     Json {
         /// What is wrong with it.
         #[from]
         source: serde_json::Error,
     },
-    /// It is longer than any run.
+    /// It is too long.
     #[error("the run has more than {most} bytes")]
     TooLong {
-        /// What a run may have.
+        /// The limit.
         most: u64,
     },
     /// The run's id is not valid.
@@ -84,7 +85,7 @@ pub enum UsageError {
     },
 }
 
-/// A run as a stage gets it, checked.
+/// A checked run, as a stage gets it.
 #[derive(Debug, Clone)]
 pub struct StageRun {
     config: RunConfig,
@@ -165,15 +166,15 @@ pub trait StageError: std::error::Error {
     /// Whether this is the orderly end of a stopped run.
     fn is_stopping(&self) -> bool;
 
-    /// Whether the same command would fail again: it asks for something impossible (exit code 2 in
-    /// place of 1).
+    /// Whether the same command would fail again, because it asks for something impossible (exit
+    /// code 2 instead of 1).
     fn is_bad_input(&self) -> bool {
         false
     }
 }
 
-/// The whole of a stage's `main`: reads the command line, sets the process up, runs, and makes an
-/// exit code of the outcome, with one sentence on standard error when it is a failure.
+/// The `main` of a stage: reads the command line, sets up the process, runs, and returns an exit
+/// code; a failure is reported in one sentence on standard error.
 pub fn main<E: StageError>(run: impl FnOnce(&StageRun) -> Result<(), E>) -> ExitCode {
     report_panics("");
     start_stage();
@@ -201,8 +202,8 @@ fn fail(error: &dyn std::error::Error, code: u8) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// The kernel ends this process when the launcher dies; SIGINT and SIGHUP, which a terminal sends
-/// to the launcher too, are noted but end nothing: the launcher decides. See also
+/// Sets up a stage's process: the kernel ends it when the launcher dies. SIGINT and SIGHUP, which a
+/// terminal also sends to the launcher, are ignored: the launcher decides. See also
 /// [`note_file_limit`].
 ///
 /// # Errors
@@ -215,9 +216,9 @@ pub fn set_up_process() -> Result<(), std::io::Error> {
     note_file_limit()
 }
 
-/// A write beyond the limit of a file's size (`ulimit -f`) is an error with a sentence from now on,
-/// and not the signal SIGXFSZ, which ends a process without a message. Programs that this one
-/// starts do not inherit it.
+/// From now on a write beyond the limit of a file's size (`ulimit -f`) is an error that can be
+/// reported, instead of the signal SIGXFSZ, which ends a process without a message. Child processes
+/// do not inherit this.
 ///
 /// # Errors
 /// The system refuses.
@@ -225,8 +226,8 @@ pub fn note_file_limit() -> Result<(), std::io::Error> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
 }
 
-/// Where a stage tells the launcher what it did. Never waits: an event that finds the ring full is
-/// dropped and counted.
+/// The sender of a stage's events. Never waits: an event that finds the ring full is dropped and
+/// counted.
 #[derive(Debug)]
 pub struct Events {
     ring: Producer<Event>,
@@ -241,21 +242,21 @@ impl Events {
         Ok(Self { ring: Producer::open(run, stage.events())? })
     }
 
-    /// Over any ring.
+    /// Sends to any ring.
     #[must_use]
     pub fn new(ring: Producer<Event>) -> Self {
         Self { ring }
     }
 
-    /// Tells an event.
+    /// Sends an event.
     pub fn tell(&mut self, control: &Control, event: Event) {
         if self.ring.try_push(event).is_err() {
             control.count(Counter::EventsDropped, 1);
         }
     }
 
-    /// Tells of a span of work of the main thread on a frame that ends now. Returns its end.
-    pub fn span(&mut self, control: &Control, name: SpanName, frame: u64, start_nanos: u64) -> u64 {
+    /// Sends a span of work of the main thread on a frame, which ends now. Returns its end.
+    pub fn span(&mut self, control: &Control, name: SpanName, frame: FrameNumber, start_nanos: u64) -> u64 {
         let end = monotonic_nanos();
         let span = Event::new(EventContent::Span { name, node: None });
         let event = span.of_frame(frame).at(start_nanos).lasting(end.saturating_sub(start_nanos));

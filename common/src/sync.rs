@@ -1,7 +1,7 @@
-//! The atomics of the shared-memory algorithms, behind one door: the standard library's, or those
-//! of `loom` under `--cfg loom`, so that the model checker runs the very code that flies.
+//! The atomics of the shared-memory algorithms: those of the standard library, or those of `loom`
+//! under `--cfg loom`, so that the model checker runs the production code.
 //!
-//! Code in [`crate::shm`] takes atomics and fences from here and from nowhere else.
+//! Code in [`crate::shm`] takes atomics and fences only from here.
 
 #[cfg(not(loom))]
 pub use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};

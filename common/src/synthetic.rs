@@ -1,15 +1,15 @@
-//! A terrain that is computed instead of stored: for tests and benches, of any size, with no files.
+//! A terrain that is computed instead of stored: for tests and benches, of any size, without files.
 //!
-//! Heights are a sum of octaves of value noise. A coarser level leaves out the octaves that its
-//! posts are too far apart for, as the low-pass filtered pyramid of a real database does. Every
-//! height is a multiple of 1/128 m.
+//! Heights are a sum of octaves of value noise. A coarser level omits the octaves that its posts
+//! cannot represent, like the low-pass filtered pyramid of a real database. Every height is a
+//! multiple of 1/128 m.
 
 use crate::database::{NodeRanges, RangesError, TileError, TileScratch, TileSource, color_tile_bytes};
 use crate::node::NodeId;
 use crate::traversal::HeightRanges;
 use crate::world::World;
 
-/// What kind of terrain.
+/// The kind of terrain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Relief {
     /// Ridges and valleys, the highest this many metres above the lowest.
@@ -17,8 +17,7 @@ pub enum Relief {
         /// Metres.
         height_m: f64,
     },
-    /// Every post of every level is independent of all others: the worst that an interpolation can
-    /// meet.
+    /// Every post of every level is independent of all others: the worst case for interpolation.
     Static {
         /// Metres.
         height_m: f64,
@@ -83,8 +82,8 @@ impl SyntheticTerrain {
         south + v * (north - south)
     }
 
-    /// Exact ranges of all nodes, as a database has them. Looks at every post: for worlds of some
-    /// thousand posts a side.
+    /// Exact ranges of all nodes, as in a database. Computes every post, so use it for worlds of up
+    /// to some thousand posts a side.
     ///
     /// # Errors
     /// None for a valid world.
@@ -109,8 +108,8 @@ impl SyntheticTerrain {
             }
             levels.push(ranges);
         }
-        // A child's range takes in the ancestors' posts over its own area only, its parent's those
-        // over all of it: they are nested as they are.
+        // A child's range includes the ancestors' posts over its own area only, that of its parent
+        // those over all of it: so ranges are nested.
         NodeRanges::from_parts(&self.world, levels)
     }
 
@@ -155,9 +154,9 @@ fn unit_hash(seed: u64, a: u64, b: u64, c: u64) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A colour that names a node among those around it, of its own level and of the seven above and
-/// below: what a test world is painted with, so that a picture tells which tile each texel is of.
-/// Names differ by 24 or more in one channel, so they survive compression.
+/// A colour that identifies a node among its neighbours, of its own level and of the seven levels
+/// above and below. Test worlds are painted with it, so that a picture shows the tile of each
+/// texel. Colours differ by 24 or more in one channel, so that they survive compression.
 #[must_use]
 pub fn name_color(node: NodeId) -> [u8; 3] {
     let [q, m, n] = [u32::from(node.q()) % 8, node.m() % 4, node.n() % 4];
@@ -176,7 +175,7 @@ impl TileSource for SyntheticTerrain {
     }
 
     fn read_color(&self, node: NodeId, out: &mut [u8], _scratch: &mut TileScratch) -> Result<(), TileError> {
-        // One colour per node, which tells nodes and levels apart.
+        // One colour per node, which distinguishes nodes and levels.
         let hash = unit_hash(self.seed, 7, u64::from(node.q()), node.pack());
         let rgba = [(hash * 256.0) as u8, (hash * 65536.0) as u8, 20 * node.q() % 250, 255];
         for texel in out[..color_tile_bytes(&self.world)].chunks_exact_mut(4) {
@@ -186,9 +185,9 @@ impl TileSource for SyntheticTerrain {
     }
 }
 
-/// Ranges of a [`SyntheticTerrain`] of any size, without looking at its posts: the whole relief for
-/// every node. The tree is then the same wherever the eye is, which is what a comparison of
-/// databases of several sizes needs.
+/// Ranges of a [`SyntheticTerrain`] of any size, without computing posts: the whole relief for
+/// every node. The tree is then the same wherever the eye is, as comparisons between databases of
+/// several sizes need.
 impl HeightRanges for SyntheticTerrain {
     fn range(&self, node: NodeId) -> Option<[f32; 2]> {
         let (Relief::Mountains { height_m } | Relief::Static { height_m }) = self.relief;

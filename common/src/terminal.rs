@@ -1,20 +1,21 @@
-//! Text of others on its way to a terminal: messages of servers, names of files, what a manifest
-//! says, the last words of ffmpeg or GDAL.
+//! Output of foreign text to a terminal: messages of servers, names of files, content of manifests,
+//! the last messages of ffmpeg or GDAL.
 //!
-//! A terminal obeys what it is sent. So every program prints by this module alone, and what could
-//! steer the terminal, or show a line in another order than it has, is shown as an escape.
+//! A terminal interprets control sequences. So all programs print only through this module, and
+//! characters that could control the terminal, or change the order of a line, are shown as escapes.
 
 use std::borrow::Cow;
 use std::io::Write;
 
-/// Longest line that is printed, bytes; of a longer one the rest is counted.
+/// Longest line that is printed, bytes; of a longer one, only the number of the remaining bytes is
+/// printed.
 pub const MOST_LINE_BYTES: usize = 8192;
 
-/// Whether a character only means what it looks like.
+/// Whether a character can be shown unescaped.
 ///
-/// Not shown as they are: controls (with ESC and those of ISO 6429, section 8.3), what changes the
-/// direction of a text (Unicode Standard Annex 9, table 4), line separators, and characters that
-/// nobody sees (spaces without width, tags).
+/// Escaped are: control characters (ESC and those of ISO 6429, section 8.3), characters that change
+/// the direction of text (Unicode Standard Annex 9, table 4), line separators, and invisible
+/// characters (zero-width spaces, tags).
 fn is_plain(c: char) -> bool {
     !(c.is_control()
         || matches!(c,
@@ -22,9 +23,9 @@ fn is_plain(c: char) -> bool {
             | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}'))
 }
 
-/// One line of text that a terminal shows and does not obey: line feeds and tabs are blanks,
-/// whatever else is not a plain character is an escape (`\x1b`, `\u{202e}`), and what is longer
-/// than [`MOST_LINE_BYTES`] is cut.
+/// One line of text without control sequences: line feeds and tabs become blanks, all other
+/// characters that are not plain become escapes (`\x1b`, `\u{202e}`), and text beyond
+/// [`MOST_LINE_BYTES`] is cut.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if text.len() <= MOST_LINE_BYTES && text.chars().all(is_plain) {
@@ -46,8 +47,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(line)
 }
 
-/// JSON that says the same and has no character that a terminal would obey: within its strings they
-/// are escapes.
+/// Equivalent JSON without control characters: within strings they become escapes.
 #[must_use]
 pub fn printable_json(json: &str) -> Cow<'_, str> {
     if json.chars().all(|c| c == '\n' || is_plain(c)) {
@@ -64,16 +64,16 @@ pub fn printable_json(json: &str) -> Cow<'_, str> {
     Cow::Owned(text)
 }
 
-/// The beginning of a text, at most so many bytes of it, cut between two characters.
+/// The beginning of a text, at most this many bytes, cut between two characters.
 #[must_use]
 pub fn cut(text: &str, most_bytes: usize) -> &str {
     let end = (0..=most_bytes.min(text.len())).rev().find(|at| text.is_char_boundary(*at));
     &text[..end.unwrap_or(0)]
 }
 
-/// Says one line on standard error. When that is closed there is nobody to tell.
+/// Prints one line on standard error. Ignores errors: there is no other place to report them.
 pub fn complain(line: &str) {
-    // One write for the whole line: those of several processes do not mix.
+    // A single write for the whole line, so that lines of several processes do not mix.
     drop(std::io::stderr().write_all(format!("{}\n", printable(line)).as_bytes()));
 }
 

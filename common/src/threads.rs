@@ -1,24 +1,24 @@
-//! Threads that the system may refuse.
+//! Checks whether threads can be started.
 
 use std::io;
 use std::sync::mpsc::sync_channel;
 
-/// Stack of the threads that are tried.
+/// Stack size of the test threads.
 const STACK_BYTES: usize = 64 << 10;
 
-/// Whether so many threads more can be started now: tries, and ends them again. For libraries that
-/// panic when they cannot.
+/// Checks whether this many more threads can be started now: starts them, and ends them again. For
+/// libraries that panic if they cannot start threads.
 ///
 /// # Errors
-/// The system refuses, because of `ulimit -u`, a container's limit of processes, or for want of
-/// memory; in a sentence.
+/// The system refuses, because of `ulimit -u`, a container's limit of processes, or lack of memory;
+/// the message is a sentence.
 pub fn ensure(count: usize) -> io::Result<()> {
     let mut threads = Vec::with_capacity(count);
     let mut started = Ok(());
     for _ in 0..count {
         let (end, wait) = sync_channel::<()>(0);
         let builder = std::thread::Builder::new().stack_size(STACK_BYTES);
-        // It ends when its channel does: all of them are there at a time.
+        // It ends with its channel, so that all of them exist at the same time.
         match builder.spawn(move || wait.recv().unwrap_or_default()) {
             Ok(thread) => threads.push((end, thread)),
             Err(error) => {
@@ -34,7 +34,7 @@ pub fn ensure(count: usize) -> io::Result<()> {
     }
     for (end, thread) in threads {
         drop(end);
-        // It has nothing that can panic.
+        // It contains no code that can panic.
         drop(thread.join());
     }
     started

@@ -1,5 +1,5 @@
-//! The top levels of both pyramids, which are kept in the pools for ever, so that there always is a
-//! picture (design §6).
+//! The top levels of both pyramids, which are never evicted from the pools, so that there is always
+//! a picture.
 
 use crate::database::{Layer, Tile};
 use crate::node::NodeId;
@@ -8,8 +8,8 @@ use crate::world::World;
 /// Nodes of the top levels: two levels below a root, 1 + 4 + 16.
 const LOCKED_NODES: u64 = 21;
 
-/// Tiles of the top levels, coarse to fine, and the level below them, if the world has more. Sparse
-/// levels are not among them.
+/// Tiles of the top levels, coarse to fine, and the level below them, if the world has more. Does
+/// not include sparse levels.
 #[must_use]
 pub fn top_levels(world: &World) -> (Vec<Tile>, Option<u8>) {
     let mut tiles = Vec::new();
@@ -17,7 +17,7 @@ pub fn top_levels(world: &World) -> (Vec<Tile>, Option<u8>) {
     for q in (0..world.levels()).rev() {
         let [columns, rows] = world.nodes_at(q);
         count += u64::from(columns) * u64::from(rows);
-        // Of a sparse level a world without its index does not know what there is.
+        // Without an index it is not known which nodes of a sparse level exist.
         if count > LOCKED_NODES || q < world.complete_level() {
             return (tiles, Some(q));
         }

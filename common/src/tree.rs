@@ -1,11 +1,11 @@
-//! The truncated quad tree as it lies in one half of the ping-pong buffer.
+//! The layout of the truncated quad tree in one half of the ping-pong buffer.
 //!
 //! A half is a [`TreeHeader`] and then a flat array of [`TreeNode`]s. The root is node 0. The
 //! children of a node are contiguous, nearest to the eye first, and the blocks of children follow
 //! depth first. Only nodes that may be visible are present; a tree in which nothing is visible has
 //! no nodes at all. A reader checks every index ([`TreeNode::children`]) before it follows it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::node::NodeId;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -16,9 +16,9 @@ pub const ELEVATION_LEAF: u8 = 1;
 /// The node is drawn with a colour tile of its own; it has no children.
 pub const COLOR_LEAF: u8 = 2;
 
-/// The node is drawn with the colour of its nearest ancestor that lacks this flag: that one is fine
-/// enough already, and the node's own colour tile is not wanted. All nodes below one with this flag
-/// have it too; the root never has.
+/// The node is drawn with the colour of its nearest ancestor without this flag: that is fine
+/// enough, and the node's own colour tile is not wanted. All nodes below one with this flag have it
+/// too; the root never has it.
 pub const COLOR_FROM_ANCESTOR: u8 = 4;
 
 /// One node of a truncated quad tree; 24 bytes.
@@ -38,7 +38,7 @@ pub struct TreeNode {
 }
 
 impl TreeNode {
-    /// The node's id, or `None` when the number is no node's.
+    /// The node's id, or `None` when the number is not valid.
     #[must_use]
     pub fn id(&self) -> Option<NodeId> {
         NodeId::unpack(self.node)
@@ -57,14 +57,14 @@ impl TreeNode {
     }
 }
 
-/// What the tree was made for; 128 bytes.
+/// The header of a tree; 128 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TreeHeader {
-    /// The frame that this tree is of.
+    /// The frame of the tree.
     pub frame: u64,
-    /// The camera that it was made for.
-    pub camera: Camera,
+    /// The camera for which it was made.
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
@@ -75,7 +75,7 @@ pub struct TreeHeader {
     pub is_cut_short: u32,
     /// When the generator began with it, nanoseconds of the monotonic clock.
     pub started_nanos: u64,
-    /// When the generator was done with it.
+    /// When the generator finished it.
     pub finished_nanos: u64,
     /// Zero.
     pub reserved: [u8; 8],

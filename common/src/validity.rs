@@ -1,9 +1,9 @@
-//! Which ground was measured, which was made up, and where there is none.
+//! Validity: which ground was measured, which was made up, and where there are holes.
 //!
-//! A database whose sources have voids keeps two shares for every post beside its height, 0 to 1:
-//! how much of the ground around the post is *ground* (the rest is a hole), and how much of it was
-//! *measured* (the rest was made up from around it). Heights are there in any case, so geometry and
-//! height ranges go on under holes, and no crack can open at a hole's rim.
+//! A database whose sources have voids stores two shares for every post beside its height, 0 to 1:
+//! how much of the area around the post is *ground* (the rest is a hole), and how much of it was
+//! *measured* (the rest was made up: interpolated from its surroundings). Every post has a height,
+//! so geometry and height ranges continue under holes, and no crack can open at the rim of a hole.
 //!
 //! Tiles and elevation arrays of such a world have three planes of `(Nz + 1)²` numbers, one behind
 //! the other:
@@ -20,22 +20,22 @@
 
 /// Planes of elevation in a world with validity.
 pub const PLANES: usize = 3;
-/// Which plane has shares of ground.
+/// Index of the plane with shares of ground.
 pub const GROUND_PLANE: usize = 1;
-/// Which plane has shares of measured ground.
+/// Index of the plane with shares of measured ground.
 pub const MEASURED_PLANE: usize = 2;
-/// Where the share of ground is less, there is no ground; where the share that was measured is
-/// less, it was made up.
+/// Where the share of ground is less than this, there is a hole; where the share of measured ground
+/// is less, the ground was made up.
 pub const HALF: f32 = 0.5;
 
-/// What is known of the ground at a point.
+/// The validity of the ground at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Validity {
     /// The sources have data there.
     Measured,
-    /// They have none: the height was made up from around it.
+    /// The sources have no data there: the height was made up from its surroundings.
     MadeUp,
-    /// There is no ground, whatever the height.
+    /// There is no ground, although there is a height.
     Hole,
 }
 

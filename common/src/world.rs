@@ -1,5 +1,5 @@
-//! What a terrain database holds: nodes, elevation posts, colour texels, and how they lie on its
-//! surface.
+//! The geometry of a terrain database: nodes, elevation posts and colour texels, and where they lie
+//! on its surface.
 //!
 //! Inside the system positions are **world coordinates**: metres east and north of the world's
 //! origin (its south west elevation post), and height in metres; [`crate::surface`] makes them. The
@@ -31,8 +31,8 @@ use serde::{Deserialize, Serialize};
 #[serde(try_from = "WorldFields", into = "WorldFields")]
 pub struct World {
     fields: WorldFields,
-    /// Not of its geometry, so not of [`WorldFields`]: the manifest names it among the database's
-    /// features.
+    /// Not part of [`WorldFields`], because it is not geometry: the manifest has it as a feature of
+    /// the database.
     has_validity: bool,
     /// Likewise.
     has_holes: bool,
@@ -40,7 +40,7 @@ pub struct World {
     complete_level: u8,
 }
 
-/// The numbers that a [`World`] is made of, as the manifest has them, unchecked.
+/// The unchecked numbers of a [`World`], as in the manifest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WorldFields {
@@ -63,7 +63,7 @@ pub struct WorldFields {
     pub finest_color_level: u8,
 }
 
-/// Why numbers do not make a [`World`].
+/// Why numbers are not a valid [`World`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldError {
@@ -136,15 +136,14 @@ impl World {
         Self { has_validity: true, has_holes, ..self }
     }
 
-    /// Whether there are places in its extent without ground, through which rays come to see the
-    /// rest from below.
+    /// Whether there are holes in its extent, through which rays see the rest from below.
     #[must_use]
     pub fn has_holes(&self) -> bool {
         self.has_holes
     }
 
-    /// Whether elevation tiles and arrays hold planes of validity beside heights: some posts have
-    /// no data.
+    /// Whether elevation tiles and arrays have planes of validity beside heights, because some
+    /// posts have no data.
     #[must_use]
     pub fn has_validity(&self) -> bool {
         self.has_validity
@@ -169,9 +168,8 @@ impl World {
         Self { complete_level: q.min(self.fields.levels - 1), ..self }
     }
 
-    /// The finest level of which, and of all coarser ones, every node has its tiles; 0 for a world
-    /// without sparse levels. Which nodes of finer levels have some, the database's
-    /// [`crate::database::NodeRanges`] tell.
+    /// The finest level from which on every node has its tiles; 0 for a world without sparse
+    /// levels. [`crate::database::NodeRanges`] has the nodes of finer levels that exist.
     #[must_use]
     pub fn complete_level(&self) -> u8 {
         self.complete_level

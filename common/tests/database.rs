@@ -12,7 +12,7 @@ use std::path::Path;
 use support::{FILES, content, good, heights, nodes, temporary, write_database};
 use terravision_common::database::{
     Archive, ArchiveRecord, Database, DatabaseError, ELEVATION_FILE, FEATURES_VERSION, Manifest, ManifestError,
-    TileError, TileScratch, TileSource, color_tile_bytes, index_crc32,
+    ManifestFields, TileError, TileScratch, TileSource, color_tile_bytes, index_crc32,
 };
 use terravision_common::node::NodeId;
 
@@ -124,6 +124,38 @@ fn a_folder_without_manifest_is_an_unfinished_database() {
     assert!(matches!(Database::open(Path::new("/nowhere")).unwrap_err(), DatabaseError::NotADatabase { .. }));
     assert!(matches!(Database::open(Path::new("/etc/passwd")).unwrap_err(), DatabaseError::NotADatabase { .. }));
     fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Bytes that databases have on disk: what is read is written again as it was.
+#[test]
+fn a_manifest_has_the_bytes_that_it_always_had() {
+    let golden = include_str!("golden/manifest.json");
+    let manifest = Manifest::parse(golden).unwrap();
+    assert_eq!(manifest.fields().to_text().unwrap(), golden);
+    assert!(manifest.is_sparse() && manifest.world().has_holes());
+    assert_eq!((manifest.world().complete_level(), manifest.world().extent()), (1, [13, 9]));
+    // Format, version and checksum are those of the text, whatever the fields say.
+    let fields = ManifestFields {
+        format: String::new(),
+        format_version: 0,
+        checksum: String::new(),
+        ..manifest.fields().clone()
+    };
+    assert_eq!(fields.to_text().unwrap(), golden);
+}
+
+#[test]
+fn fields_that_make_no_manifest_are_refused_although_the_checksum_is_right() {
+    let good = Manifest::parse(include_str!("golden/manifest.json")).unwrap();
+    let refused = |change: &dyn Fn(&mut ManifestFields)| {
+        let mut fields = good.fields().clone();
+        change(&mut fields);
+        let read = Manifest::parse(&fields.to_text().unwrap()).unwrap_err().to_string();
+        assert_eq!(Manifest::new(fields).unwrap_err().to_string(), read);
+        read
+    };
+    assert!(refused(&|fields| fields.world.levels = 99).starts_with("its world is wrong: levels is 99, expected "));
+    assert!(refused(&|fields| fields.features.push("curvature".into())).contains("\"curvature\""));
 }
 
 #[test]

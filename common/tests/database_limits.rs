@@ -16,7 +16,7 @@ use terravision_common::database::{
 use terravision_common::node::NodeId;
 use terravision_common::world::{World, WorldFields};
 
-/// Bytes of a directory: so many tiles of one byte, one behind the other, from this tile on.
+/// Bytes of a directory: this many tiles of one byte, one behind the other, from this tile on.
 fn directory(first_id: u64, count: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut put = |mut value: u64| {
@@ -123,7 +123,7 @@ fn height_ranges_of_a_world_too_large_are_refused_before_room_is_made() {
     let folder = temporary("ranges");
     write_database(&folder);
     let text = fs::read_to_string(folder.join(MANIFEST_FILE)).unwrap();
-    let mut manifest = Manifest::parse(&text).unwrap();
+    let mut manifest = Manifest::parse(&text).unwrap().fields().clone();
     manifest.world = WorldFields { extent: [1 << 28; 2], levels: 25, elevation_tile: 16, ..manifest.world };
     manifest.nodes.bytes = *NodeRanges::file_bytes(&World::new(manifest.world).unwrap(), false).end();
     assert!(manifest.nodes.bytes > 3_000_000_000_000_000);
@@ -157,7 +157,7 @@ fn a_manifest_full_of_values_takes_little_more_memory_than_its_text() {
 /// A good database, changed by someone who means harm: all checksums are right.
 fn forge(folder: &Path, file: usize, at: prop::sample::Index, bytes: &[u8], number: usize) {
     let mut files = good().0.clone();
-    let mut manifest = Manifest::parse(std::str::from_utf8(&files[0]).unwrap()).unwrap();
+    let mut manifest = Manifest::parse(std::str::from_utf8(&files[0]).unwrap()).unwrap().fields().clone();
     let overwrite = |file: &mut [u8], at: usize| {
         let end = (at + bytes.len()).min(file.len());
         file[at..end].copy_from_slice(&bytes[..end - at]);

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Layers, NodeRange, NodeRanges, NodesRecord, RangesError};
 use terravision_common::level::{LevelFunction, Measure, deepest_color_below};
 use terravision_common::node::NodeId;
@@ -176,10 +176,10 @@ proptest! {
         let (seeds, colors): (Vec<_>, Vec<_>) = (seeds.iter().map(place).collect(), colors.iter().map(place).collect());
         let ranges = NodeRanges::from_nodes(&world, nodes_of(&world, &seeds, &colors)).unwrap();
         let near = world.node_origin(seeds[target % seeds.len()]).map(|v| v as f64);
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [near[0] + away[0], near[1] + away[1], 100.0 + height], heading_rad: heading, pitch_rad: pitch,
             roll_rad: 0.0, vfov_rad: 1.0, width: 640, height: 480, timestamp_nanos: 0,
-        };
+        }).expect("valid");
         let level = LevelFunction::new(&camera, &world, 1.0, Measure::Min, 4.0, 1.0);
         let limits = TreeLimits { nodes: 1 << 16, elevation_leaves: 1 << 12 };
         let mut out = vec![TreeNode::zeroed(); 1 << 16];

@@ -1,6 +1,8 @@
 //! Why the generator gives up.
 
+use terravision_common::camera::CameraError;
 use terravision_common::database::DatabaseError;
+use terravision_common::ids::FrameNumber;
 use terravision_common::rate::BadSettings;
 use terravision_common::shm::{ShmError, WaitError};
 use terravision_common::stage::StageError;
@@ -11,34 +13,52 @@ use terravision_common::stage::StageError;
 pub enum GeneratorError {
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// Why.
+        #[from]
+        source: DatabaseError,
+    },
     /// A segment cannot be opened.
     #[error(transparent)]
-    Shm(#[from] ShmError),
+    Shm {
+        /// Why.
+        #[from]
+        source: ShmError,
+    },
     /// The run ended.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
     /// The rate control cannot work with the run's settings.
     #[error(transparent)]
-    Rate(#[from] BadSettings),
+    Rate {
+        /// Which of them.
+        #[from]
+        source: BadSettings,
+    },
     /// The launcher sent another frame than the next.
     #[error("the launcher sent the camera of frame {found}, expected frame {expected}")]
     WrongFrame {
         /// The frame that was sent.
-        found: u64,
+        found: FrameNumber,
         /// The next one.
-        expected: u64,
+        expected: FrameNumber,
     },
     /// The launcher sent a camera that is not valid.
-    #[error("frame {frame} has no valid camera: a number in it is not finite or out of range")]
+    #[error("frame {frame} has no valid camera: {source}")]
     BadCamera {
         /// Its frame.
-        frame: u64,
+        frame: FrameNumber,
+        /// What is wrong with it, or with a view that it carries.
+        source: CameraError,
     },
 }
 
 impl StageError for GeneratorError {
     fn is_stopping(&self) -> bool {
-        matches!(self, Self::Wait(wait) if wait.is_stopping())
+        matches!(self, Self::Wait { source } if source.is_stopping())
     }
 }

@@ -8,7 +8,7 @@
 use crate::error::GeneratorError;
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent, monotonic_nanos};
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::rate::{RateController, Resolutions};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Control;
@@ -23,7 +23,7 @@ const CAMERA_PATIENCE: f64 = 0.25;
 /// The frame to make.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Due {
-    pub(crate) frame: u64,
+    pub(crate) frame: FrameNumber,
     pub(crate) camera: Camera,
     pub(crate) resolutions: Resolutions,
 }
@@ -32,10 +32,10 @@ pub(crate) struct Due {
 #[derive(Debug)]
 pub(crate) struct Pace {
     controller: Option<RateController>,
-    /// Frames begun.
-    sequence: u64,
-    /// Frames whose time is known.
-    measured: u64,
+    /// The last frame that was begun.
+    begun: Sequence,
+    /// The last frame of which the time is known.
+    measured: Sequence,
     last: Option<Camera>,
     generate_nanos: u64,
 }
@@ -44,12 +44,12 @@ impl Pace {
     pub(crate) fn new(config: &RunConfig) -> Self {
         // Invalid settings are reported when the first frame is due.
         let controller = config.rate_settings().and_then(|settings| RateController::new(settings).ok());
-        Self { controller, sequence: 0, measured: 0, last: None, generate_nanos: 0 }
+        Self { controller, begun: Sequence::NONE, measured: Sequence::NONE, last: None, generate_nanos: 0 }
     }
 
-    /// Continues after `begun` frames that earlier generators of the run have begun.
-    pub(crate) fn resume(&mut self, begun: u64) {
-        self.sequence = begun;
+    /// The last frame that generators before this one have begun.
+    pub(crate) fn resume(&mut self, begun: Sequence) {
+        self.begun = begun;
     }
 
     /// Takes the time that the generator needed for its newest frame.
@@ -58,23 +58,29 @@ impl Pace {
     }
 
     /// Waits until the next frame is due, which is `next` or a later one.
-    pub(crate) fn next(&mut self, config: &RunConfig, next: u64, control: &Control) -> Result<Due, GeneratorError> {
+    pub(crate) fn next(
+        &mut self,
+        config: &RunConfig,
+        next: FrameNumber,
+        control: &Control,
+    ) -> Result<Due, GeneratorError> {
         if let (Some(settings), None) = (config.rate_settings(), &self.controller) {
             self.controller = Some(RateController::new(settings)?);
         }
-        let (frame, camera) = if self.sequence == 0 {
+        let (frame, camera) = if self.begun == Sequence::NONE {
             (next, control.wait_camera(0, 0)?)
         } else {
-            if self.sequence >= IN_FLIGHT {
-                control.wait_completed(Sequence::new(self.sequence + 1 - IN_FLIGHT))?;
+            if self.begun.get() >= IN_FLIGHT {
+                control.wait_completed(self.begun.next().saturating_sub(IN_FLIGHT))?;
             }
             let clock = Clock { start_nanos: control.wait_clock_start()?, period_nanos: config.period_nanos() };
-            let due = clock.moment(next - config.frames[0]);
+            let due = clock.moment(next.get() - config.frames[0]);
             let camera = control.wait_camera(due, due + (CAMERA_PATIENCE * clock.period_nanos) as u64)?;
             let now = config.frames[0] + clock.frame_at(monotonic_nanos());
-            (now.min(config.frames[1].saturating_sub(1)).max(next), camera)
+            let now = FrameNumber::new(now.min(config.frames[1].saturating_sub(1)));
+            (now.max(next), camera)
         };
-        self.sequence += 1;
+        self.begun = self.begun.next();
         self.measure(control);
         let is_moving = self.last.replace(camera).is_none_or(|last| !last.is_same_view(&camera));
         let wanted = Resolutions { r_z_px: config.r_z_px, r_c_px: config.r_c_px };
@@ -87,8 +93,9 @@ impl Pace {
     /// work in parallel.
     fn measure(&mut self, control: &Control) {
         let (Some(controller), Some(timing)) = (&mut self.controller, control.timing()) else { return };
-        if timing.sequence > self.measured {
-            self.measured = timing.sequence;
+        let sequence = Sequence::new(timing.sequence);
+        if sequence > self.measured {
+            self.measured = sequence;
             let work = timing.work_nanos.max(control.prepare_nanos()).max(self.generate_nanos);
             controller.measured(timing.r_z_px, work as f64);
         }
@@ -118,7 +125,7 @@ impl Clock {
 pub(crate) fn frame_camera(header: &TreeHeader) -> Event {
     let (r_z_px, r_c_px) = (header.r_z_px as f32, header.r_c_px as f32);
     let event = Event::new(EventContent::FrameCamera { r_z_px, r_c_px });
-    event.of_frame(header.frame).at(header.camera.timestamp_nanos)
+    event.of_frame(FrameNumber::new(header.frame)).at(header.camera.timestamp_nanos)
 }
 
 #[cfg(test)]

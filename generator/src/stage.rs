@@ -7,6 +7,7 @@ use bytemuck::Zeroable;
 use terravision_common::camera::Camera;
 use terravision_common::database::Index;
 use terravision_common::event::{SpanName, monotonic_nanos};
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
 use terravision_common::run::RunConfig;
 use terravision_common::shm::{CameraRecord, Layout, ShmError, Stage, WaitError};
@@ -22,7 +23,7 @@ pub struct Generator<R> {
     ranges: R,
     traversal: Traversal,
     config: RunConfig,
-    next_frame: u64,
+    next_frame: FrameNumber,
     pace: Pace,
 }
 
@@ -35,7 +36,7 @@ impl<R: HeightRanges> Generator<R> {
             ranges,
             traversal: Traversal::new(world, limits),
             config: config.clone(),
-            next_frame: config.frames[0],
+            next_frame: config.frame_numbers().start,
             pace: Pace::new(config),
         }
     }
@@ -46,12 +47,12 @@ impl<R: HeightRanges> Generator<R> {
     /// The ring of cameras is corrupt.
     pub fn resume(&mut self, Ports { cameras, trees, .. }: &mut Ports) -> Result<(), ShmError> {
         let Some(last) = trees.last_header() else { return Ok(()) };
-        let [first, end] = self.config.frames;
         // It is impossible to continue after something that is not a frame of the run.
-        if (first..end).contains(&last.frame) {
-            self.next_frame = last.frame + 1;
+        let last_frame = FrameNumber::new(last.frame);
+        if self.config.frame_numbers().contains(&last_frame) {
+            self.next_frame = last_frame.next();
         }
-        self.pace.resume(trees.published());
+        self.pace.resume(Sequence::new(trees.published()));
         // Killed between the tree and giving back its camera?
         if cameras.try_take()?.is_some_and(|record| record.frame == last.frame) {
             cameras.give_back(cameras.position());
@@ -64,7 +65,7 @@ impl<R: HeightRanges> Generator<R> {
     /// Whether frames of the run are still to come.
     #[must_use]
     pub fn has_next(&self) -> bool {
-        self.next_frame < self.config.frames[1]
+        self.next_frame < self.config.frame_numbers().end
     }
 
     /// Waits for the next camera (in realtime mode, for the moment of the next frame), searches its
@@ -82,23 +83,21 @@ impl<R: HeightRanges> Generator<R> {
         } else {
             // The camera stays in its ring until the tree is published.
             let CameraRecord { frame, camera } = cameras.take(control)?;
+            let frame = FrameNumber::new(frame);
             if frame != self.next_frame {
                 return Err(GeneratorError::WrongFrame { found: frame, expected: self.next_frame });
             }
-            (frame, camera)
+            (frame, Camera::new(camera).map_err(|source| GeneratorError::BadCamera { frame, source })?)
         };
-        if !camera.is_valid() || !self.config.views(&camera).cameras().all(Camera::is_valid) {
-            return Err(GeneratorError::BadCamera { frame });
-        }
-        self.next_frame = frame + 1;
+        let views = self.config.views(&camera).map_err(|source| GeneratorError::BadCamera { frame, source })?;
+        self.next_frame = frame.next();
         let mut half = trees.begin(control)?;
         let started_nanos = monotonic_nanos();
-        let views = self.config.views(&camera);
         let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
         let stats = self.traversal.build(&views, &level, &self.ranges, half.nodes_mut());
         let header = TreeHeader {
-            frame,
-            camera,
+            frame: frame.get(),
+            camera: *camera.fields(),
             r_z_px,
             r_c_px,
             node_count: stats.node_count,
@@ -116,7 +115,7 @@ impl<R: HeightRanges> Generator<R> {
             events.tell(control, realtime::frame_camera(&header));
         }
         control.heartbeat(Stage::Generator);
-        tracing::trace!(frame, nodes = stats.node_count, r_z_px, r_c_px, "tree");
+        tracing::trace!(frame = frame.get(), nodes = stats.node_count, r_z_px, r_c_px, "tree");
         Ok(stats)
     }
 }
@@ -136,7 +135,7 @@ pub fn run(run: &StageRun) -> Result<(), GeneratorError> {
     let limits = TreeLimits { nodes: ports.trees.capacity(), elevation_leaves: layout.elevation_arrays() };
     let mut generator = Generator::new(world, index.ranges(), config, limits);
     generator.resume(&mut ports)?;
-    tracing::debug!(next_frame = generator.next_frame, nodes = limits.nodes, "generates trees");
+    tracing::debug!(next_frame = generator.next_frame.get(), nodes = limits.nodes, "generates trees");
     while generator.has_next() {
         generator.frame(&mut ports)?;
     }

@@ -3,24 +3,21 @@
 
 use bytemuck::Zeroable;
 use std::sync::Arc;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::Sequence;
-use terravision_common::level::Measure;
 use terravision_common::rate::FrameTiming;
-use terravision_common::run::{
-    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
-};
+use terravision_common::run::{RealtimeConfig, RunConfig};
 use terravision_common::shm::{CameraRecord, Consumer, Control, Producer, RunState, TreeReader, memory};
 use terravision_common::stage::{Events, StageError};
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
-use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::TreeLimits;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::{World, WorldFields};
 use terravision_generator::GeneratorError;
 use terravision_generator::ports::Ports;
 use terravision_generator::stage::Generator;
+use terravision_testkit::runs::config;
 use terravision_testkit::worlds::fields;
 
 const NODES: u32 = 8192;
@@ -29,44 +26,8 @@ fn world() -> World {
     World::new(WorldFields { finest_color_level: 1, ..fields([2000, 1500], 10.0, [16, 128]) }).expect("valid")
 }
 
-fn config(frames: [u64; 2]) -> RunConfig {
-    RunConfig {
-        run_id: "tv-1-1".to_owned(),
-        world: "/nowhere".into(),
-        database: DatabaseConfig::folder("/nowhere".as_ref()),
-        width: 640,
-        height: 360,
-        fps: 30.0,
-        frames,
-        r_z_px: 10.0,
-        r_c_px: 1.0,
-        measure: Measure::Area,
-        exaggeration: 1.0,
-        texels: TexelFormat::Rgba8,
-        decoder_threads: 1,
-        prefetch: PrefetchConfig::EXACT,
-        render: RenderConfig {
-            technique: TechniqueChoice::Mesh,
-            rays: RaysChoice::Mipmap,
-            sky_rgb: [0; 3],
-            samples: 1,
-            skirt_low_m: None,
-            has_tree_overlay: false,
-            has_validation: false,
-            frames_in_flight: 2,
-            sink: SinkConfig::Null,
-            depth: Vec::new(),
-            ground: Vec::new(),
-            share: None,
-            made_up: Default::default(),
-        },
-        realtime: None,
-        rig: None,
-    }
-}
-
 fn camera(k: u64) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [3000.0 + 20.0 * k as f64, 2000.0, 900.0],
         heading_rad: 0.02 * k as f64,
         pitch_rad: -0.4,
@@ -75,7 +36,8 @@ fn camera(k: u64) -> Camera {
         width: 640,
         height: 360,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 struct Sides {
@@ -108,6 +70,10 @@ fn generator(config: &RunConfig) -> Generator<SyntheticTerrain> {
 
 impl Sides {
     fn send(&mut self, frame: u64, camera: Camera) {
+        self.send_fields(frame, *camera.fields());
+    }
+
+    fn send_fields(&mut self, frame: u64, camera: CameraFields) {
         self.cameras.push(&CameraRecord { frame, camera }, &self.control).expect("room");
     }
 
@@ -124,13 +90,13 @@ fn cameras_become_trees_in_order() {
         let nodes = sides.frame().expect("a tree");
         let tree = sides.trees.next(&sides.control).expect("published");
         let header = *tree.header();
-        assert_eq!((header.frame, header.camera, header.node_count), (30 + k, camera(k), nodes));
+        assert_eq!((header.frame, header.camera, header.node_count), (30 + k, *camera(k).fields(), nodes));
         assert_eq!((header.r_z_px, header.r_c_px, header.is_cut_short), (10.0, 1.0, 0));
         assert!(nodes > 20 && tree.len() == nodes as usize && header.started_nanos <= header.finished_nanos);
         assert_eq!(tree[0].id(), Some(world().root()));
     }
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
-    assert_eq!(told.iter().map(|e| e.frame).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
+    assert_eq!(told.iter().map(|e| e.frame().get()).collect::<Vec<_>>(), (30..50).collect::<Vec<_>>());
     let span = EventContent::Span { name: SpanName::Generate, node: None };
     assert!(told.iter().all(|event| event.content() == Some(span)));
 }
@@ -164,10 +130,12 @@ fn a_generator_after_another_goes_on_behind_its_trees() {
 fn what_is_no_camera_or_not_the_next_is_refused() {
     let mut wrong = sides([30, 50]);
     wrong.send(31, camera(0));
-    assert!(matches!(wrong.frame(), Err(GeneratorError::WrongFrame { found: 31, expected: 30 })));
+    let refused = wrong.frame().expect_err("refused").to_string();
+    assert_eq!(refused, "the launcher sent the camera of frame 31, expected frame 30");
     let mut bad = sides([30, 50]);
-    bad.send(30, Camera { pitch_rad: f64::NAN, ..camera(0) });
-    assert!(matches!(bad.frame(), Err(GeneratorError::BadCamera { frame: 30 })));
+    bad.send_fields(30, CameraFields { pitch_rad: f64::NAN, ..*camera(0).fields() });
+    let refused = bad.frame().expect_err("refused").to_string();
+    assert_eq!(refused, "frame 30 has no valid camera: its pitch is NaN, expected a finite angle");
 }
 
 #[test]
@@ -203,7 +171,7 @@ impl Sides {
     fn next(&mut self) -> (u64, Camera, f64) {
         self.frame().expect("a tree");
         let tree = self.trees.next(&self.control).expect("published");
-        (tree.header().frame, tree.header().camera, tree.header().r_z_px)
+        (tree.header().frame, Camera::new(tree.header().camera).expect("valid"), tree.header().r_z_px)
     }
 }
 
@@ -225,7 +193,7 @@ fn against_the_clock_frames_whose_moment_has_passed_are_left_out_but_the_last() 
     assert!(!sides.generator.has_next());
     let told: Vec<Event> = std::iter::from_fn(|| sides.events.try_pop().expect("not corrupt")).collect();
     let is_camera = |event: &&Event| matches!(event.content(), Some(EventContent::FrameCamera { .. }));
-    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame).collect();
+    let cameras: Vec<u64> = told.iter().filter(is_camera).map(|event| event.frame().get()).collect();
     assert_eq!(cameras, [30, 32, 34]);
 }
 

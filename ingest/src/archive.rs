@@ -1,5 +1,5 @@
-//! Levels to tiles in PMTiles v3 archives, in the order that the format likes: by zoom, then along
-//! the Hilbert curve.
+//! Writes levels as tiles to PMTiles v3 archives, in the order that the format prefers: by zoom,
+//! then along the Hilbert curve.
 
 use crate::IngestError;
 use crate::nested::Nodes;
@@ -18,11 +18,11 @@ use terravision_common::database::{
 use terravision_common::node::NodeId;
 use terravision_common::world::{COLOR_BORDER, World};
 
-/// Tiles along a side of what is read at a time: an aligned square, so a contiguous run of the
-/// Hilbert curve.
+/// Side, in tiles, of the blocks that are read at a time: an aligned square, so that it is a
+/// contiguous run of the Hilbert curve.
 const RUN: u32 = 8;
 
-/// What an archive says about itself to other programs.
+/// Metadata of an archive for other programs.
 #[derive(Debug, Clone)]
 pub struct ArchiveInfo {
     /// Longitude and latitude of the bounds: west, south, east, north, degrees; zeros when unknown.
@@ -31,12 +31,12 @@ pub struct ArchiveInfo {
     pub metadata: String,
 }
 
-/// A tile: where it is, its bytes, and what makes it equal to others, if it is one of many.
+/// A tile: its coordinates, its bytes, and a key for identical tiles, if there are many.
 pub(crate) type Tile = (TileCoord, Vec<u8>, Option<u64>);
 
-/// A tile that is to be made: its id, where it is in the archive, and its column and row from the
-/// south west.
-pub(crate) type Place = (u64, TileCoord, [u32; 2]);
+/// A tile to be made: its id, its coordinates in the archive, and its column and row from the south
+/// west.
+pub(crate) type TilePlace = (u64, TileCoord, [u32; 2]);
 
 type Writer = PmTilesStreamWriter<File, CallerKey<u64>>;
 
@@ -77,7 +77,7 @@ fn tile_id(world: &World, m: u32, n: u32, q: u8) -> Option<(TileCoord, u64)> {
 }
 
 /// Tiles of a run that exist: column and row within the level, in order along the curve.
-fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2], nodes: Option<&Nodes>) -> Vec<Place> {
+fn tiles_of_run(world: &World, q: u8, [m0, n0]: [u32; 2], nodes: Option<&Nodes>) -> Vec<TilePlace> {
     let [columns, rows] = world.nodes_at(q);
     let mut tiles = Vec::new();
     for n in n0..(n0 + RUN).min(rows) {
@@ -101,7 +101,7 @@ pub(crate) fn write(
     nodes: Option<&Nodes>,
     info: &ArchiveInfo,
     work: &Work,
-    make: impl Fn(u8, [u32; 2], Vec<Place>) -> io::Result<Vec<Tile>> + Sync,
+    make: impl Fn(u8, [u32; 2], Vec<TilePlace>) -> io::Result<Vec<Tile>> + Sync,
 ) -> Result<ArchiveRecord, IngestError> {
     let fail = pmtiles_error(path);
     let file = File::create(path).map_err(output(path))?;
@@ -144,7 +144,8 @@ pub(crate) fn write(
 }
 
 /// Writes the elevation archive. `levels[k]` is level `finest_elevation_level + k`, without voids;
-/// `validity[k]` has the shares of its posts, where there were some; of `nodes`, or of all.
+/// `validity[k]` has the shares of its posts, if there are voids. Only `nodes` are written, or all
+/// if `None`.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
@@ -183,7 +184,7 @@ fn cut<T: Copy>(values: &[T], width: usize, at: [usize; 2], posts: usize) -> Vec
     (0..posts).flat_map(|j| &values[(at[1] + j) * width + at[0]..][..posts]).copied().collect()
 }
 
-/// A tile of heights and of shares; without shares all is measured.
+/// A tile of heights and shares; without shares everything was measured.
 fn elevation_tile(coord: TileCoord, heights: &[f32], shares: &[Shares], posts: usize) -> Tile {
     let (first, share) = (heights[0], shares.first().copied().unwrap_or([255; 2]));
     let is_level = heights.iter().all(|h| *h == first) && shares.iter().all(|s| *s == share);
@@ -198,11 +199,12 @@ fn elevation_tile(coord: TileCoord, heights: &[f32], shares: &[Shares], posts: u
 }
 
 /// Columns and rows of tiles that a run needs.
-fn tiles_size(tiles: &[Place], run: [u32; 2]) -> [usize; 2] {
+fn tiles_size(tiles: &[TilePlace], run: [u32; 2]) -> [usize; 2] {
     [0, 1].map(|a| tiles.iter().map(|(_, _, at)| (at[a] - run[a]) as usize + 1).max().unwrap_or(0))
 }
 
-/// Writes the colour archive. `levels[k]` is level `finest_color_level + k`; of `nodes`, or of all.
+/// Writes the colour archive. `levels[k]` is level `finest_color_level + k`. Only `nodes` are
+/// written, or all if `None`.
 ///
 /// # Errors
 /// [`IngestError::Output`], interruption.
@@ -247,8 +249,9 @@ pub fn encode_color_tile(picture: &[Rgb], side: u16, quality: u8) -> io::Result<
     let mut bytes = Vec::with_capacity(usize::from(side) * usize::from(side) / 4);
     let mut encoder = Encoder::new(&mut bytes, quality);
     encoder.set_sampling_factor(SAMPLING);
-    // Not the optimised Huffman tables: with them and halved colour zune-jpeg 0.5.15 decodes
-    // stripes (ffmpeg and libjpeg read the same bytes well), and they save some per cent only.
+    // Without optimised Huffman tables: with them and subsampled colour, zune-jpeg 0.5.15 decodes
+    // stripes (ffmpeg and libjpeg decode the same bytes correctly), and they save only a few per
+    // cent.
     encoder.set_optimized_huffman_tables(false);
     encoder.encode(bytemuck::cast_slice(picture), side, side, ColorType::Rgb).map_err(io::Error::other)?;
     seal_color_tile(&mut bytes);

@@ -48,7 +48,7 @@ pub enum IngestError {
     DiskSpace {
         /// What is needed.
         needed_bytes: u64,
-        /// What is there.
+        /// What is free.
         free_bytes: u64,
         /// The folder.
         path: PathBuf,

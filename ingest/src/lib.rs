@@ -7,16 +7,16 @@
 //!             └─ voids: tint from elevation                                          manifest.json last
 //! ```
 //!
-//! * [`job`]: the whole of it. [`source`]: rasters, where they lie, what their samples mean.
-//!   [`plan`]: the world's geometry.
+//! * [`job`]: a complete ingest. [`source`]: rasters, their positions, and the meaning of their
+//!   samples. [`plan`]: the world's geometry.
 //! * [`sample`]: from sources to the finest level. [`pyramid`]: the other levels, voids. [`tint`]:
 //!   colour from elevation.
-//! * [`store`]: levels as they lie on disk meanwhile, so that memory is bounded. [`work`]: threads,
-//!   in order and not.
-//! * `nested`: the same for sources of different spacings, whose finest levels are only where the
-//!   data are.
-//! * [`archive`], [`ranges`], [`lonlat`]: what is left in the end. [`synth`]: a mountain world;
-//!   [`sparse`]: worlds for tests.
+//! * [`store`]: levels in temporary files, so that memory is bounded. [`work`]: threads, with and
+//!   without order.
+//! * `nested`: the same for sources of different spacings, whose finest levels exist only where
+//!   there are data.
+//! * [`archive`], [`ranges`], [`lonlat`]: the parts of the resulting database. [`synth`]: a
+//!   mountain world; [`sparse`]: worlds for tests.
 //!
 //! Every block of every level is a pure function of its position: the bytes are the same for any
 //! number of threads.

@@ -1,28 +1,28 @@
-//! Where longitudes and latitudes lie in a database's CRS, for programs without PROJ.
+//! Conversion of longitudes and latitudes to a database's CRS, for programs without PROJ.
 //!
-//! PROJ decides here, as it does for sources: with its datum shifts, its grids, and its choice
-//! among operations. What `proj4rs` misses of that is tabulated over the world, if it misses
-//! anything ([`LonLatTable`]).
+//! PROJ is the reference, as for sources: with its datum shifts, its grids, and its choice of
+//! operations. The difference between PROJ and `proj4rs`, if there is any, is tabulated over the
+//! world ([`LonLatTable`]).
 
 use crate::source::TargetCrs;
 use crate::source::raster::traditional;
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
-use terravision_common::lonlat::{LonLatTable, MAX_SIDE, Plane, WGS84_LONLAT, lonlat_of_body, without_datum};
+use terravision_common::lonlat::{LonLatTable, MAX_SIDE, Projection, WGS84_LONLAT, lonlat_of_body, without_datum};
 use terravision_common::world::World;
 
-/// Where `proj4rs` alone is nearer to PROJ than this, metres, no table is needed.
+/// If `proj4rs` alone is closer to PROJ than this, metres, no table is needed.
 const TOLERANCE_M: f64 = 0.1;
-/// A table is refined until its error is below this, metres, or it has as many nodes as a table may
-/// have.
+/// A table is refined until its error is below this, metres, or it has the maximum number of nodes.
 const WANTED_ERROR_M: f64 = 0.01;
 /// A table with a larger error, metres, is taken only if no other plane gives a better one.
 const FAIR_ERROR_M: f64 = 1.0;
-/// How far the table reaches beyond the world, in its longer sides: cameras fly outside too.
+/// Margin of the table around the world, as a share of its longer side, because cameras fly outside
+/// too.
 const MARGIN: f64 = 0.25;
 /// Points along each side of the world at which places are compared.
 const CHECKS: usize = 9;
 
-/// PROJ's way from longitude and latitude into the database's CRS.
+/// PROJ's transformation from longitude and latitude to the database's CRS.
 struct Truth(CoordTransform);
 
 impl Truth {
@@ -31,10 +31,10 @@ impl Truth {
     }
 }
 
-/// Places elsewhere; `None` for those that have no place there.
+/// Transformed places; `None` for those that cannot be transformed.
 fn transformed(transform: &CoordTransform, places: &[[f64; 2]]) -> Vec<Option<[f64; 2]>> {
     let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.iter().map(|[x, y]| (*x, *y)).unzip();
-    // What cannot be transformed comes back infinite.
+    // Points that cannot be transformed come back infinite.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
     x.into_iter().zip(y).map(|(x, y)| (x.is_finite() && y.is_finite()).then_some([x, y])).collect()
 }
@@ -45,8 +45,8 @@ fn grid(low: [f64; 2], high: [f64; 2], n: usize) -> Vec<[f64; 2]> {
     (0..n * n).map(|k| [at(0, k % n), at(1, k / n)]).collect()
 }
 
-/// The largest distance of places from where they should be; `None` when there are none to compare,
-/// or one has no place.
+/// The largest distance between places and the reference; `None` without places, or if one of them
+/// cannot be transformed.
 fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Option<[f64; 2]>]) -> Option<f64> {
     let mut largest: Option<f64> = None;
     for (place, truth) in places.zip(truth) {
@@ -58,12 +58,11 @@ fn largest_distance(places: impl Iterator<Item = Option<[f64; 2]>>, truth: &[Opt
     largest
 }
 
-/// The table that a world needs; `None` when `proj4rs` finds the same places as PROJ without one,
-/// or PROJ finds none.
+/// The table that a world needs; `None` when `proj4rs` agrees with PROJ, or PROJ cannot transform.
 #[must_use]
 pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let srs = target.srs().ok()?;
-    let proj4 = target.crs.proj4.as_deref().unwrap_or_default();
+    let proj4 = target.crs().proj4.as_deref().unwrap_or_default();
     let lonlat = lonlat_of_body(proj4);
     let geographic = if lonlat == WGS84_LONLAT { SpatialRef::from_epsg(4326).ok()? } else { srs.geog_cs().ok()? };
     let geographic = traditional(geographic);
@@ -73,19 +72,19 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
     let found = transformed(&back, &grid(low, high, CHECKS));
     let checks: Vec<[f64; 2]> = found.into_iter().flatten().filter(|[_, lat]| lat.abs() <= 90.0).collect();
     let places = truth.at(&checks);
-    let from = Plane::parse(&lonlat).ok()?;
+    let from = Projection::parse(&lonlat).ok()?;
 
-    let plain = match target.crs.proj4.as_deref() {
-        Some(text) => Plane::parse(text).ok(),
-        None => target.crs.epsg.and_then(Plane::of_epsg),
+    let plain = match target.crs().proj4.as_deref() {
+        Some(text) => Projection::parse(text).ok(),
+        None => target.crs().epsg.and_then(Projection::of_epsg),
     };
-    let off = |plane: &Plane| largest_distance(checks.iter().map(|check| from.to(plane, *check).ok()), &places);
+    let off = |plane: &Projection| largest_distance(checks.iter().map(|check| from.to(plane, *check).ok()), &places);
     let shift_m = plain.as_ref().and_then(off);
     if shift_m.is_some_and(|shift| shift <= TOLERANCE_M) {
         return None;
     }
-    // The world's own projection leaves only the datum's shift to the table. Where `proj4rs` does
-    // not know the projection, or takes it for another, a plane around the world's middle does.
+    // With the world's own projection the table has only the datum shift. If `proj4rs` does not
+    // know the projection, or mistakes it for another, a plane around the world's middle is used.
     let middle = checks.get(checks.len() / 2)?;
     let nearby = lonlat.replacen(
         "+proj=longlat",
@@ -93,7 +92,7 @@ pub fn table(target: &TargetCrs, world: &World) -> Option<LonLatTable> {
         1,
     );
     let own = without_datum(proj4);
-    let shift_m = shift_m.or_else(|| off(&Plane::parse(&own).ok()?)).unwrap_or(0.0);
+    let shift_m = shift_m.or_else(|| off(&Projection::parse(&own).ok()?)).unwrap_or(0.0);
     let mut best: Option<LonLatTable> = None;
     for plane in [own, nearby] {
         let Some(table) = tabulated(&lonlat, plane, &truth, &checks, &places, shift_m) else { continue };
@@ -116,7 +115,7 @@ fn tabulated(
     places: &[Option<[f64; 2]>],
     shift_m: f64,
 ) -> Option<LonLatTable> {
-    let (from, to) = (Plane::parse(lonlat).ok()?, Plane::parse(&plane).ok()?);
+    let (from, to) = (Projection::parse(lonlat).ok()?, Projection::parse(&plane).ok()?);
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for check in checks {
         let place = from.to(&to, *check).ok()?;
@@ -163,8 +162,8 @@ fn tabulated(
 /// The largest error of a table: at the checks over the world, and in the middle of its cells.
 fn table_error(
     table: &LonLatTable,
-    from: &Plane,
-    to: &Plane,
+    from: &Projection,
+    to: &Projection,
     truth: &Truth,
     checks: &[[f64; 2]],
     places: &[Option<[f64; 2]>],
@@ -181,7 +180,7 @@ fn table_error(
     Some(over_the_world.max(in_cells))
 }
 
-/// Gives nodes without an offset (outside of what a projection reaches) that of a neighbour; `None`
+/// Gives nodes without an offset (outside of the projection's domain) that of a neighbour; `None`
 /// when no node has one.
 fn fill(offsets: &mut [Option<[f64; 2]>], side: usize) -> Option<()> {
     while offsets.iter().any(Option::is_none) {
@@ -217,7 +216,7 @@ mod tests {
             origin: middle.map(|v| v - 50.0 * spacing_m),
             ..fields([100; 2], spacing_m, [16, 256])
         });
-        (TargetCrs::new(&parse("test", crs).unwrap()).unwrap(), world.unwrap())
+        (TargetCrs::new(&parse("test", crs).unwrap(), crs).unwrap(), world.unwrap())
     }
 
     #[test]
@@ -231,7 +230,7 @@ mod tests {
         ] {
             let (target, world) = world(crs, place, spacing_m);
             let table = table(&target, &world).unwrap();
-            let (from, to) = (Plane::parse(&table.lonlat).unwrap(), Plane::parse(&table.plane).unwrap());
+            let (from, to) = (Projection::parse(&table.lonlat).unwrap(), Projection::parse(&table.plane).unwrap());
             let [x, y] = table.world_from_plane(from.to(&to, lonlat).unwrap());
             // Which operation PROJ takes depends on its version and its grids, by some metres.
             assert!((x - place[0]).hypot(y - place[1]) < 5.0, "{crs}: {x} {y}");
@@ -248,7 +247,7 @@ mod tests {
         {
             let (target, world) = world(crs, middle, spacing_m);
             let table = table(&target, &world).unwrap();
-            let (from, to) = (Plane::parse(&table.lonlat).unwrap(), Plane::parse(&table.plane).unwrap());
+            let (from, to) = (Projection::parse(&table.lonlat).unwrap(), Projection::parse(&table.plane).unwrap());
             let (wgs84, srs) = (traditional(SpatialRef::from_epsg(4326).unwrap()), target.srs().unwrap());
             let [low, high] = world.crs_bounds().map(|corner| corner.to_array());
             let places = grid(low, high, 14);

@@ -82,7 +82,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Makes a database; what is to be printed about it, fit for a terminal.
+/// Makes a database. Returns the text to be printed about it, safe for a terminal.
 fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, IngestError> {
     tracing::info!(output = %job.output.display(), elevation = job.elevation.len(), color = job.color.len(), "ingest begins");
     job.access.restrict_process(job.elevation.iter().chain(&job.color));
@@ -96,13 +96,14 @@ fn ingest(job: &Job, wants_json: bool, stop: Arc<AtomicBool>) -> Result<String, 
         let text = format!("{:#}", summary(&job.output, &manifest, &notes));
         return Ok(printable_json(&text).into_owned());
     }
+    let made = manifest.fields();
     let line = format!(
         "{}: {} elevation and {} colour tiles, heights {:.1} to {:.1} m",
         job.output.display(),
-        manifest.elevation.archive.tiles,
-        manifest.color.archive.tiles,
-        manifest.elevation.range_m[0],
-        manifest.elevation.range_m[1]
+        made.elevation.archive.tiles,
+        made.color.archive.tiles,
+        made.elevation.range_m[0],
+        made.elevation.range_m[1]
     );
     Ok(printable(&line).into_owned())
 }

@@ -23,7 +23,7 @@ fn range_of<'a>(heights: impl Iterator<Item = &'a f32>) -> Range {
     heights.fold(EMPTY, |r, &h| [r[0].min(h), r[1].max(h)])
 }
 
-/// Nodes along a side of the blocks that are worked on at a time.
+/// Side, in nodes, of the blocks that are processed at a time.
 const BLOCK_NODES: u64 = 8;
 
 /// Ranges of all nodes. `levels[k]` is elevation level `finest_elevation_level + k`.
@@ -57,7 +57,7 @@ pub fn compute(world: &World, levels: &[Level<f32>], folder: &Path, work: &Work)
                 Ok(())
             },
         )?;
-        // What descendants have, a node has; children of level q are complete.
+        // A node's range includes those of its descendants; children of level q are complete.
         if let Some(below) = all.last() {
             let [child_columns, child_rows] = world.nodes_at(q - 1).map(u64::from);
             for n in 0..child_rows {
@@ -72,7 +72,7 @@ pub fn compute(world: &World, levels: &[Level<f32>], folder: &Path, work: &Work)
     NodeRanges::from_parts(world, all).map_err(|e| fail(io::Error::other(e)))
 }
 
-/// Ranges of nodes that exist alone. `levels[k]` is elevation level `finest_elevation_level + k`.
+/// Ranges of only the existing nodes. `levels[k]` is elevation level `finest_elevation_level + k`.
 ///
 /// # Errors
 /// [`IngestError`].

@@ -1,13 +1,12 @@
-//! Sparse worlds for tests: a detailed square in the south west of a plain that can be made as
-//! large as one likes, at next to no cost on disk, since all tiles of the plain are one tile.
+//! Sparse worlds for tests: a detailed square in the south west of a plain of any size, at almost
+//! no cost on disk, because all tiles of the plain are identical.
 //!
-//! The detailed square is the same in worlds of every size, level by level: only what is around it
-//! grows.
+//! The detailed square is the same in worlds of every size, level by level: only its surroundings
+//! grow.
 //!
-//! Or, for load tests, worlds that have no plain and are full of bytes
-//! ([`SparseOptions::is_bulk`]).
+//! Or, for load tests, worlds without a plain and with many bytes ([`SparseOptions::is_bulk`]).
 
-use crate::archive::{self, ArchiveInfo, Place, Tile};
+use crate::archive::{self, ArchiveInfo, Tile, TilePlace};
 use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
@@ -37,8 +36,8 @@ pub struct SparseOptions {
     /// Every colour tile, also of the plain, has the one colour that names its node
     /// ([`name_color`]).
     pub is_named: bool,
-    /// No square in a plain, but terrain and colours everywhere that take many bytes and little
-    /// time.
+    /// Instead of a square in a plain, terrain and colours everywhere that take many bytes and
+    /// little time.
     pub is_bulk: bool,
     /// Texels of the finest colours along the distance of two posts, a power of two.
     pub texels_per_post: u32,
@@ -160,7 +159,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
         color_levels: Vec::new(),
         is_nested: false,
     };
-    let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?)?;
+    let target = TargetCrs::new(&crs::parse("the CRS", "EPSG:32632")?, "EPSG:32632")?;
     let bulk = match options.is_bulk {
         true => Some(Bulk::new(world.color_stored(), QUALITY)),
         false => None,
@@ -205,7 +204,7 @@ pub fn write(folder: &Path, options: SparseOptions, work: &Work) -> Result<Manif
     })
 }
 
-fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> Vec<Tile> {
+fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[TilePlace]) -> Vec<Tile> {
     let (posts, spacing) = (world.elevation_posts(), f64::from(1u32 << q));
     let plain = encode_elevation_tile(&vec![PLAIN_M; (posts * posts) as usize], posts);
     let side = world.node_side(q) as f64;
@@ -226,7 +225,7 @@ fn elevation_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> 
         .collect()
 }
 
-fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[TilePlace]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let texel = world.node_side(q) as f64 / f64::from(world.color_tile());
     let side = world.node_side(q) as f64;
@@ -254,7 +253,7 @@ fn color_tiles(world: &World, content: &Content, q: u8, tiles: &[Place]) -> io::
         .collect()
 }
 
-fn named_tiles(world: &World, q: u8, tiles: &[Place]) -> io::Result<Vec<Tile>> {
+fn named_tiles(world: &World, q: u8, tiles: &[TilePlace]) -> io::Result<Vec<Tile>> {
     let stored = world.color_stored();
     let named = tiles.iter().map(|(_, coord, [m, n])| {
         let node = NodeId::new(*m, *n, q).ok_or_else(|| io::Error::other("the tile is not a node"))?;
@@ -349,7 +348,7 @@ mod tests {
         let mut heights = vec![0.0; (worlds[1].world().elevation_posts() as usize).pow(2)];
         worlds[1].read_elevation(far, &mut heights, &mut scratch).unwrap();
         assert!(heights.iter().all(|h| *h == PLAIN_M));
-        let sizes = worlds.each_ref().map(|db| db.manifest().elevation.archive.bytes);
+        let sizes = worlds.each_ref().map(|db| db.manifest().fields().elevation.archive.bytes);
         assert!(sizes[1] < 2 * sizes[0], "{sizes:?}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -386,7 +385,7 @@ mod tests {
         pictures.sort_unstable();
         pictures.dedup();
         assert_eq!([all.len(), pictures.len()], counts);
-        let bytes = database.manifest().color.archive.bytes / pictures.len() as u64;
+        let bytes = database.manifest().fields().color.archive.bytes / pictures.len() as u64;
         assert!((40_000..90_000).contains(&bytes), "{bytes} bytes a tile");
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -1,8 +1,8 @@
-//! Levels on disk: raw rasters in nameless temporary files, so that memory does not grow with the
+//! Levels on disk: raw rasters in unnamed temporary files, so that memory does not grow with the
 //! world.
 //!
-//! Row 0 is the southernmost. A file has no name from the moment it exists: whatever ends the
-//! process, nothing is left.
+//! Row 0 is the southernmost. Files are unlinked at once, so that nothing is left, however the
+//! process ends.
 
 use bytemuck::Pod;
 use std::fs::{self, File, OpenOptions};
@@ -35,7 +35,7 @@ impl Rect {
         self.size[0] * self.size[1]
     }
 
-    /// It and `by` more on each side.
+    /// The rectangle, extended by `by` on each side.
     #[must_use]
     pub fn grown(&self, by: usize) -> Self {
         let origin = self.origin.map(|v| v - by as i64);

@@ -38,8 +38,8 @@ impl Drop for PanicGuard<'_> {
 }
 
 impl Work {
-    /// Work with so many threads (at least one) for this output. When `stop` becomes true the work
-    /// ends with [`IngestError::Interrupted`]. Progress is shown only when standard error is a
+    /// Work with this many threads (at least one) for this output. When `stop` becomes true the
+    /// work ends with [`IngestError::Interrupted`]. Progress is shown only when standard error is a
     /// terminal.
     #[must_use]
     pub fn new(threads: usize, stop: Arc<AtomicBool>, shows_progress: bool, output: PathBuf) -> Self {

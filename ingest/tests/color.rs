@@ -33,7 +33,7 @@ fn bands(f: impl Fn(usize, usize) -> [u8; 3]) -> Vec<Vec<u8>> {
 /// Compares the finest level, which has the photo's own pixels, with what is expected, `[column,
 /// row]` from the north.
 fn assert_finest(database: &Database, expected: impl Fn(usize, usize) -> [u8; 3], by: u8) {
-    assert_eq!(database.manifest().color.spacing_m, 5.0);
+    assert_eq!(database.manifest().fields().color.spacing_m, 5.0);
     let (texels, width) = colors(database, database.world().finest_color_level());
     for j in 0..80 {
         for i in 0..80 {
@@ -50,7 +50,7 @@ fn a_photo_on_the_lattice_is_copied_and_has_its_north_in_the_north() {
     let (database, notes) = run(&job(&[dem(&folder)], &[photo], folder.path("w.tv"))).unwrap();
     assert_eq!(notes, []);
     assert_finest(&database, smooth, 6);
-    assert!(database.manifest().color.sources[0].is_exact);
+    assert!(database.manifest().fields().color.sources[0].is_exact);
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn a_mask_band_masks() {
     dataset.flush_cache().unwrap();
     dataset.close().unwrap();
     let (database, _) = run(&job(&[dem(&folder)], &[path], folder.path("w.tv"))).unwrap();
-    assert_eq!(database.manifest().color.void_area_m2, 80.0 * 20.0 * 25.0);
+    assert_eq!(database.manifest().fields().color.void_area_m2, 80.0 * 20.0 * 25.0);
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn nodata_is_a_void_only_when_all_bands_say_so() {
     let photo = Tiff { nodata: Some(255.0), ..photo(bands(f)) }.write(&folder.path("photo.tif"));
     let (database, _) = run(&job(&[dem(&folder)], &[photo], folder.path("w.tv"))).unwrap();
     let texels = 80.0 * 40.0 * 25.0;
-    assert_eq!(database.manifest().color.void_area_m2, texels);
+    assert_eq!(database.manifest().fields().color.void_area_m2, texels);
 }
 
 #[test]
@@ -164,8 +164,8 @@ fn without_colour_there_is_a_tint_with_relief() {
     let cone = |i: usize, j: usize| 900.0 - 30.0 * ((i as f32 - 32.0).powi(2) + (j as f32 - 32.0).powi(2)).sqrt();
     let dem = Tiff::utm([65, 65], cone).write(&folder.path("dem.tif"));
     let (database, _) = run(&job(&[dem], &[], folder.path("w.tv"))).unwrap();
-    assert!(database.manifest().color.sources.is_empty());
-    assert_eq!(database.manifest().color.spacing_m, 10.0);
+    assert!(database.manifest().fields().color.sources.is_empty());
+    assert_eq!(database.manifest().fields().color.spacing_m, 10.0);
     let (texels, width) = colors(&database, database.world().finest_color_level());
     let brightness = |i: usize, j: usize| texels[j * width + i].iter().map(|v| u32::from(*v)).sum::<u32>();
     // Light from the north west: that side of the cone is brighter than the other, at the same
@@ -195,7 +195,7 @@ fn colour_much_finer_than_elevation_keeps_its_resolution() {
     let (database, _) = run(&job(&[coarse], &[photo], folder.path("w.tv"))).unwrap();
     let world = database.world();
     assert!(world.finest_elevation_level() > 0 && world.finest_color_level() == 0);
-    assert!(database.manifest().color.spacing_m <= 5.4, "{}", database.manifest().color.spacing_m);
+    assert!(database.manifest().fields().color.spacing_m <= 5.4, "{}", database.manifest().fields().color.spacing_m);
     let node_at = |easting: f64, northing: f64| {
         let origin = world.fields().origin;
         let index = [easting - origin[0], northing - origin[1]].map(|v| (v / world.node_side_m(0)) as u32);

@@ -35,7 +35,7 @@ fn a_raster_on_its_own_lattice_is_copied_to_a_128th_of_a_metre() {
     }
     // Beyond the extent the border is repeated.
     assert_eq!(posts[5 * width + 55], posts[5 * width + 52]);
-    assert!(database.manifest().elevation.sources[0].is_exact);
+    assert!(database.manifest().fields().elevation.sources[0].is_exact);
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn voids_are_filled_and_their_area_is_told() {
     let dem = dem.write(&folder.path("dem.tif"));
     let (database, notes) = run(&job(&[dem], &[], folder.path("w.tv"))).unwrap();
     assert!(matches!(&notes[..], [Note::Info(text)] if text.contains("0.010 km²")), "{notes:?}");
-    assert_eq!(database.manifest().elevation.void_area_m2, 100.0 * 100.0);
+    assert_eq!(database.manifest().fields().elevation.void_area_m2, 100.0 * 100.0);
     let (posts, width) = heights(&database, 0);
     for j in 0..50 {
         for i in 0..60 {
@@ -148,7 +148,7 @@ fn voids_are_holes_or_filled_as_asked_and_their_heights_are_the_same() {
     let void_m2 = wedge_m2 + 100.0 * 20.0 * 15.0;
     let levels = worlds[0].1.world().levels();
     for (voids, database) in &worlds {
-        let manifest = database.manifest();
+        let manifest = database.manifest().fields();
         assert_eq!((manifest.format_version, manifest.elevation.void_area_m2), (2, void_m2));
         let expected = match voids {
             Voids::Fill => 0.0,
@@ -202,7 +202,7 @@ fn undeclared_sentinels_are_voids_with_a_warning_unless_the_user_says_otherwise(
     let dem = Tiff::utm([40, 40], f).write(&folder.path("dem.tif"));
     let (database, notes) = run(&job(std::slice::from_ref(&dem), &[], folder.path("a.tv"))).unwrap();
     assert!(notes.iter().any(|n| matches!(n, Note::Warning(t) if t.contains("--nodata -32768"))), "{notes:?}");
-    assert_eq!(database.manifest().elevation.range_m[0], 404.0 + 1.0);
+    assert_eq!(database.manifest().fields().elevation.range_m[0], 404.0 + 1.0);
     let mut said = job(std::slice::from_ref(&dem), &[], folder.path("b.tv"));
     said.nodata = NodataChoice::Value(-32768.0);
     let (_, notes) = run(&said).unwrap();
@@ -210,7 +210,7 @@ fn undeclared_sentinels_are_voids_with_a_warning_unless_the_user_says_otherwise(
     said.nodata = NodataChoice::OnlyDeclared;
     said.output = folder.path("c.tv");
     let (database, _) = run(&said).unwrap();
-    assert_eq!(database.manifest().elevation.range_m[0], -32768.0);
+    assert_eq!(database.manifest().fields().elevation.range_m[0], -32768.0);
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn a_value_among_its_like_is_no_sentinel() {
     let dem = Tiff::utm([64, 64], |i, j| -10_100.0 + (i * 64 + j) as f32 / 16.0).write(&folder.path("dem.tif"));
     let (database, notes) = run(&job(&[dem], &[], folder.path("w.tv"))).unwrap();
     assert_eq!(notes, []);
-    assert_eq!(database.manifest().elevation.void_area_m2, 0.0);
+    assert_eq!(database.manifest().fields().elevation.void_area_m2, 0.0);
 }
 
 #[test]
@@ -229,12 +229,12 @@ fn feet_become_metres() {
     let mut feet = job(&[dem], &[], folder.path("w.tv"));
     feet.elevation_unit_m = Some(0.3048);
     let (database, _) = run(&feet).unwrap();
-    assert!((database.manifest().elevation.range_m[0] - 304.8).abs() < 0.005);
+    assert!((database.manifest().fields().elevation.range_m[0] - 304.8).abs() < 0.005);
     // A compound CRS says so by itself: NAD83 / UTM 11N with NAVD88 heights in US survey feet.
     let compound = Tiff { crs: Some("EPSG:26911+6360"), ..Tiff::utm([20, 20], |i, _| 1000.0 + i as f32) };
     let dem = compound.write(&folder.path("compound.tif"));
     let (database, notes) = run(&job(&[dem], &[], folder.path("c.tv"))).unwrap();
-    assert!((database.manifest().elevation.range_m[0] - 304.8006).abs() < 0.005, "{notes:?}");
+    assert!((database.manifest().fields().elevation.range_m[0] - 304.8006).abs() < 0.005, "{notes:?}");
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn degrees_are_resampled_into_the_utm_zone() {
     let dem = dem.write(&folder.path("dem.tif"));
     let (database, notes) = run(&job(&[dem], &[], folder.path("w.tv"))).unwrap();
     assert!(matches!(&notes[0], Note::Info(text) if text.contains("UTM zone 32N")), "{notes:?}");
-    assert_eq!(database.manifest().crs.epsg, Some(32632));
+    assert_eq!(database.manifest().fields().crs.epsg, Some(32632));
     // By gdaltransform: where the sample in column 3, row 100 lies in UTM.
     let [ox, oy] = database.world().fields().origin;
     let (x, y) = (500_063.387_474 - ox, 5_202_077.274_313 - oy);

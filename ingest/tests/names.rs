@@ -80,7 +80,7 @@ fn archives_and_folders_of_tiles_are_layers() {
     let (database, notes) = run(&job(std::slice::from_ref(&two), &[], folder.path("two.tv"))).unwrap();
     assert!(matches!(&notes[0], Note::Info(t) if t.contains("a.tif, b.tif")), "{notes:?}");
     assert_eq!(database.world().extent(), [119, 49]);
-    let named: Vec<_> = database.manifest().elevation.sources.iter().map(|s| s.file.as_str()).collect();
+    let named: Vec<_> = database.manifest().fields().elevation.sources.iter().map(|s| s.file.as_str()).collect();
     assert_eq!(named, ["a.tif", "b.tif"]);
     let (database, _) = run(&job(&[one], &[], folder.path("one.tv"))).unwrap();
     assert_eq!(database.world().extent(), [59, 49]);
@@ -140,7 +140,7 @@ fn server(file: Vec<u8>) -> (u16, Arc<AtomicUsize>) {
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
             counter.fetch_add(1, Ordering::SeqCst);
-            // A client that has gone is no matter.
+            // A client that has disconnected does not matter.
             answer(stream, &file).ok();
         }
     });
@@ -265,7 +265,7 @@ fn a_file_that_is_a_list_of_others_is_opened_only_by_that_name() {
     write("deep.vrt", &simple_vrt("tiles/a.tif"));
     let (text, is_made) = ingest(&folder, &write("good.vrt", &simple_vrt("deep.vrt")), &[]);
     assert!(is_made, "{text}");
-    // In an archive nobody looks into it.
+    // In an archive it is not opened.
     let bytes = fs::read(inner.join("absolute.vrt")).unwrap();
     zip(&folder.path("vrt.zip"), &[("dem.tif", bytes.clone()), ("dem.vrt", bytes)]);
     for name in ["vrt.zip/dem.tif", "vrt.zip/dem.vrt"] {
@@ -362,18 +362,18 @@ fn bounds_make_a_world_of_a_country() {
     let (italy, notes) = world("italy.tv", [6.6, 35.5, 18.6, 47.1]);
     assert!(matches!(&notes[0], Note::Info(text) if text.contains("around the data")), "{notes:?}");
     // Longitudes 6.6 to 18.6: heights of 66 to 186, and latitudes on top.
-    let [low, high] = italy.manifest().elevation.range_m;
+    let [low, high] = italy.manifest().fields().elevation.range_m;
     assert!((60.0..110.0).contains(&low) && (220.0..260.0).contains(&high), "{low} to {high}");
     let [width, height] = italy.world().extent_m();
     assert!((9.5e5..1.25e6).contains(&width) && (1.2e6..1.45e6).contains(&height), "{width} x {height}");
-    assert_eq!(italy.manifest().elevation.void_area_m2, 0.0);
+    assert_eq!(italy.manifest().fields().elevation.void_area_m2, 0.0);
 
     // Across the date line: both sides of it, and nothing of the rest.
     let (fiji, _) = world("fiji.tv", [175.0, -20.0, -175.0, -15.0]);
     let [width, _] = fiji.world().extent_m();
     // Ten degrees at 15 to 20 degrees of latitude, and a post of 54 km at either end at most.
     assert!((1.05e6..1.18e6).contains(&width), "{width}");
-    assert_eq!(fiji.manifest().elevation.void_area_m2, 0.0);
+    assert_eq!(fiji.manifest().fields().elevation.void_area_m2, 0.0);
 
     let mut beside = job(&[tile(&folder, "tile.tif", 0.0)], &[], folder.path("beside.tv"));
     beside.region = Some(Region::new([20.0, 10.0, 21.0, 11.0], None).unwrap());
@@ -391,7 +391,7 @@ fn bounds_in_the_files_own_plane_keep_its_samples() {
     assert_eq!(notes, []);
     let fields = database.world().fields();
     assert_eq!((fields.origin, fields.extent), ([500_095.0, 5_199_695.0], [21, 16]));
-    assert!(database.manifest().elevation.sources[0].is_exact);
+    assert!(database.manifest().fields().elevation.sources[0].is_exact);
     let (posts, width) = support::heights(&database, 0);
     for (i, j) in (0..22).flat_map(|i| (0..17).map(move |j| (i, j))) {
         // Row 0 of the world is row 30 from the top of the file.

@@ -45,7 +45,7 @@ fn fine(folder: &TestFolder) -> PathBuf {
 }
 
 fn tiles(database: &Database) -> [u64; 2] {
-    [database.manifest().elevation.archive.tiles, database.manifest().color.archive.tiles]
+    [database.manifest().fields().elevation.archive.tiles, database.manifest().fields().color.archive.tiles]
 }
 
 fn bytes(folder: &Path) -> u64 {
@@ -86,7 +86,7 @@ fn fine_data_in_coarse_data_cost_what_both_hold_and_no_step_shows() {
     });
     let (both, notes) = run(&job(&[fine, coarse], &[], folder.path("both.tv"))).unwrap();
     assert_eq!(
-        (both.manifest().format_version, both.manifest().features.as_slice()),
+        (both.manifest().fields().format_version, both.manifest().fields().features.as_slice()),
         (2, &["sparse-levels".to_owned()][..])
     );
     assert!(notes.iter().any(|note| format!("{note:?}").contains("only where")), "{notes:?}");
@@ -100,7 +100,10 @@ fn fine_data_in_coarse_data_cost_what_both_hold_and_no_step_shows() {
         assert!(found > alone[0].0[layer]);
     }
     assert!(bytes(both.path()) < 3 * (alone[0].1 + alone[1].1), "{} bytes, {alone:?}", bytes(both.path()));
-    assert!(both.manifest().elevation.void_area_m2 < 1.0, "the void of the fine data is filled from the coarse ones");
+    assert!(
+        both.manifest().fields().elevation.void_area_m2 < 1.0,
+        "the void of the fine data is filled from the coarse ones"
+    );
 
     // Across the border of the fine data and through their void, metre by metre.
     let world = both.world();

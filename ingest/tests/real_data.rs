@@ -12,7 +12,7 @@ mod support;
 use std::fs;
 use std::path::PathBuf;
 use support::{TestFolder, Tiff, error_line, program};
-use terravision_common::database::{Database, Manifest};
+use terravision_common::database::{Database, ManifestFields};
 
 fn data(name: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os("TERRAVISION_DATA") else {
@@ -25,7 +25,7 @@ fn data(name: &str) -> Option<PathBuf> {
 }
 
 /// Ingests with the program: elevation, colour, more arguments. The manifest, and what was said.
-fn ingest(elevation: &str, color: Option<&str>, more: &[&str]) -> Option<(Manifest, String)> {
+fn ingest(elevation: &str, color: Option<&str>, more: &[&str]) -> Option<(ManifestFields, String)> {
     let folder = TestFolder::new();
     let world = folder.path("w.tv");
     let elevation = data(elevation)?;
@@ -38,10 +38,10 @@ fn ingest(elevation: &str, color: Option<&str>, more: &[&str]) -> Option<(Manife
     let output = program(&arguments);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{said}");
-    Some((Database::open(&world).unwrap().manifest().clone(), said))
+    Some((Database::open(&world).unwrap().manifest().fields().clone(), said))
 }
 
-fn assert_range(manifest: &Manifest, low: f64, high: f64, by: f64) {
+fn assert_range(manifest: &ManifestFields, low: f64, high: f64, by: f64) {
     let [found_low, found_high] = manifest.elevation.range_m;
     assert!((found_low - low).abs() <= by && (found_high - high).abs() <= by, "{found_low} to {found_high}");
 }
@@ -135,7 +135,7 @@ fn a_crop_of_the_globe_gets_a_plane_of_its_own() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.contains("Transverse Mercator"), "{said}");
-    let manifest = Database::open(&world).unwrap().manifest().clone();
+    let manifest = Database::open(&world).unwrap().manifest().fields().clone();
     // A peak of one sample is lower on a lattice of another phase (gdalwarp -r cubic: 260 m lower).
     assert_range(&manifest, f64::from(lowest), f64::from(highest), 450.0);
     assert_eq!(manifest.body.name, "Earth");

@@ -1,4 +1,4 @@
-//! `--voids clip`: what lies beyond files and at their corners is no ground, a gap within one is
+//! `--voids clip`: areas beyond files and at their corners become holes, a gap within a file is
 //! filled wherever it lies.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -19,7 +19,7 @@ fn world(folder: &TestFolder, files: &[PathBuf]) -> Database {
 
 /// Areas without data and without ground.
 fn areas_m2(database: &Database) -> [f64; 2] {
-    let elevation = &database.manifest().elevation;
+    let elevation = &database.manifest().fields().elevation;
     [elevation.void_area_m2, elevation.voids.map_or(0.0, |voids| voids.hole_area_m2)]
 }
 

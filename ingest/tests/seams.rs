@@ -95,11 +95,11 @@ fn summits_and_pits_are_kept_and_a_step_does_not_ring() {
     let file = sheet(&folder, "step.tif", [0, 0], [2 * SIDE; 2], height);
     let database = resampled(&folder, "step.tv", &[file], 10.4, Some("EPSG:32633"));
     let heights = finest_heights(&database);
-    assert_eq!(database.manifest().elevation.range_m, [300.0, 690.0]);
+    assert_eq!(database.manifest().fields().elevation.range_m, [300.0, 690.0]);
     // 390 m on the lower side, 510 m in the pit of the upper one.
     let has = |height: f32| heights.contains(&height);
     assert!(has(390.0) && has(510.0));
-    assert_eq!(database.manifest().elevation.source_range_m, None);
+    assert_eq!(database.manifest().fields().elevation.source_range_m, None);
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn what_a_coarser_spacing_takes_off_a_summit_is_told() {
     let base = job(&[file], &[], folder.path("peak.tv"));
     let plan = PlanOptions { spacing_m: Some(40.0), ..base.plan };
     let (database, notes) = run(&Job { plan, ..base }).unwrap();
-    let manifest = database.manifest();
+    let manifest = database.manifest().fields();
     let notes: Vec<String> = notes.iter().map(|note| format!("{note:?}")).collect();
     assert_eq!(manifest.elevation.source_range_m, Some([500.0, 800.0]));
     assert!(notes.iter().any(|note| note.contains("800 m") && note.contains("--spacing")), "{notes:?}");

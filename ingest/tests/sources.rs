@@ -26,7 +26,7 @@ fn noted(notes: &[Note], words: &[&str]) -> bool {
 }
 
 fn assert_range(database: &Database, low: f64, high: f64, by: f64) {
-    let [l, h] = database.manifest().elevation.range_m;
+    let [l, h] = database.manifest().fields().elevation.range_m;
     assert!((l - low).abs() <= by && (h - high).abs() <= by, "{l} to {h}, expected {low} to {high}");
 }
 
@@ -67,9 +67,9 @@ fn a_globe_from_0_to_360_degrees_has_the_posts_of_one_from_180_west() {
     let west = globe(-180.0, -90.0, 1.0, "west.tif");
     let east = globe(0.0, -90.0, 1.0, "east.tif");
     assert_eq!(west.world().fields(), east.world().fields());
-    assert_eq!(west.manifest().elevation.spacing_m, 111_000.0);
+    assert_eq!(west.manifest().fields().elevation.spacing_m, 111_000.0);
     let band = globe(0.0, -60.0, 1.0, "band.tif");
-    assert_eq!(band.manifest().elevation.spacing_m, 111_000.0);
+    assert_eq!(band.manifest().fields().elevation.spacing_m, 111_000.0);
     // The same ground, too; where the file of longitudes 0 to 360 ends, its last samples are
     // repeated.
     let [a, b] = [&west, &east].map(|d| heights(d, 0).0);
@@ -96,11 +96,11 @@ fn a_second_value_for_no_data_is_found_beside_the_declared_one() {
         assert!(warned(&notes, &["16 samples", &format!("--nodata {used}")]), "{notes:?}");
         assert_range(&database, 500.0, 1100.0, 2.0);
         // Both areas are told as one.
-        assert_eq!(database.manifest().elevation.void_area_m2, (16.0 + 100.0) * 100.0);
+        assert_eq!(database.manifest().fields().elevation.void_area_m2, (16.0 + 100.0) * 100.0);
         let mut kept = job(&[dem], &[], folder.path(&format!("{name}-kept.tv")));
         kept.nodata = NodataChoice::OnlyDeclared;
         let (database, _) = run(&kept).unwrap();
-        let [low, high] = database.manifest().elevation.range_m;
+        let [low, high] = database.manifest().fields().elevation.range_m;
         assert!(low == used || high == used, "{low} to {high}");
     }
 }
@@ -117,7 +117,7 @@ fn alpha_says_where_elevation_is() {
     let (database, notes) = run(&job(&[dem], &[], folder.path("w.tv"))).unwrap();
     assert!(noted(&notes, &["33.3 %"]) && !notes.iter().any(|n| matches!(n, Note::Warning(_))), "{notes:?}");
     assert_range(&database, 500.0, 1100.0, 2.0);
-    assert_eq!(database.manifest().elevation.void_area_m2, 40.0 * 100.0 * 100.0);
+    assert_eq!(database.manifest().fields().elevation.void_area_m2, 40.0 * 100.0 * 100.0);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn distances_from_the_centre_become_heights() {
     assert!(!noted(&notes, &["centre"]), "{notes:?}");
     let (radii_world, notes) = run(&job(&[radii_path], &[], folder.path("radii.tv"))).unwrap();
     assert!(noted(&notes, &["distances from the centre", "1,737,400 m are taken off"]), "{notes:?}");
-    let [low, high] = heights_world.manifest().elevation.range_m;
+    let [low, high] = heights_world.manifest().fields().elevation.range_m;
     // Distances are stored to an eighth of a metre.
     assert_range(&radii_world, low, high, 0.2);
 
@@ -210,7 +210,7 @@ fn shown<T: gdal::raster::GdalType + Copy + 'static>(
     let dem = Tiff::utm([41, 41], |_, _| 500.0f32).write(&folder.path("dem.tif"));
     let (database, notes) = run(&job(&[dem], &[picture], folder.path(&format!("{name}.tv")))).unwrap();
     let (texels, width) = colors(&database, database.world().finest_color_level());
-    ([texels[40 * width + 40], texels[40 * width + 70]], database.manifest().color.void_area_m2, notes)
+    ([texels[40 * width + 40], texels[40 * width + 70]], database.manifest().fields().color.void_area_m2, notes)
 }
 
 fn two_colors(i: usize) -> [u8; 3] {

@@ -66,7 +66,7 @@ fn photo_and_dem_lie_over_each_other_and_are_ingested_without_resampling() {
     assert_eq!([transforms[0][0] + 5.0, transforms[0][3] - 5.0], [transforms[1][0], transforms[1][3]]);
     let (database, notes) = run(&job(std::slice::from_ref(&dem), &[photo], folder.path("w.tv"))).unwrap();
     assert_eq!(notes, []);
-    let manifest = database.manifest();
+    let manifest = database.manifest().fields();
     assert!(manifest.elevation.sources[0].is_exact && manifest.color.sources[0].is_exact);
     assert_eq!(manifest.crs.epsg, Some(32632));
     let band = Dataset::open(&dem).unwrap().rasterband(1).unwrap().read_band_as::<f32>().unwrap();

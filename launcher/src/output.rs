@@ -87,7 +87,7 @@ impl TemporaryFile {
         Self::create_under(&FolderLock::wait(folder_of(path)), path, run)
     }
 
-    /// The same, for whoever holds the lock of the file's folder already.
+    /// The same, for a caller that already holds the lock of the file's folder.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -212,7 +212,7 @@ fn open(path: &Path, is_truncated: bool) -> io::Result<File> {
 impl Drop for TemporaryFile {
     fn drop(&mut self) {
         if !self.is_finished {
-            // Nobody is left to tell, and there may be nothing to remove.
+            // Errors cannot be reported any more, and the file may not exist.
             drop(fs::remove_file(&self.temporary));
         }
     }

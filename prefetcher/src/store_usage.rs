@@ -1,8 +1,7 @@
-//! What the launcher is told of the use of the database: what reading it costs, and what goes
-//! wrong.
+//! Reports the use of the database to the launcher: statistics of reads, and failures.
 //!
-//! Counts are added to the control block by what they have grown since they were told last, so that
-//! those of a prefetcher that was started again go on where the one before ended.
+//! Counts in the control block are increased by what was added since the last report, so that a
+//! restarted prefetcher continues the counts of the one before.
 
 use crate::source::PayloadSource;
 use std::collections::BTreeMap;
@@ -11,7 +10,7 @@ use terravision_common::shm::{Control, Counter};
 use terravision_common::stage::Events;
 use terravision_store::{Cause, StoreStats};
 
-/// What has been told so far.
+/// What has been reported so far.
 #[derive(Debug, Default)]
 pub struct StoreUsage {
     told: StoreStats,
@@ -32,7 +31,7 @@ impl StoreUsage {
         ] {
             control.count(counter, now.saturating_sub(told));
         }
-        // A request was made, or a part of an answer came: what is slow does not hang.
+        // A request was made, or a part of an answer came: a slow database is not a hang.
         if (now.requests, now.bytes) != (told.requests, told.bytes) {
             control.progress();
         }

@@ -4,7 +4,7 @@ mod support;
 
 use std::collections::HashSet;
 use support::world;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::rig::Views;
@@ -19,7 +19,7 @@ const SEC: u64 = 1_000_000_000;
 
 /// A camera that flies north and turns, as functions of time in seconds.
 fn camera(north: f64, heading_rad: f64, time_secs: f64) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [2500.0, north, 900.0],
         heading_rad,
         pitch_rad: -0.3,
@@ -28,7 +28,8 @@ fn camera(north: f64, heading_rad: f64, time_secs: f64) -> Camera {
         width: 320,
         height: 180,
         timestamp_nanos: (time_secs * 1e9) as u64 + SEC,
-    }
+    })
+    .expect("valid")
 }
 
 /// A track that has seen two seconds of a flight at 30 frames a second, and the time of the last
@@ -40,7 +41,7 @@ fn track(north: impl Fn(f64) -> f64, heading: impl Fn(f64) -> f64) -> (CameraTra
         let time = f64::from(frame) / 30.0;
         let camera = camera(north(time), heading(time), time);
         track.see(&camera, 77);
-        last = camera.timestamp_nanos;
+        last = camera.timestamp_nanos();
     }
     (track, last)
 }
@@ -52,8 +53,8 @@ fn a_steady_flight_is_predicted_where_it_will_be() {
     let (track, now) = track(|time| 100.0 * time, heading);
     for prediction in [Prediction::Linear, Prediction::Quadratic] {
         let predicted = track.predict(now, 1.5, prediction).expect("a camera");
-        assert!((predicted.eye_in_world[1] - 350.0).abs() < 0.1, "{predicted:?}");
-        let turned = predicted.heading_rad - heading(3.5);
+        assert!((predicted.fields().eye_in_world[1] - 350.0).abs() < 0.1, "{predicted:?}");
+        let turned = predicted.heading_rad() - heading(3.5);
         let turned = turned - std::f64::consts::TAU * (turned / std::f64::consts::TAU).round();
         assert!(turned.abs() < 1e-3, "{turned}");
     }
@@ -62,7 +63,7 @@ fn a_steady_flight_is_predicted_where_it_will_be() {
 #[test]
 fn a_quadratic_prediction_follows_a_gain_of_speed_and_a_linear_one_falls_behind() {
     let (track, now) = track(|time| 20.0 * time * time, |_| 0.0);
-    let north = |prediction| track.predict(now, 1.0, prediction).expect("a camera").eye_in_world[1];
+    let north = |prediction| track.predict(now, 1.0, prediction).expect("a camera").fields().eye_in_world[1];
     assert!((north(Prediction::Quadratic) - 180.0).abs() < 0.5, "{}", north(Prediction::Quadratic));
     assert!(north(Prediction::Linear) < 165.0);
 }
@@ -71,13 +72,13 @@ fn a_quadratic_prediction_follows_a_gain_of_speed_and_a_linear_one_falls_behind(
 fn the_field_of_view_widens_with_the_time_ahead_and_a_pixel_stays_as_wide() {
     let (track, now) = track(|time| 100.0 * time, |_| 0.0);
     let seen = camera(0.0, 0.0, 2.0);
-    let mut before = seen.vfov_rad;
+    let mut before = seen.vfov_rad();
     for ahead in [0.5, 1.0, 2.0, 4.0] {
         let predicted = track.predict(now, ahead, Prediction::Linear).expect("a camera");
-        assert!(predicted.is_valid() && predicted.vfov_rad > before);
+        assert!(predicted.vfov_rad() > before);
         assert!((predicted.focal_px() / seen.focal_px() - 1.0).abs() < 0.01);
         assert!(predicted.half_tangents()[0] > seen.half_tangents()[0]);
-        before = predicted.vfov_rad;
+        before = predicted.vfov_rad();
     }
 }
 
@@ -87,14 +88,15 @@ fn a_camera_that_rests_or_jumps_or_is_new_is_predicted_where_it_is() {
     let (mut track, now) = track(|time| 100.0 * time, |_| 0.0);
     // Nothing was heard of it for two seconds.
     let resting = track.predict(now + 2 * SEC, 1.0, Prediction::Linear).expect("a camera");
-    assert_eq!(resting.eye_in_world[1], 200.0);
+    assert_eq!(resting.fields().eye_in_world[1], 200.0);
     // Another flight begins, earlier and far away.
     track.see(&camera(4000.0, 0.0, 0.5), 77);
     let jumped = track.predict(now, 1.0, Prediction::Quadratic).expect("a camera");
-    assert_eq!(jumped.eye_in_world[1], 4000.0);
-    // Numbers that lead out of the world stay a camera.
+    assert_eq!(jumped.fields().eye_in_world[1], 4000.0);
+    // Numbers that lead out of the world are passed over.
     track.see(&camera(9e11, 0.0, 0.6), 77);
-    assert!(track.predict(now, 4.0, Prediction::Linear).expect("a camera").is_valid());
+    let outside = track.predict(now, 4.0, Prediction::Linear).expect("a camera");
+    assert_eq!(outside.fields().eye_in_world[1], 9e11);
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod support;
 use std::thread;
 use support::MS;
 use support::link::{Flown, Foresight, LinkFields, fly};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::run::Prediction;
 
 /// 20 Mbit/s and 80 ms.
@@ -32,7 +32,7 @@ fn path(time: f64) -> Camera {
         east += heading.sin() * speed(t) * step;
         north += heading.cos() * speed(t) * step;
     }
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [east, north, 600.0],
         heading_rad: heading,
         pitch_rad: -0.3,
@@ -41,7 +41,8 @@ fn path(time: f64) -> Camera {
         width: 1280,
         height: 720,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 fn all(link: LinkFields) -> [(&'static str, Flown); 4] {

@@ -199,7 +199,7 @@ fn wanted_tiles_are_decoded_into_their_slots_and_told_with_their_spans() {
     assert_eq!(spans(SpanName::FetchTile).len(), asked.len());
     assert_eq!(spans(SpanName::LoadTile).len(), asked.iter().filter(|tile| tile.layer == Layer::Elevation).count());
     let told = events.iter().filter_map(|event| match event.content()? {
-        EventContent::TileUnavailable { tile, failure } => Some((tile, failure, event.frame)),
+        EventContent::TileUnavailable { tile, failure } => Some((tile, failure, event.frame().get())),
         _ => None,
     });
     let told: Vec<_> = told.collect();

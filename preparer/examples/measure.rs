@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 use std::io::Write;
 use std::time::Instant;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
 use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
@@ -49,7 +49,7 @@ fn world(nz: u32, nc: u32) -> World {
 }
 
 fn camera(z: f64, pitch_deg: f64) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [20_000.0, 6_000.0, z],
         heading_rad: 0.3,
         pitch_rad: pitch_deg.to_radians(),
@@ -58,7 +58,8 @@ fn camera(z: f64, pitch_deg: f64) -> Camera {
         width: 1280,
         height: 720,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 /// Shortest of several runs, milliseconds.
@@ -88,8 +89,8 @@ fn measure(terrain: &SyntheticTerrain, ranges: &NodeRanges, camera: Camera, meas
         (node.id().unwrap(), tile)
     };
     let tiles = All(tree.iter().map(read).collect());
-    let header = TreeHeader { camera, r_z_px: r_z, r_c_px: 1.0, ..bytemuck::Zeroable::zeroed() };
-    let request = FrameRequest { header: &header, views: &views, level: &level };
+    let header = TreeHeader { camera: *camera.fields(), r_z_px: r_z, r_c_px: 1.0, ..bytemuck::Zeroable::zeroed() };
+    let request = FrameRequest { header: &header, pose: &camera, views: &views, level: &level };
     let mut frame_tree = FrameTree::new(world, LIMITS.nodes, LIMITS.elevation_leaves);
     let mut maker = FrameMaker::new(world, LIMITS.nodes);
     let mut frame = FrameBuffer::new(LIMITS.elevation_leaves as usize, posts);

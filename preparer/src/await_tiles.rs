@@ -2,7 +2,7 @@
 //! unavailable.
 
 use crate::frame_tree::Tile;
-use crate::loader::{LoadError, TileLoader, TileState};
+use crate::loader::{TileLoader, TileState};
 use std::time::{Duration, Instant};
 use terravision_common::database::Layer;
 use terravision_common::ids::{FrameNumber, Sequence};
@@ -44,15 +44,13 @@ pub enum AwaitError {
         /// What the pool holds.
         capacity: u64,
     },
-    /// The loader cannot go on.
+    /// The run ended.
     #[error(transparent)]
-    Load(#[from] LoadError),
-}
-
-impl From<WaitError> for AwaitError {
-    fn from(wait: WaitError) -> Self {
-        Self::Load(wait.into())
-    }
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
 }
 
 /// Waits for tiles; keeps its buffers.
@@ -270,12 +268,12 @@ mod tests {
 
         fn ask(&mut self, _frame: FrameNumber, _sequence: Sequence) {}
 
-        fn wait(&mut self, _control: &Control) -> Result<(), LoadError> {
+        fn wait(&mut self, _control: &Control) -> Result<(), WaitError> {
             self.round += 1;
             Ok(())
         }
 
-        fn drain(&mut self) -> Result<(), LoadError> {
+        fn drain(&mut self) -> Result<(), WaitError> {
             Ok(())
         }
 

@@ -4,7 +4,8 @@
 //! ground behind a ridge is hidden. Here every vertex is known. So rows and columns of facets are
 //! culled if all their vertices are outside of one frustum plane, or if they lie below the
 //! [`horizon`](crate::horizon). Culled facets would not have produced a pixel. With several views,
-//! only facets that no view can see are culled.
+//! only facets that no view can see are culled. The slot says which views see nothing of its block
+//! ([`TileSlot::unseen_by`]), so that no view draws what only another one sees.
 
 use crate::horizon::Horizon;
 use glam::Vec3;
@@ -114,8 +115,8 @@ impl BlockCulling {
         }
     }
 
-    /// Shrinks a block of the entered leaf to the part that is seen, or marks it as hidden. Returns
-    /// `false` when no part of it is in any view.
+    /// Shrinks a block of the entered leaf to the part that is seen, and marks the views that see
+    /// nothing of it. Returns `false` when no part of it is in any view.
     pub fn cull(&mut self, slot: &mut TileSlot) -> bool {
         let eyes = &self.eyes[..self.view_count];
         if !cull_by(slot, |from, to| eyes.iter().all(|eye| eye.is_outside(from, to))) {
@@ -126,8 +127,10 @@ impl BlockCulling {
         if cull_by(&mut seen, |from, to| eyes.iter().all(|eye| is_unseen(eye, from, to))) {
             *slot = seen;
             self.is_seen = true;
+            let [from, to] = [slot.start, slot.end].map(|post| post.map(usize::from));
+            slot.unseen_by = bits(eyes.iter().map(|eye| is_unseen(eye, from, to)));
         } else {
-            slot.is_hidden = 1;
+            slot.unseen_by = bits(eyes.iter().map(|_| true));
         }
         true
     }
@@ -211,6 +214,11 @@ impl Eye {
         }
         all != 0
     }
+}
+
+/// A bit for each view, that of the first the lowest.
+fn bits(views: impl DoubleEndedIterator<Item = bool>) -> u8 {
+    views.rev().fold(0, |bits, bit| bits << 1 | u8::from(bit))
 }
 
 /// Removes strips from a block while they are unseen. Returns `false`, with the block unchanged,

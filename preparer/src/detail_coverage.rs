@@ -104,13 +104,14 @@ impl View<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use terravision_common::camera::CameraFields;
     use terravision_testkit::worlds;
 
     #[test]
     fn level_ground_straight_below_fills_the_picture() {
         let world = worlds::world([64; 2], 10.0, [4, 64]);
         // 90 degrees up and down, from 300 m above 100 m: 400 m of ground, 40 lattice units.
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [320.0, 320.0, 300.0],
             heading_rad: 0.0,
             pitch_rad: -std::f64::consts::FRAC_PI_2,
@@ -119,7 +120,8 @@ mod tests {
             width: 100,
             height: 100,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let view = View { world: &world, camera: &camera, exaggeration: 2.0, axes: camera.axes_in_world() };
         let area = |node, n| view.area_px(node, world.root(), &[50.0; 25], n);
         let whole = area(world.root(), 64);

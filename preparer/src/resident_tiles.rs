@@ -5,22 +5,22 @@
 //! before the frame is completed.
 
 use crate::frame_tree::Tile;
-use crate::loader::{LoadError, TileLoader, TileState};
+use crate::loader::{TileLoader, TileState};
 use terravision_common::ids::{FrameNumber, Sequence};
-use terravision_common::shm::Control;
+use terravision_common::shm::{Control, WaitError};
 
 /// Pins the wanted tiles that are resident for a frame, and asks for the others. Returns how many
 /// are missing. Does not block.
 ///
 /// # Errors
-/// [`LoadError`].
+/// The run ended.
 pub fn pin_resident(
     wanted: &[Tile],
     loader: &mut impl TileLoader,
     frame: FrameNumber,
     sequence: Sequence,
     control: &Control,
-) -> Result<u32, LoadError> {
+) -> Result<u32, WaitError> {
     loader.drain()?;
     let is_missing = |tile: &&Tile| loader.want(**tile, frame, sequence, control) != TileState::Resident;
     let missing = wanted.iter().filter(is_missing).count() as u32;

@@ -4,8 +4,8 @@ use crate::await_tiles::{AwaitError, TileWait};
 use crate::detail_coverage::detail_coverage;
 use crate::frame::{FrameCounts, FrameError, FrameMaker, FrameRequest};
 use crate::frame_tree::FrameTree;
+use crate::loader::TileLoader;
 use crate::loader::wanted::WantedTiles;
-use crate::loader::{LoadError, TileLoader};
 use crate::ports::Ports;
 use crate::resident_tiles::pin_resident;
 use crate::rings::{Rings, SLOTS_AT_ONCE};
@@ -16,6 +16,7 @@ use terravision_common::database::{DatabaseError, read_world};
 use terravision_common::event::{Event, EventContent, SpanName, monotonic_nanos};
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::LevelFunction;
+use terravision_common::rig::Views;
 use terravision_common::run::{DatabaseConfig, RunConfig};
 use terravision_common::shm::{Counter, ShmError, Stage, WaitError};
 use terravision_common::slot::{Slot, SlotContent};
@@ -32,21 +33,37 @@ const START_PATIENCE: Duration = Duration::from_secs(60);
 pub enum PreparerError {
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// Why.
+        #[from]
+        source: DatabaseError,
+    },
     /// A segment cannot be opened.
     #[error(transparent)]
-    Shm(#[from] ShmError),
+    Shm {
+        /// Why.
+        #[from]
+        source: ShmError,
+    },
     /// The run ended while a tree was waited for.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
     /// Tiles cannot be read.
     #[error(transparent)]
-    Await(#[from] AwaitError),
+    Await {
+        /// Why.
+        #[from]
+        source: AwaitError,
+    },
     /// A frame cannot be made.
     #[error("frame {frame} cannot be prepared: {source}")]
     Frame {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Why.
         #[source]
         source: FrameError,
@@ -55,7 +72,7 @@ pub enum PreparerError {
     #[error("frame {frame} cannot be prepared: {source}{advice}")]
     RootMissing {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// The missing tile.
         #[source]
         source: RootMissing,
@@ -66,7 +83,7 @@ pub enum PreparerError {
     #[error("the header of the generator's tree for frame {frame} cannot be used: {what}")]
     BadHeader {
         /// The frame that was expected.
-        frame: u64,
+        frame: FrameNumber,
         /// What is wrong with it.
         what: &'static str,
     },
@@ -83,17 +100,17 @@ pub enum PreparerError {
 impl StageError for PreparerError {
     fn is_stopping(&self) -> bool {
         let wait = match self {
-            Self::Wait(wait)
-            | Self::Await(AwaitError::Load(LoadError::Wait(wait)))
-            | Self::Frame { source: FrameError::Wait(wait), .. } => wait,
+            Self::Wait { source }
+            | Self::Await { source: AwaitError::Wait { source } }
+            | Self::Frame { source: FrameError::Wait { source }, .. } => source,
             _ => return false,
         };
         wait.is_stopping()
     }
 
     fn is_bad_input(&self) -> bool {
-        let too_much = |error: &AwaitError| !matches!(error, AwaitError::Load(_));
-        matches!(self, Self::Await(error) if too_much(error))
+        let too_much = |error: &AwaitError| !matches!(error, AwaitError::Wait { .. });
+        matches!(self, Self::Await { source } if too_much(source))
     }
 }
 
@@ -107,7 +124,7 @@ pub struct Preparer<L> {
     tree: FrameTree,
     maker: FrameMaker,
     slots: Vec<Slot>,
-    next_frame: u64,
+    next_frame: FrameNumber,
 }
 
 impl<L: TileLoader> Preparer<L> {
@@ -131,10 +148,10 @@ impl<L: TileLoader> Preparer<L> {
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             // Frames may have been skipped, but none came twice.
-            next_frame: config.frames[0].saturating_add(ports.trees.returned()),
+            next_frame: FrameNumber::new(config.frames[0].saturating_add(ports.trees.returned())),
         };
         preparer.resume(ports)?;
-        tracing::debug!(next_frame = preparer.next_frame, "waits for the top levels");
+        tracing::debug!(next_frame = preparer.next_frame.get(), "waits for the top levels");
         preparer.wait.settle_top_levels(&mut preparer.loader, &ports.control)?;
         if let Some(patience) = start_patience(config) {
             preparer.wait.insist_on_top_levels(&mut preparer.loader, patience, &ports.control)?;
@@ -150,13 +167,15 @@ impl<L: TileLoader> Preparer<L> {
     /// Continues after the frames that earlier preparers of the run have completed. A frame that
     /// was begun is made again: its tree was not given back.
     fn resume(&mut self, ports: &mut Ports) -> Result<(), ShmError> {
-        let [first, end] = self.config.frames;
         match ports.ring.last().as_ref().and_then(Slot::read) {
             // Something that is not a frame of the run does not tell where to continue.
-            Some(SlotContent::End(last)) if (first..end).contains(&last.frame) => {
-                // Killed between the frame and giving back its tree?
-                ports.trees.return_tree_of(last.frame)?;
-                self.next_frame = self.next_frame.max(last.frame + 1);
+            Some(SlotContent::End(last)) => {
+                let last = FrameNumber::new(last.frame);
+                if self.config.frame_numbers().contains(&last) {
+                    // Killed between the frame and giving back its tree?
+                    ports.trees.return_tree_of(last)?;
+                    self.next_frame = self.next_frame.max(last.next());
+                }
                 Ok(())
             }
             _ => Ok(()),
@@ -176,26 +195,25 @@ impl<L: TileLoader> Preparer<L> {
         let sequence = Sequence::new(trees.returned() + 1);
         let half = trees.next(control)?;
         let header = *half.header();
-        let frame = header.frame;
-        check_header(&header, expected, &self.config)?;
+        let frame = FrameNumber::new(header.frame);
+        let (pose, views) = check_header(&header, expected, &self.config)?;
         let read = self.tree.read(half.nodes());
         read.map_err(|source| PreparerError::Frame { frame, source: source.into() })?;
-        self.next_frame = frame + 1;
+        self.next_frame = frame.next();
         let started = monotonic_nanos();
         let wanted = self.tree.wanted();
         let is_realtime = self.config.realtime.is_some();
         let unavailable = if is_realtime {
-            let missing = pin_resident(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control);
-            missing.map_err(AwaitError::from)?
+            let missing = pin_resident(wanted, &mut self.loader, frame, sequence, control);
+            missing?
         } else {
-            self.wait.settle_frame(wanted, &mut self.loader, FrameNumber::new(frame), sequence, control)?
+            self.wait.settle_frame(wanted, &mut self.loader, frame, sequence, control)?
         };
         let settled = events.span(control, SpanName::AwaitTiles, frame, started);
         let RunConfig { exaggeration, measure, .. } = self.config;
-        let TreeHeader { camera, r_z_px, r_c_px, .. } = header;
-        let views = self.config.views(&camera);
-        let level = LevelFunction::for_views(&camera, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
-        let request = FrameRequest { header: &header, views: &views, level: &level };
+        let TreeHeader { r_z_px, r_c_px, .. } = header;
+        let level = LevelFunction::for_views(&pose, &views, &self.world, exaggeration, measure, r_z_px, r_c_px);
+        let request = FrameRequest { header: &header, pose: &pose, views: &views, level: &level };
         let maker = control.generation_of(Stage::Preparer);
         // Left by a frame that could not be made.
         self.slots.clear();
@@ -203,7 +221,7 @@ impl<L: TileLoader> Preparer<L> {
         let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
-            FrameError::RootMissing(source) => {
+            FrameError::RootMissing { source } => {
                 PreparerError::RootMissing { frame, source, advice: advice(&self.config) }
             }
             source => PreparerError::Frame { frame, source },
@@ -224,14 +242,14 @@ impl<L: TileLoader> Preparer<L> {
         control.count(Counter::TilesWanted, counts.wanted.into());
         control.progress();
         control.heartbeat(Stage::Preparer);
-        tracing::trace!(frame, ?counts, "frame is in the ring");
+        tracing::trace!(frame = frame.get(), ?counts, "frame is in the ring");
         Ok(counts)
     }
 
     /// Whether frames of the run are still to come.
     #[must_use]
     pub fn has_next(&self) -> bool {
-        self.next_frame < self.config.frames[1]
+        self.next_frame < self.config.frame_numbers().end
     }
 
     /// The loader.
@@ -260,21 +278,21 @@ fn advice(config: &RunConfig) -> &'static str {
     }
 }
 
-/// In realtime mode frames may be left out.
-fn check_header(header: &TreeHeader, frame: u64, config: &RunConfig) -> Result<(), PreparerError> {
+/// The camera of a tree, and the views that it carries. In realtime mode frames may be left out.
+fn check_header(header: &TreeHeader, frame: FrameNumber, config: &RunConfig) -> Result<(Camera, Views), PreparerError> {
     let bad = |what| Err(PreparerError::BadHeader { frame, what });
     let is_resolution = |px: f64| px.is_finite() && px > 0.0;
-    let is_later = config.realtime.is_some() && (frame..config.frames[1]).contains(&header.frame);
-    if header.frame != frame && !is_later {
+    let found = FrameNumber::new(header.frame);
+    let is_later = config.realtime.is_some() && (frame..config.frame_numbers().end).contains(&found);
+    if found != frame && !is_later {
         return bad("it belongs to another frame");
     }
-    if !header.camera.is_valid() || !config.views(&header.camera).cameras().all(Camera::is_valid) {
-        return bad("one of its cameras is not valid");
-    }
+    let cameras = Camera::new(header.camera).and_then(|pose| Ok((pose, config.views(&pose)?)));
+    let Ok(cameras) = cameras else { return bad("one of its cameras is not valid") };
     if !is_resolution(header.r_z_px) || !is_resolution(header.r_c_px) {
         return bad("its screen resolutions are not positive numbers");
     }
-    Ok(())
+    Ok(cameras)
 }
 
 /// Prepares all frames of a run.

@@ -5,7 +5,7 @@ mod support;
 
 use std::collections::HashSet;
 use support::{Case, Mesh, Vertex};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::surface::LatticePoint;
@@ -20,7 +20,7 @@ fn case(k: u32) -> Case {
     Case {
         world: support::world([1000, 1000], 8, [0, 2], 8),
         relief: Relief::Mountains { height_m: 1800.0 },
-        camera: Camera {
+        camera: Camera::new(CameraFields {
             eye_in_world: [2500.0 + at, 500.0 + 0.7 * at, 2300.0 - 0.4 * at],
             heading_rad: 0.5,
             pitch_rad: -0.35,
@@ -29,7 +29,8 @@ fn case(k: u32) -> Case {
             width: 640,
             height: 400,
             timestamp_nanos: 0,
-        },
+        })
+        .expect("valid"),
         rig: None,
         measure: Measure::Area,
         r_px: [10.0, 2.0],
@@ -62,7 +63,7 @@ fn the_surface_moves_no_faster_than_the_camera_lets_it() {
     for k in 0..FRAMES {
         let case = case(k);
         let tree = case.tree();
-        let mesh = Mesh::of(&case.world, &case.frame(&tree, &case.tiles(&tree)));
+        let mesh = Mesh::of(&case.world, &case.frame(&tree, &case.tiles(&tree)), 0);
         let eye = case.camera.eye();
         let heights: Vec<Option<f64>> = points.iter().map(|[x, y]| height_at(&mesh, eye.z, *x, *y)).collect();
         let px = |i: usize, dz: f64| {
@@ -107,7 +108,8 @@ fn a_vertex_moves_continuously_while_its_leaf_is_the_same() {
     let point = LatticePoint { x: 485, y: 483 };
     let height = |z: f64| {
         let mut case = case(0);
-        case.camera.eye_in_world = [4850.0, 4830.0 - 3000.0, z];
+        let eye_in_world = [4850.0, 4830.0 - 3000.0, z];
+        case.camera = Camera::new(CameraFields { eye_in_world, ..*case.camera.fields() }).expect("valid");
         let relative = vertex_height(&world, &case.level(), &tiles, node, point, 0).expect("resident");
         f64::from(relative) + z
     };

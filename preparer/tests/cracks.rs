@@ -8,7 +8,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use std::collections::HashSet;
 use support::{Case, Mesh, NODES, Vertex, case, tile_slots};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::level::Measure;
 use terravision_common::node::NodeId;
 use terravision_common::rig::{Rig, RigView};
@@ -54,7 +54,7 @@ fn wild_tree(world: &World, mut seed: u64, density: u8) -> Vec<TreeNode> {
 fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
     let tiles = case.tiles(tree);
     let frame = case.frame(tree, &tiles);
-    let mesh = Mesh::of(&case.world, &frame);
+    let mesh = Mesh::of(&case.world, &frame, 0);
     let defects = mesh.defects(&case.world);
     prop_assert!(
         defects.is_empty(),
@@ -87,7 +87,7 @@ fn check(case: &Case, tree: &[TreeNode]) -> Result<(), TestCaseError> {
 /// Corners of a triangle, metres from the eye of a view.
 fn from_eye(case: &Case, view: &Camera, triangle: &[Vertex; 3]) -> [DVec3; 3] {
     let (unit, eye) = (case.world.lattice_unit_m(), view.eye());
-    let datum_m = case.camera.eye_in_world[2];
+    let datum_m = case.camera.fields().eye_in_world[2];
     let height = |z: u32| f64::from(f32::from_bits(z)) + (datum_m - eye.z);
     triangle.map(|(x, y, z)| DVec3::new(x as f64 * unit - eye.x, y as f64 * unit - eye.y, height(z)))
 }
@@ -119,13 +119,13 @@ fn hidden_triangles(case: &Case, view: &Camera, all: &[[Vertex; 3]], culled: &[[
 /// or hidden by those that are left.
 fn check_culling(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError> {
     let tiles = case.tiles(tree);
-    let whole = Mesh::of(&case.world, &case.frame(tree, &tiles));
+    let whole = Mesh::of(&case.world, &case.frame(tree, &tiles), 0);
     let frame = case.frame_of(FrameMaker::new(&case.world, NODES), tree, &tiles);
-    let culled = Mesh::of(&case.world, &frame);
     let all: HashSet<[Vertex; 3]> = whole.triangles.iter().copied().collect();
-    prop_assert!(culled.triangles.iter().all(|t| all.contains(t)));
     let mut hidden_count = 0;
-    for view in case.views().cameras() {
+    for (index, view) in case.views().cameras().enumerate() {
+        let culled = Mesh::of(&case.world, &frame, index);
+        prop_assert!(culled.triangles.iter().all(|t| all.contains(t)));
         let hidden = hidden_triangles(case, view, &whole.triangles, &culled.triangles);
         hidden_count += hidden.len();
         let planes = view.frustum_normals_in_world();
@@ -188,7 +188,7 @@ fn ground_behind_a_ridge_is_culled() {
     let world = support::world([512, 512], 8, [0, 0], 8);
     let (mut hidden, mut of_pairs) = (0, 0);
     for seed in 0..8 {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             // Not on a line between nodes, which would lie between the eyes of a pair.
             eye_in_world: [2601.0, 303.0, 900.0],
             heading_rad: 0.1 * seed as f64 - 0.4,
@@ -198,7 +198,8 @@ fn ground_behind_a_ridge_is_culled() {
             width: 320,
             height: 200,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let relief = Relief::Mountains { height_m: 1500.0 };
         let (measure, r_px) = (Measure::Max, [4.0, 2.0]);
         let case = Case { world, relief, camera, rig: None, measure, r_px, exaggeration: 1.0, missing: 0, seed };

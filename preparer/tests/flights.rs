@@ -5,7 +5,7 @@ mod support;
 
 use support::flight::{Flight, Frame, Source, limits, most_wanted, path, small_world};
 use terravision_common::event::{Event, EventContent, SpanName};
-use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::shm::RunState;
 use terravision_common::stage::StageError;
@@ -56,7 +56,8 @@ fn missing_tiles_are_counted_in_each_frame_and_drawn_from_their_parents() {
 fn every_frame_is_told_with_its_spans_and_what_it_wanted() {
     let (frames, events) = Flight { frames: 6, ..Flight::new() }.fly().expect("a flight");
     for (k, frame) in (100u64..).zip(&frames) {
-        let said: Vec<EventContent> = events.iter().filter(|e| e.frame == k).filter_map(Event::content).collect();
+        let said: Vec<EventContent> =
+            events.iter().filter(|e| e.frame().get() == k).filter_map(Event::content).collect();
         let spans = |name: SpanName| said.iter().filter(|c| **c == EventContent::Span { name, node: None }).count();
         assert_eq!((spans(SpanName::AwaitTiles), spans(SpanName::Prepare)), (1, 1));
         let wanted = EventContent::FrameWanted { tiles: frame.end.wanted_count, nodes: frame.end.node_count };
@@ -76,7 +77,8 @@ fn a_frame_that_no_pool_can_hold_is_an_error_that_says_so() {
 fn without_the_tiles_of_the_root_there_is_no_picture() {
     let source = Source { is_root_missing: true, ..Source::new(0) };
     let error = Flight { source, ..Flight::new() }.fly().expect_err("no root");
-    let PreparerError::RootMissing { frame: 100, .. } = error else { panic!("{error}") };
+    let PreparerError::RootMissing { frame, .. } = error else { panic!("{error}") };
+    assert_eq!(frame, FrameNumber::new(100));
     let told = error.to_string();
     assert!(told.contains("colour tile of the root") && told.ends_with("; ingest the world again"), "{told}");
 }
@@ -106,7 +108,7 @@ fn impossible_trees_and_headers_are_refused() {
         let write = parts.trees.write(&parts.control, |nodes| {
             let mut header = TreeHeader {
                 frame: 100,
-                camera: path(1)[0],
+                camera: *path(1)[0].fields(),
                 r_z_px: 1.0,
                 r_c_px: 1.0,
                 node_count: 1,

@@ -21,7 +21,7 @@ fn frames_are_made_of_what_is_there_and_may_be_left_out() {
     assert!(frames.iter().all(|frame| !frame.tiles.is_empty() && frame.end.unavailable_count < frame.end.wanted_count));
     // All frames tell what they lacked, and that is what their ends say.
     let told = events.iter().filter_map(|event| match event.content()? {
-        EventContent::FrameLacked { tiles, sharp_share } => Some(((event.frame, tiles), sharp_share)),
+        EventContent::FrameLacked { tiles, sharp_share } => Some(((event.frame().get(), tiles), sharp_share)),
         _ => None,
     });
     let (lacked, sharp): (Vec<(u64, u32)>, Vec<f32>) = told.unzip();

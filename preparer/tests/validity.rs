@@ -33,7 +33,7 @@ proptest! {
         let mut out = FrameBuffer::new(16, PLANES * posts);
         let mut maker = FrameMaker::new(&case.world, NODES).with_whole_blocks();
         let (header, views, level) = (case.header(&tree), Views::single(&case.camera), case.level());
-        let request = FrameRequest { header: &header, views: &views, level: &level };
+        let request = FrameRequest { header: &header, pose: &case.camera, views: &views, level: &level };
         maker.make(&request, &frame_tree, &tiles, 0, &mut out).expect("a frame");
         let row = case.world.elevation_posts() as usize;
         let level = case.level();

@@ -8,7 +8,7 @@
 
 use std::path::Path;
 use std::time::Instant;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::Database;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_raycast::Sampling;
@@ -49,21 +49,24 @@ fn main() {
         let mut tiles = WorldTiles::new(&world, &database, database.ranges());
         let [width, height] = world.extent_m();
         let at = [share[0] * width, share[1] * height];
-        let camera = |z: f64| Camera {
-            eye_in_world: [at[0], at[1], z],
-            heading_rad: heading.to_radians(),
-            pitch_rad: pitch.to_radians(),
-            roll_rad: 0.0,
-            vfov_rad: 60f64.to_radians(),
-            width: SIZE[0],
-            height: SIZE[1],
-            timestamp_nanos: 0,
+        let camera = |z: f64| {
+            Camera::new(CameraFields {
+                eye_in_world: [at[0], at[1], z],
+                heading_rad: heading.to_radians(),
+                pitch_rad: pitch.to_radians(),
+                roll_rad: 0.0,
+                vfov_rad: 60f64.to_radians(),
+                width: SIZE[0],
+                height: SIZE[1],
+                timestamp_nanos: 0,
+            })
+            .expect("valid")
         };
         let level = |camera: &Camera| {
             LevelFunction::new(camera, &world, 1.0, Measure::Max, cell_px / std::f64::consts::SQRT_2, 0.7)
         };
         let mut ground = Ground::new(ground_shape(&world, Some(Filter::OrientedBox)));
-        let above = Camera { pitch_rad: -1.57, ..camera(5000.0) };
+        let above = Camera::new(CameraFields { pitch_rad: -1.57, ..*camera(5000.0).fields() }).expect("valid");
         tiles.fill(&mut ground, &above, &level(&above), -1.0).expect("tiles are there");
         let unit = world.lattice_unit_m();
         let below =

@@ -146,9 +146,9 @@ impl Caster {
         options: &CastOptions,
         picture: &Picture,
     ) -> Counts {
-        assert_eq!(picture.size(), [camera.width, camera.height], "a picture has its camera's size");
+        assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
-        self.lines.set(picture.size(), camera.roll_rad);
+        self.lines.set(picture.size(), camera.roll_rad());
         let Self { workers, lines, placed, planes, projected, exact, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
         let [r, g, b] = options.sky_rgb;

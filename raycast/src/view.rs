@@ -52,12 +52,12 @@ impl View {
         let half_diagonal = tan_x.hypot(tan_y).atan();
         // The steepest ray, for any roll of the camera, decides how far the guide tilts down (or
         // up).
-        let steepest = camera.pitch_rad.sin().asin();
+        let steepest = camera.pitch_rad().sin().asin();
         let tip = (steepest.abs() + half_diagonal - WIDEST_RAD).clamp(0.0, steepest.abs()).copysign(steepest);
         // A camera that is pitched past the vertical looks backwards: the guide lies on the side of
         // the view axis.
-        let side = if camera.pitch_rad.cos() < 0.0 { -1.0 } else { 1.0 };
-        let (sin, cos) = camera.heading_rad.sin_cos();
+        let side = if camera.pitch_rad().cos() < 0.0 { -1.0 } else { 1.0 };
+        let (sin, cos) = camera.heading_rad().sin_cos();
         let guide = DVec3::new(side * sin * tip.cos(), side * cos * tip.cos(), tip.sin());
         let (per_column, per_row) = (at(1.0, 0.0) - first, at(0.0, 1.0) - first);
         // Rows of the inverse of the matrix of these three, by Cramer's rule.
@@ -169,6 +169,7 @@ impl View {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use terravision_common::camera::CameraFields;
 
     proptest! {
         #[test]
@@ -176,10 +177,10 @@ mod tests {
             heading in -7.0f64..7.0, pitch in -1.6f64..1.6, roll in -4.0f64..4.0, vfov in 0.1f64..1.4,
             x in 0u32..320, y in 0u32..240,
         ) {
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: [10.0, 20.0, 30.0], heading_rad: heading, pitch_rad: pitch, roll_rad: roll,
                 vfov_rad: vfov, width: 320, height: 240, timestamp_nanos: 0,
-            };
+            }).expect("valid");
             let view = View::new(&camera);
             let wanted = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let ray = view.ray([x, y]);

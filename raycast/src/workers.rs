@@ -1,6 +1,9 @@
 //! A pool of threads that share the lines of a frame.
 
+use rustix::time::{ClockId, clock_gettime};
 use std::ops::{Add, Range};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Threads could not be started.
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +23,8 @@ pub struct WorkersError {
 pub struct Workers {
     count: usize,
     pool: Option<rayon::ThreadPool>,
+    /// Processor time of all threads together since it was last taken, nanoseconds.
+    busy_nanos: AtomicU64,
 }
 
 impl Workers {
@@ -30,7 +35,7 @@ impl Workers {
     pub fn new(count: usize) -> Result<Self, WorkersError> {
         let count = count.max(1);
         if count == 1 {
-            return Ok(Self { count, pool: None });
+            return Ok(Self { count, pool: None, busy_nanos: AtomicU64::new(0) });
         }
         let name = |index| format!("rays-{index}");
         let builder = || rayon::ThreadPoolBuilder::new().num_threads(count).thread_name(name);
@@ -38,7 +43,8 @@ impl Workers {
         // without a queue that allocates. A thread can be a member of only one pool; a second pool
         // gets threads of its own.
         let pool = builder().use_current_thread().build().or_else(|_| builder().build());
-        Ok(Self { count, pool: Some(pool.map_err(|source| WorkersError { count, source })?) })
+        let pool = Some(pool.map_err(|source| WorkersError { count, source })?);
+        Ok(Self { count, pool, busy_nanos: AtomicU64::new(0) })
     }
 
     /// How many there are.
@@ -47,8 +53,23 @@ impl Workers {
         self.count
     }
 
+    /// Processor time that work has taken since this was called last, of all threads together.
+    pub fn take_busy(&self) -> Duration {
+        // Relaxed: the caller has waited for the work, and joins order what it did.
+        Duration::from_nanos(self.busy_nanos.swap(0, Ordering::Relaxed))
+    }
+
+    /// Does a part of the work on the calling thread, and counts its time.
+    fn timed<T>(&self, work: impl FnOnce() -> T) -> T {
+        let started = thread_nanos();
+        let made = work();
+        self.busy_nanos.fetch_add(thread_nanos().saturating_sub(started), Ordering::Relaxed);
+        made
+    }
+
     /// Lets each worker do `work(its number)`, waits for all, and adds up the results.
     pub fn run<T: Add<Output = T> + Send>(&self, work: impl Fn(usize) -> T + Sync) -> T {
+        let work = |worker| self.timed(|| work(worker));
         match &self.pool {
             None => work(0),
             Some(pool) => pool.install(|| share(&work, 0, self.count)),
@@ -64,11 +85,18 @@ impl Workers {
         at: &(impl Fn(usize) -> usize + Sync),
         work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
     ) {
+        let work = |range: Range<usize>, out: &mut [T]| self.timed(|| work(range, out));
         match &self.pool {
             None => work(0..count, out),
-            Some(pool) => pool.install(|| split(0..count, self.count, out, at, work)),
+            Some(pool) => pool.install(|| split(0..count, self.count, out, at, &work)),
         }
     }
+}
+
+/// Processor time of the calling thread.
+fn thread_nanos() -> u64 {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    now.tv_sec.cast_unsigned() * 1_000_000_000 + now.tv_nsec.cast_unsigned()
 }
 
 /// Halves items and their parts of `out` until there are this many tasks.
@@ -109,6 +137,7 @@ mod tests {
         for count in [0, 1, 2, 3, 7] {
             let workers = Workers::new(count).unwrap();
             assert_eq!(workers.run(|n| 1u64 << (8 * n)), (0..count.max(1)).map(|n| 1u64 << (8 * n)).sum::<u64>());
+            assert!(workers.take_busy() > Duration::ZERO && workers.take_busy() == Duration::ZERO);
         }
     }
 

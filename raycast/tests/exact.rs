@@ -14,7 +14,7 @@ const SIZE: [u32; 2] = [80, 60];
 /// thousandth of a cell.
 fn marched(field: &Field, camera: &Camera, x: u32, y: u32) -> Option<f64> {
     let direction = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
-    let eye = DVec3::from_array(camera.eye_in_world);
+    let eye = DVec3::from_array(camera.fields().eye_in_world);
     let above = |t: f64| {
         let p = eye + direction * t;
         field.at(p.x, p.y).map(|ground| p.z - ground)

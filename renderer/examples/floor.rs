@@ -1,4 +1,5 @@
-//! Measures what the device can do at best against what the renderer does with frames of mixed levels.
+//! Measures what the device can do at best against what the renderer does with frames of mixed
+//! levels.
 //!
 //! `cargo run --release -p terravision-renderer --example floor [frames]`
 #![allow(clippy::print_stdout, reason = "it is what the program is for")]

@@ -1,8 +1,11 @@
-//! What the device can do at best (the *floor*), and what the renderer does with recorded frames, in one process.
+//! What the device can do at best (the *floor*), and what the renderer does with recorded frames,
+//! in one process.
 
 use crate::engine::{self, EngineError, EngineOptions};
 use crate::frame::FrameReader;
-use crate::gpu::{ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Readback, Target};
+use crate::gpu::{
+    ColorPool, Device, Filtering, FloorPass, FrameSlot, GpuError, Instance, Needs, Outputs, Readback, Target,
+};
 use crate::source::{Completion, FrameSource, RecordedSource, Recording};
 use crate::technique::{LOD_BIAS, MAX_ANISOTROPY};
 use rustix::time::{ClockId, clock_gettime};
@@ -10,6 +13,7 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use terravision_common::ids::SlotKey;
+use terravision_common::rig::PictureLayout;
 use terravision_common::texels::TexelFormat;
 
 /// A frame is waited for no longer than this.
@@ -26,7 +30,8 @@ pub struct Measured {
     pub triangles: u64,
     /// Time of each frame by the device's own clock, milliseconds; empty when it has none.
     pub gpu_ms: Vec<f64>,
-    /// Processor time of the whole process per frame (all threads; on a software device also the drawing), milliseconds.
+    /// Processor time of the whole process per frame (all threads; on a software device also the
+    /// drawing), milliseconds.
     pub cpu_ms_per_frame: f64,
     /// Processor time of the calling thread per frame, milliseconds.
     pub thread_ms_per_frame: f64,
@@ -74,8 +79,8 @@ impl Stopwatch {
     }
 }
 
-/// The floor: one full-screen grid of `columns` by `rows` cells, textured and depth-tested, read back like a frame.
-/// `frames` of them, one after the other.
+/// The floor: one full-screen grid of `columns` by `rows` cells, textured and depth-tested, read
+/// back like a frame. `frames` of them, one after the other.
 ///
 /// # Errors
 /// The device failed.
@@ -90,14 +95,15 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
     let mut colors = ColorPool::new(&device, [side, 1], texels, filtering, None, 1)?;
     let pass = FloorPass::new(&colors, &target, columns, rows)?;
     let mut slot = FrameSlot::new(&device, 0)?;
-    let mut spare = Some(Readback::new(&device, options.size, false)?);
+    let mut spare = Some(Outputs { readback: Some(Readback::new(&device, options.size, false)?), picture: None });
     let (mut gpu_ms, mut watch) = (Vec::with_capacity(frames), Stopwatch::start());
     for frame in 0..WARM_UP + frames {
         if frame == WARM_UP {
             gpu_ms.clear();
             watch = Stopwatch::start();
         }
-        let Some(readback) = spare.take() else { break };
+        let Some(mut outputs) = spare.take() else { break };
+        outputs.lay_out(&device, PictureLayout::whole(options.size))?;
         let mut recording = slot.begin()?;
         if frame == 0 {
             let room = colors.upload_staged(&recording, SlotKey::new(0, 0))?;
@@ -108,20 +114,21 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
         target.begin_picture(&mut recording, options.size, options.sky_rgb);
         pass.draw(&mut recording, &colors);
         target.end(&mut recording);
-        recording.copy_view(&mut target, &readback, options.size, [0, 0]);
-        recording.read_back(readback);
+        recording.copy_view(&mut target, &outputs, options.size, [0, 0]);
+        recording.put_out(outputs);
         recording.submit()?;
-        if let Some((readback, nanos)) = slot.take()? {
-            spare = Some(readback);
-            gpu_ms.extend(nanos.map(|nanos| nanos / 1e6));
+        if let Some((outputs, times)) = slot.take()? {
+            spare = Some(outputs);
+            gpu_ms.extend(times.whole.map(|nanos| nanos / 1e6));
         }
     }
     instance.check_validation()?;
     Ok(watch.stop(format!("floor {columns}x{rows}"), pass.triangles(), gpu_ms, frames))
 }
 
-/// Plays a recording `laps` times through the engine, dropping the pictures; the first lap (which uploads the tiles) is
-/// not measured. With `options.frames_in_flight` 1 the times are those of single frames.
+/// Plays a recording `laps` times through the engine, dropping the pictures; the first lap (which
+/// uploads the tiles) is not measured. With `options.frames_in_flight` 1 the times are those of
+/// single frames.
 ///
 /// # Errors
 /// The device failed, or the recording is damaged.
@@ -139,7 +146,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
             let Some(finished) = engine.poll(LONGEST)? else { break };
             source.complete(&finished.done())?;
             gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
-            triangles += finished.triangles;
+            triangles += finished.costs.triangles();
             spare.push(finished.pixels);
         }
         if frame == lap {
@@ -154,7 +161,7 @@ pub fn replay(options: &EngineOptions, recording: &Arc<Recording>, laps: u64) ->
     while let Some(finished) = engine.poll(LONGEST)? {
         source.complete(&finished.done())?;
         gpu_ms.extend(finished.gpu_nanos.map(|nanos| nanos / 1e6));
-        triangles += finished.triangles;
+        triangles += finished.costs.triangles();
     }
     Ok(watch.stop("replay".to_owned(), triangles / frames.max(1) as u64, gpu_ms, frames))
 }

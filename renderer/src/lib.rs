@@ -7,9 +7,11 @@
 //! ```
 //!
 //! * [`source`]: where frames come from. [`frame`]: reading and checking them.
-//! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]: both put together.
+//! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]:
+//!   both put together.
 //! * [`skirt`]: the sides of the world, drawn over pictures that are seen from beside it.
-//! * [`stage`]: a run's configuration, [`ports`]: its segments. [`sink`]: where pictures go. [`run`]: the frame loop. [`mod@bench`]: what the device and the renderer can do.
+//! * [`stage`]: a run's configuration, [`ports`]: its segments. [`sink`]: where pictures go.
+//!   [`run`]: the frame loop. [`mod@bench`]: what the device and the renderer can do.
 //!
 //! The frame loop allocates nothing in the steady state; encoders run on threads of their own.
 

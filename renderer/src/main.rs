@@ -1,5 +1,5 @@
-//! `terravision-renderer --run JSON`: draws the frames of a run. `--doctor-json`: what Vulkan devices there are.
-//! `--floor-json`: what the device can do at best.
+//! `terravision-renderer --run JSON`: draws the frames of a run. `--doctor-json`: what Vulkan
+//! devices there are. `--floor-json`: what the device can do at best.
 
 use anyhow::Context;
 use std::io::Write;
@@ -56,8 +56,8 @@ fn doctor() -> anyhow::Result<()> {
     print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
 }
 
-/// Grids of the floor: columns and rows of a picture of 16:9. The last has cells of 7.5 pixels at 1280x720, so 33
-/// thousand triangles: about what a frame of facets of 10 pixels has.
+/// Grids of the floor: columns and rows of a picture of 16:9. The last has cells of 7.5 pixels at
+/// 1280x720, so 33 thousand triangles: about what a frame of facets of 10 pixels has.
 const GRIDS: [[u32; 2]; 3] = [[1, 1], [85, 48], [171, 96]];
 
 fn floors(size: &str, frames: &str) -> anyhow::Result<()> {

@@ -1,13 +1,39 @@
-//! Where a frame's pixels are until they have left the sink. A buffer is filled by one frame, then owned by whoever encodes it,
-//! then goes back to be filled again: pixels are never copied on their way to a sink.
+//! Where a frame's pixels are until they have left the sink. A buffer is filled by one frame, then
+//! owned by the sink that encodes it, then goes back to be filled again: pixels are never copied on
+//! their way to a sink. What no sink needs is not made ([`PixelPlaces`]).
 
-use crate::gpu::Readback;
+use crate::gpu::{DevicePicture, Outputs, Readback};
+use terravision_common::rig::PictureLayout;
+
+/// Where the pixels of finished pictures are needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelPlaces {
+    /// In memory of the processor, with depth where frames have it.
+    pub host: bool,
+    /// In a picture on the device, without depth.
+    pub device: bool,
+}
+
+impl PixelPlaces {
+    /// Nowhere: frames are drawn for their own sake.
+    pub const NOWHERE: Self = Self { host: false, device: false };
+    /// In memory of the processor.
+    pub const HOST: Self = Self { host: true, device: false };
+    /// On the device.
+    pub const DEVICE: Self = Self { host: false, device: true };
+
+    /// Wherever either needs them.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self { host: self.host || other.host, device: self.device || other.device }
+    }
+}
 
 /// Picture, and depth when it was asked for, of all views of one frame.
 #[derive(Debug)]
 pub enum Pixels {
     /// Where a Vulkan device has put them.
-    Device(Readback),
+    Device(Outputs),
     /// In memory of the processor's own.
     Memory(Raster),
 }
@@ -15,57 +41,87 @@ pub enum Pixels {
 /// Pixels in plain memory.
 #[derive(Debug)]
 pub struct Raster {
-    pub(crate) size: [u32; 2],
+    layout: PictureLayout,
     pub(crate) rgba: Vec<u32>,
     pub(crate) reversed_depth: Option<Vec<f32>>,
 }
 
 impl Raster {
-    /// A black raster of this size.
+    /// A raster without pixels.
     #[must_use]
-    pub fn new(size: [u32; 2], has_depth: bool) -> Self {
-        let pixels = size[0] as usize * size[1] as usize;
-        let black = u32::from_le_bytes([0, 0, 0, 255]);
-        Self { size, rgba: vec![black; pixels], reversed_depth: has_depth.then(|| vec![0.0; pixels]) }
+    pub fn new(has_depth: bool) -> Self {
+        Self { layout: PictureLayout::default(), rgba: Vec::new(), reversed_depth: has_depth.then(Vec::new) }
+    }
+
+    /// Makes room for a frame's picture. Where views lay elsewhere before, all of it is black.
+    pub fn lay_out(&mut self, layout: PictureLayout) {
+        if layout == self.layout {
+            return;
+        }
+        self.layout = layout;
+        let pixels = layout.size[0] as usize * layout.size[1] as usize;
+        self.rgba.clear();
+        self.rgba.resize(pixels, u32::from_le_bytes([0, 0, 0, 255]));
+        if let Some(depths) = &mut self.reversed_depth {
+            depths.clear();
+            depths.resize(pixels, 0.0);
+        }
+    }
+
+    /// Width and height, pixels.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        self.layout.size
     }
 }
 
 impl Pixels {
-    /// Width and height, pixels.
+    /// Width and height of what is in memory of the processor, pixels; zeros where nothing is.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
         match self {
-            Self::Device(readback) => readback.size(),
-            Self::Memory(raster) => raster.size,
+            Self::Device(outputs) => outputs.readback.as_ref().map_or([0; 2], Readback::size),
+            Self::Memory(raster) => raster.size(),
         }
     }
 
-    /// The picture: `[height, width, 4]` bytes RGBA, row 0 at the top.
+    /// The picture: `[height, width, 4]` bytes RGBA, row 0 at the top; empty where it was not
+    /// needed in memory of the processor.
     #[must_use]
     pub fn rgba(&self) -> &[u8] {
         match self {
-            Self::Device(readback) => readback.rgba(),
+            Self::Device(outputs) => outputs.readback.as_ref().map_or(&[], Readback::rgba),
             Self::Memory(raster) => bytemuck::cast_slice(&raster.rgba),
         }
     }
 
-    /// The picture and the depth, as [`Pixels::rgba`] and [`Pixels::reversed_depth`] give them, to be drawn over.
+    /// The picture and the depth, as [`Pixels::rgba`] and [`Pixels::reversed_depth`] give them, to
+    /// be drawn over.
     pub(crate) fn planes_mut(&mut self) -> (&mut [u8], Option<&mut [f32]>) {
         match self {
-            Self::Device(readback) => readback.planes_mut(),
+            Self::Device(outputs) => outputs.readback.as_mut().map_or((&mut [], None), Readback::planes_mut),
             Self::Memory(Raster { rgba, reversed_depth, .. }) => {
                 (bytemuck::cast_slice_mut(rgba), reversed_depth.as_deref_mut())
             }
         }
     }
 
-    /// The depth, when the frame has it: `[height, width]`, row 0 at the top; near plane over metres along the view axis, 0
-    /// for sky.
+    /// The depth, when the frame has it: `[height, width]`, row 0 at the top; near plane over
+    /// metres along the view axis, 0 for sky.
     #[must_use]
     pub fn reversed_depth(&self) -> Option<&[f32]> {
         match self {
-            Self::Device(readback) => readback.reversed_depth(),
+            Self::Device(outputs) => outputs.readback.as_ref().and_then(Readback::reversed_depth),
             Self::Memory(raster) => raster.reversed_depth.as_deref(),
+        }
+    }
+
+    /// The picture on the device, where it was needed there.
+    #[must_use]
+    pub fn on_device(&self) -> Option<&DevicePicture> {
+        match self {
+            Self::Device(outputs) => outputs.picture.as_ref(),
+            Self::Memory(_) => None,
         }
     }
 }

@@ -1,12 +1,14 @@
-//! The skirt: walls from the world's border down to its lowest height, and a floor there, plainly coloured, so that a world that is seen
-//! from beside it is a block of ground and not a sheet.
+//! The skirt: walls from the world's border down to its lowest height, and a floor there, plainly
+//! coloured, so that a world that is seen from beside it is a block of ground and not a sheet.
 //!
-//! It is drawn over finished pictures, whatever drew them: for an eye beside the world the wall is the first thing that a ray can
-//! meet, so nothing has to be compared. A ray that enters the world's rectangle below the ground that is drawn at that point of the
-//! border sees the wall; one that enters below the lowest height and rises sees the floor. The top of the wall is the edge of
+//! It is drawn over finished pictures, whatever drew them: for an eye beside the world the wall is
+//! the first thing that a ray can meet, so nothing has to be compared. A ray that enters the
+//! world's rectangle below the ground that is drawn at that point of the border sees the wall; one
+//! that enters below the lowest height and rises sees the floor. The top of the wall is the edge of
 //! the ground as the mesh draws it: the same posts of the same arrays.
 //!
-//! A world with holes has walls only where ground reaches its border, and no floor: what is under a hole is seen through it.
+//! A world with holes has walls only where ground reaches its border, and no floor: what is under a
+//! hole is seen through it.
 
 use crate::frame::Frame;
 use crate::pixels::Pixels;
@@ -18,8 +20,8 @@ use terravision_common::slot::TileSlot;
 use terravision_common::validity::{GROUND_PLANE, HALF};
 use terravision_common::world::World;
 
-/// Share of the distance up to which rays and rasterizers may find a ray on the other side of the ground's edge than it is here: no
-/// sky is to show between ground and wall.
+/// Share of the distance up to which rays and rasterizers may find a ray on the other side of the
+/// ground's edge than it is here: no sky is to show between ground and wall.
 const ROUNDING: f64 = 5e-5;
 /// Colour of walls, before each side's own shade.
 const WALL: [f64; 3] = [122.0, 108.0, 94.0];
@@ -27,7 +29,8 @@ const WALL: [f64; 3] = [122.0, 108.0, 94.0];
 const SHADES: [f64; 4] = [0.84, 0.76, 1.0, 0.66];
 /// Colour of the floor, seen from below.
 const FLOOR: [u8; 3] = [58, 52, 46];
-/// Where a pixel is looked at, from its corner: at its centre, or at the four places of samples that all devices have.
+/// Where a pixel is looked at, from its corner: at its centre, or at the four places of samples
+/// that all devices have.
 const CENTRE: [[f64; 2]; 1] = [[0.5, 0.5]];
 const SAMPLES: [[f64; 2]; 4] = [[0.375, 0.125], [0.875, 0.375], [0.125, 0.625], [0.625, 0.875]];
 
@@ -79,7 +82,8 @@ impl Skirt {
         Self { world: *world, low_m, array: vec![0.0; world.elevation_values()], datum_m: 0.0 }
     }
 
-    /// The borders of a checked frame, of those of its views whose eye is beside the world: others see nothing of it.
+    /// The borders of a checked frame, of those of its views whose eye is beside the world: others
+    /// see nothing of it.
     ///
     /// # Errors
     /// The source is damaged.
@@ -92,7 +96,7 @@ impl Skirt {
         let camera = &view.camera;
         let surface = self.world.surface();
         let eye_m = surface.height_m(camera.eye());
-        self.datum_m = surface.height_above(frame.marker.camera.eye(), eye_m);
+        self.datum_m = surface.height_above(frame.pose.eye(), eye_m);
         if surface.is_over(camera.eye()) {
             return Ok(None);
         }
@@ -186,7 +190,8 @@ fn ground_along([from, to]: [f64; 2]) -> Option<[f64; 2]> {
     }
 }
 
-/// How much of the cells before column or row `at` lies inside of the world, where its border cuts them.
+/// How much of the cells before column or row `at` lies inside of the world, where its border cuts
+/// them.
 fn cut_of(world: &World, tile: &TileSlot, axis: usize, at: u32) -> Option<f64> {
     let step = 1u32 << tile.grid_snap;
     let before = u64::from(lattice(world, tile, axis, at.checked_sub(step)?));
@@ -195,8 +200,9 @@ fn cut_of(world: &World, tile: &TileSlot, axis: usize, at: u32) -> Option<f64> {
     (inside > 0 && inside < whole).then(|| inside as f64 / whole as f64)
 }
 
-/// Adds a stretch of the border between two posts. A cell that the border cuts is cut into facets after that by the mesh and before
-/// it by rays, whose ground then has a kink on the border: the higher of the two, so that no sky shows with either.
+/// Adds a stretch of the border between two posts. A cell that the border cuts is cut into facets
+/// after that by the mesh and before it by rays, whose ground then has a kink on the border: the
+/// higher of the two, so that no sky shows with either.
 fn add_stretch(out: &mut Vec<Stretch>, ends: [f64; 2], heights: [f64; 2], cut: Option<(f64, [f64; 2])>) {
     let Some((share, inner)) = cut else {
         out.push(Stretch { ends, heights });
@@ -229,9 +235,12 @@ fn touched_sides(world: &World, tile: &TileSlot) -> [Option<u32>; 4] {
 }
 
 impl Border {
-    /// Draws walls and floor over the view in its frame's picture, and into the depth where there is one. `samples`: per pixel,
-    /// 1 or 4.
+    /// Draws walls and floor over the view in its frame's picture, and into the depth where there
+    /// is one. `samples`: per pixel, 1 or 4.
     pub fn draw(&self, pixels: &mut Pixels, samples: u32) {
+        if pixels.rgba().is_empty() {
+            return;
+        }
         let row_length = pixels.size()[0] as usize;
         let [left, top] = self.view.at.map(|at| at as usize);
         let [width, height] = self.view.size();
@@ -310,12 +319,13 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
 mod tests {
     use super::*;
     use crate::pixels::Raster;
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
+    use terravision_common::rig::{PictureLayout, Views};
 
-    /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest ground -10 m; the eye 100 m
-    /// west of it, 20 m high, looking east.
+    /// A square of 100 m whose west side rises from 0 m in the south to 50 m in the north, lowest
+    /// ground -10 m; the eye 100 m west of it, 20 m high, looking east.
     fn border() -> Border {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [-100.0, 50.0, 20.0],
             heading_rad: std::f64::consts::FRAC_PI_2,
             pitch_rad: 0.0,
@@ -324,7 +334,8 @@ mod tests {
             width: 200,
             height: 200,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let west = Stretch { ends: [0.0, 100.0], heights: [-20.0, 30.0] };
         Border {
             view: View { camera, at: [0; 2] },
@@ -368,7 +379,9 @@ mod tests {
     fn walls_cover_picture_and_depth_and_leave_the_rest() {
         let border = border();
         for (samples, partly) in [(1, 0), (4, 1)] {
-            let mut pixels = Pixels::Memory(Raster::new([200, 200], true));
+            let mut raster = Raster::new(true);
+            raster.lay_out(PictureLayout::new([200, 200], &Views::single(&border.view.camera)));
+            let mut pixels = Pixels::Memory(raster);
             border.draw(&mut pixels, samples);
             let drawn = pixels.rgba().chunks_exact(4).filter(|texel| texel[0] > 0).count();
             let whole = pixels.rgba().chunks_exact(4).filter(|texel| texel[0] == 102).count();

@@ -22,10 +22,18 @@ const MAX_FRAMES_IN_FLIGHT: u32 = 8;
 pub enum RendererError {
     /// The database cannot be opened.
     #[error(transparent)]
-    Database(#[from] DatabaseError),
+    Database {
+        /// Why.
+        #[from]
+        source: DatabaseError,
+    },
     /// The frames could not be drawn or written.
     #[error(transparent)]
-    Run(#[from] RunError),
+    Run {
+        /// Why.
+        #[from]
+        source: RunError,
+    },
     /// This number of samples per pixel is not supported.
     #[error("{samples} samples per pixel were asked for, expected 1 or 4")]
     Samples {
@@ -36,11 +44,11 @@ pub enum RendererError {
 
 impl StageError for RendererError {
     fn is_stopping(&self) -> bool {
-        matches!(self, Self::Run(error) if error.is_stopping())
+        matches!(self, Self::Run { source } if source.is_stopping())
     }
 
     fn is_bad_input(&self) -> bool {
-        matches!(self, Self::Run(error) if error.is_bad_input())
+        matches!(self, Self::Run { source } if source.is_bad_input())
     }
 }
 

@@ -1,10 +1,12 @@
-//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never a panic.
+//! Nothing from the ring is trusted: damaged frames are refused with a sentence, never drawn, never
+//! a panic.
 
 mod support;
 
 use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
+use terravision_common::camera::CameraFields;
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 use terravision_common::texels::TexelFormat;
@@ -64,7 +66,7 @@ fn marker() -> FrameMarker {
     let camera = camera([1.0, 2.0, 300.0], 0.0, -50.0, SIZE);
     FrameMarker {
         frame: 7,
-        camera,
+        camera: *camera.fields(),
         sequence: 1,
         elevation_start: 100,
         maker: 1,
@@ -178,11 +180,12 @@ fn a_renderer_after_another_passes_over_what_is_done_and_the_rest_of_what_was_gi
         let slots = with_view(&[slot]);
         slots.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).map_err(|error| error.to_string())
     };
-    // The end of a frame that did not fit into the ring, one that is done, and the first that is not.
+    // The end of a frame that did not fit into the ring, one that is done, and the first that is
+    // not.
     for slot in [tile(60), close(6, 61), marker(7, 1, 90), tile(90)] {
         assert_eq!(add(slot), Ok(false));
     }
-    assert_eq!(add(close(7, 91)), Ok(true), "read, for whoever reads to pass over");
+    assert_eq!(add(close(7, 91)), Ok(true), "read, for the reader to pass over");
     assert!(add(tile(100)).expect_err("within the ring").contains("found a tile"));
     assert_eq!(add(marker(8, 2, 104)), Ok(false));
     assert_eq!(add(tile(104)), Ok(false));
@@ -215,10 +218,13 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         (vec![SlotContent::Marker(FrameMarker { elevation_start: 117, ..marker() })], "elevation array is 117"),
         (vec![opened, SlotContent::Marker(FrameMarker { maker: 0, ..marker() })], "found a frame marker"),
         (
-            vec![SlotContent::Marker(FrameMarker { camera: camera([f64::NAN, 0.0, 0.0], 0.0, 0.0, SIZE), ..marker() })],
-            "no valid camera",
+            vec![SlotContent::Marker(FrameMarker {
+                camera: CameraFields { vfov_rad: f64::NAN, ..marker().camera },
+                ..marker()
+            })],
+            "no valid camera: its vertical field of view is NaN, expected 0.0001 to 3.1 rad",
         ),
-        (vec![SlotContent::Marker(FrameMarker { picture: [9, 9], ..marker() })], "a picture of 9x9 pixels, expected"),
+        (vec![SlotContent::Marker(FrameMarker { picture: [33, 9], ..marker() })], "a picture of 33x9 pixels, expected"),
         (vec![opened, tile(&|t| t.edge_snap[0] = 200)], "more vertices collapse"),
         (vec![opened, plain, tile(&|t| t.color_generation = 2)], "another generation"),
         (vec![opened, closed], "the number of its tiles is 1, expected 0"),
@@ -258,7 +264,7 @@ fn views_that_cannot_be_are_refused_with_a_sentence() {
         (vec![opened, first, of(&|view| (view.index, view.count) = (1, 3))], "the number of views is 3, expected 2"),
         (vec![opened, of(&|view| view.at = [1, 0])], "view 0 of frame 7 from the ring has no valid camera within"),
         (vec![opened, of(&|view| view.camera.vfov_rad = f64::NAN)], "no valid camera within"),
-        (vec![opened, of(&|view| view.camera = far)], "no valid camera within"),
+        (vec![opened, of(&|view| view.camera = *far.fields())], "no valid camera within"),
     ];
     for (slots, sentence) in cases {
         let error = feed_as_they_are(&slots).unwrap_err();

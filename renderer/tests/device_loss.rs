@@ -10,6 +10,7 @@ use terravision_renderer::run::{RunError, RunSummary, run};
 use terravision_renderer::sink::workers::SinkWorkers;
 use terravision_renderer::sink::{FrameSink, Picture, SinkError};
 use terravision_renderer::source::{RecordedSource, Recording};
+use terravision_renderer::technique::DrawError;
 
 const SIZE: [u32; 2] = [64, 48];
 const FRAMES: u32 = 12;
@@ -87,7 +88,10 @@ fn after_a_lost_device_the_pictures_are_the_same() {
 fn a_device_that_is_lost_with_every_frame_is_given_up() {
     let (summary, pictures) = play(&flight(), EngineOptions { lose_device_at: Some(1), ..options(SIZE) });
     let error = summary.expect_err("no frame can be drawn");
-    assert!(matches!(&error, RunError::Engine { source: EngineError::Gpu { .. } }), "{error:?}");
+    assert!(
+        matches!(&error, RunError::Engine { source: EngineError::Draw { source: DrawError::Gpu { .. } } }),
+        "{error:?}"
+    );
     assert!(error.to_string().contains("device was lost") && pictures.is_empty(), "{error}");
     assert!(!error.is_bad_input() && !error.is_stopping(), "{error}");
 }

@@ -236,7 +236,7 @@ impl io::Write for Shared {
 #[test]
 fn y4m_is_read_by_ffmpeg_with_the_colours_that_were_drawn() {
     let bytes = Shared::default();
-    play(&flight(2), 1, vec![Box::new(StreamSink::new(bytes.clone(), FrameEncoding::Y4m))]).unwrap();
+    play(&flight(2), 1, vec![Box::new(StreamSink::new(bytes.clone(), FrameEncoding::Y4m, SIZE))]).unwrap();
     let base = folder("y4m");
     let [y4m, back] = ["a.y4m", "a.png"].map(|name| base.join(name));
     // As the launcher makes it: the header, then the packets without theirs.
@@ -286,7 +286,8 @@ fn a_device_that_is_not_there_is_said() {
     assert!(error.to_string().starts_with("no Vulkan device matches \"abacus\"; there are: 0: "), "{error}");
 }
 
-/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or the run is stopped.
+/// What a preparer and a prefetcher do for the frames of a recording, until the renderer is gone or
+/// the run is stopped.
 fn feed(
     recording: &Arc<Recording>,
     stop_after: Option<usize>,
@@ -311,7 +312,7 @@ fn feed(
         }
         for (index, view) in (0..).zip(frame.views.iter()) {
             let count = frame.views.len() as u32;
-            let view = ViewSlot { camera: view.camera, at: view.at, index, count };
+            let view = ViewSlot { camera: *view.camera.fields(), at: view.at, index, count };
             if ring.push(&Slot::new(&SlotContent::View(view)), control).is_err() {
                 return;
             }
@@ -348,7 +349,8 @@ fn feed(
     }
 }
 
-/// Plays a recording through shared memory of this process, as a preparer would, with small rings that fill up.
+/// Plays a recording through shared memory of this process, as a preparer would, with small rings
+/// that fill up.
 fn live(recording: &Arc<Recording>, options: EngineOptions, stop_after: Option<usize>) -> Lived {
     let world = *recording.world();
     let posts = world.elevation_posts().pow(2);

@@ -1,4 +1,5 @@
-//! Holes in the ground, and ground that was made up: the same by the mesh and by rays of all kinds, with and without a device.
+//! Holes in the ground, and ground that was made up: the same by the mesh and by rays of all kinds,
+//! with and without a device.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -6,7 +7,7 @@ mod support;
 
 use std::sync::Arc;
 use support::{SKY, Scene, camera, draw, keep, node, options, world};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::surface::facet::facet_linear;
 use terravision_common::world::World;
@@ -36,7 +37,8 @@ fn checks(x: f64, y: f64) -> [u8; 3] {
     [40 + (x / 8.0) as u8 % 100, 60 + (y / 8.0) as u8 % 100, 90]
 }
 
-/// Shares of a post: a round hole, a square one, one of a single post, a rim in the north, and a strip that was made up.
+/// Shares of a post: a round hole, a square one, one of a single post, a rim in the north, and a
+/// strip that was made up.
 fn shares(x: f64, y: f64) -> [f32; 2] {
     let is_round = (x - 400.0).hypot(y - 500.0) < 130.0;
     let is_square = (700.0..=900.0).contains(&x) && (300.0..=420.0).contains(&y);
@@ -77,7 +79,8 @@ fn views() -> Vec<Camera> {
         // Low: out of one hole rays come up again, or meet the ground from below.
         camera([420.0, 200.0, 75.0], 0.0, -8.0, SIZE),
         // Over the rim, where no ground is, towards the ground.
-        Camera { roll_rad: 0.4, ..camera([600.0, 1250.0, 60.0], 170.0, -10.0, SIZE) },
+        Camera::new(CameraFields { roll_rad: 0.4, ..*camera([600.0, 1250.0, 60.0], 170.0, -10.0, SIZE).fields() })
+            .expect("valid"),
     ]
 }
 

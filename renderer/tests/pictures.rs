@@ -1,4 +1,5 @@
-//! Pictures of hand-made frames: colours, geometry, edges, depth; with validation, by every path to the device.
+//! Pictures of hand-made frames: colours, geometry, edges, depth; with validation, by every path to
+//! the device.
 
 mod support;
 
@@ -54,7 +55,7 @@ fn colours_lie_where_they_belong_seen_from_above() {
         // 160 m at 200 m with a focal length of 60 / tan 30 degrees: 83.1 px a side.
         let ground = (w * h) as usize - sky_pixels(&frames[0]);
         assert!(ground.abs_diff(6912) < 200, "{ground} pixels of ground");
-        assert_eq!(frames[0].triangles, 4 * 128);
+        assert_eq!(frames[0].costs.triangles(), 4 * 128);
     }
 }
 
@@ -168,7 +169,8 @@ fn partial_nodes_end_at_the_extent() {
 
 #[test]
 fn a_block_takes_its_part_of_an_ancestors_array_and_colours() {
-    // Four blocks of one elevation leaf of level 1, two with colour tiles of their own (level 0), two with the parent's.
+    // Four blocks of one elevation leaf of level 1, two with colour tiles of their own (level 0),
+    // two with the parent's.
     let mut scene = Scene::new(world([16, 16]), &flat, &quadrants);
     let camera = camera([80.0, 80.0, 200.0], 0.0, -90.0, SIZE);
     let whole = scene.leaf(node(0, 0, 1), &camera, [0; 4]);
@@ -191,7 +193,7 @@ fn a_block_takes_its_part_of_an_ancestors_array_and_colours() {
     assert_eq!(pixel(&frames[0], 100, 40), [220, 220, 0]);
     assert_eq!(pixel(&frames[0], 60, 80), [20, 20, 0]);
     assert_eq!(pixel(&frames[0], 100, 80), [220, 20, 0]);
-    assert_eq!(frames[0].triangles, 4 * 32);
+    assert_eq!(frames[0].costs.triangles(), 4 * 32);
 }
 
 #[test]
@@ -205,13 +207,14 @@ fn blocks_of_any_width_are_drawn() {
     scene.frame(&camera, vec![whole]);
     let frames = draw(&options(SIZE), &scene.finish()).unwrap();
     assert_eq!(frames[0].pixels.rgba(), frames[1].pixels.rgba());
-    assert_eq!(frames[0].triangles, 128);
+    assert_eq!(frames[0].costs.triangles(), 128);
 }
 
-/// Depth along the view axis of the ground under a point of the picture, pixels, for flat ground at height 0.
+/// Depth along the view axis of the ground under a point of the picture, pixels, for flat ground at
+/// height 0.
 fn flat_depth(camera: &Camera, x: f64, y: f64) -> f64 {
     let ray = camera.ray_in_world(x, y);
-    -camera.eye_in_world[2] / ray.z
+    -camera.fields().eye_in_world[2] / ray.z
 }
 
 /// Vertices lie on this grid.
@@ -339,8 +342,9 @@ fn motley(x: f64, y: f64) -> [u8; 3] {
 
 #[test]
 fn compressed_colours_give_nearly_the_same_picture() {
-    // From far above to close by: all mip levels, also the last, whose side (10 texels) is no multiple of a block. Flat
-    // colours tell blocks that were put in a wrong place from those that lose a little.
+    // From far above to close by: all mip levels, also the last, whose side (10 texels) is no
+    // multiple of a block. Flat colours tell blocks that were put in a wrong place from those that
+    // lose a little.
     let views = [
         camera([320.0, 320.0, 900.0], 0.0, -90.0, SIZE),
         camera([320.0, -60.0, 150.0], 0.0, -25.0, SIZE),

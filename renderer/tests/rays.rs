@@ -6,7 +6,7 @@ mod support;
 
 use std::sync::Arc;
 use support::{Scene, camera, draw, keep, node, options, pixel, sky_pixels, world};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
 use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
@@ -55,7 +55,9 @@ fn metres(frame: &Finished) -> Vec<f32> {
 
 #[test]
 fn exact_rays_see_the_surface_of_the_mesh() {
-    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 2.0, ..*camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE).fields() })
+            .expect("valid");
     let views =
         [camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE), camera([600.0, 640.0, 900.0], 80.0, -89.0, SIZE), rolled];
     // The second world's border cuts cells.
@@ -67,8 +69,9 @@ fn exact_rays_see_the_surface_of_the_mesh() {
             keep(rays, &format!("rays-{}-{index}", extent[0]));
             let (a, b) = (metres(mesh), metres(rays));
             let close = a.iter().zip(&b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-3 * *a).count();
-            // A pixel at an edge may see what is before it or behind; and cells that the border cuts, a twentieth of the ground of
-            // the second world, are cut into facets after that by the mesh, and before it by rays.
+            // A pixel at an edge may see what is before it or behind; and cells that the border
+            // cuts, a twentieth of the ground of the second world, are cut into facets after that
+            // by the mesh, and before it by rays.
             let fewest = if extent[0] == 128 { 0.995 } else { 0.97 };
             assert!(close as f64 > fewest * a.len() as f64, "{extent:?}, view {index}: {close} of {}", a.len());
             let skies = [mesh, rays].map(sky_pixels);
@@ -81,10 +84,13 @@ fn exact_rays_see_the_surface_of_the_mesh() {
     }
 }
 
-/// Under the edge of the ground, over it, and both in one picture; from beside the world, and from a corner.
+/// Under the edge of the ground, over it, and both in one picture; from beside the world, and from
+/// a corner.
 #[test]
 fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
-    let rolled = Camera { roll_rad: 1.0, ..camera([-150.0, 300.0, 20.0], 80.0, 0.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 1.0, ..*camera([-150.0, 300.0, 20.0], 80.0, 0.0, SIZE).fields() })
+            .expect("valid");
     let views = [
         camera([600.0, -120.0, -70.0], 5.0, 8.0, SIZE),
         camera([600.0, -300.0, 10.0], 0.0, -3.0, SIZE),
@@ -121,7 +127,9 @@ fn from_beside_the_world_rays_look_under_its_edge_as_the_mesh_does() {
 
 #[test]
 fn a_device_casts_the_rays_that_the_processor_casts() {
-    let rolled = Camera { roll_rad: 2.0, ..camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE) };
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 2.0, ..*camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE).fields() })
+            .expect("valid");
     // Nearly level; straight down; rolled; and up into the sky.
     let views = [
         camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
@@ -209,7 +217,8 @@ fn voxels_lie_within_a_voxel_of_the_mesh() {
         camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE),
         camera([640.0, 20.0, 120.0], 10.0, -5.0, SIZE),
         camera([60.0, 640.0, 100.0], 95.0, -2.0, SIZE),
-        Camera { roll_rad: 0.6, ..camera([1200.0, 1100.0, 110.0], 220.0, -4.0, SIZE) },
+        Camera::new(CameraFields { roll_rad: 0.6, ..*camera([1200.0, 1100.0, 110.0], 220.0, -4.0, SIZE).fields() })
+            .expect("valid"),
     ];
     let recording = recording([128, 128], 0, &views);
     let frames = [mesh(), rays(RaysChoice::Coherent)].map(|options| draw(&options, &recording).unwrap());
@@ -217,8 +226,8 @@ fn voxels_lie_within_a_voxel_of_the_mesh() {
         keep(mesh, &format!("voxels-{index}-mesh"));
         keep(rays, &format!("voxels-{index}"));
         let pairs: Vec<(f32, f32)> = metres(mesh).into_iter().zip(metres(rays)).collect();
-        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are not. Without a look between samples
-        // it is 30 to 43.
+        // Of 160 columns each, with a fifth of a pixel in most: voxels are trilinear, facets are
+        // not. Without a look between samples it is 30 to 43.
         let torn = pairs.iter().filter(|(a, b)| a.is_finite() != b.is_finite()).count();
         assert!(torn < 35, "view {index}: {torn} pixels are sky in one picture and land in the other");
         let mut errors: Vec<f32> = pairs.iter().filter(|(a, _)| a.is_finite()).map(|(a, b)| (a - b).abs()).collect();

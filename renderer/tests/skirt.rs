@@ -97,7 +97,8 @@ fn under_the_edge_of_the_ground_is_a_wall_and_nothing_between() {
         for (way, kinds) in all.iter().enumerate() {
             let count = |kind| kinds.iter().filter(|k| **k == kind).count();
             assert!(count('w') > 2000 && count('g') > 300, "view {index}, way {way}: {} {}", count('w'), count('g'));
-            // Down a column there is sky, ground, wall, sky: no sky, and no ground's underside, within.
+            // Down a column there is sky, ground, wall, sky: no sky, and no ground's underside,
+            // within.
             for x in 0..SIZE[0] as usize {
                 let column: String = (0..SIZE[1] as usize).map(|y| kinds[y * SIZE[0] as usize + x]).collect();
                 let inner = column.trim_matches('s');

@@ -1,4 +1,5 @@
-//! Several views of one frame: each has the bytes of its camera alone, and the faces of a cube meet.
+//! Several views of one frame: each has the bytes of its camera alone, and the faces of a cube
+//! meet.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
@@ -7,7 +8,7 @@ mod support;
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 use support::{Scene, camera, draw, keep, node, options, world};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::rig::{Rig, RigView, View, Views};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
@@ -71,9 +72,10 @@ fn ways(picture: [u32; 2], views: &Views) -> [(&'static str, EngineOptions); 5] 
 #[test]
 fn every_view_has_the_bytes_of_its_camera_alone() {
     let pose = camera([600.0, 300.0, 260.0], 20.0, -25.0, [90, 70]);
-    let [mut right, mut down] = [pose; 2];
+    let mut right = *pose.fields();
     right.eye_in_world[0] += 7.3;
-    (down.pitch_rad, down.vfov_rad, down.width, down.height) = (-FRAC_PI_2, 0.8, 50, 101);
+    let down = CameraFields { pitch_rad: -FRAC_PI_2, vfov_rad: 0.8, width: 50, height: 101, ..*pose.fields() };
+    let [right, down] = [right, down].map(|fields| Camera::new(fields).unwrap());
     let views = Views::new([
         View { camera: pose, at: [3, 5] },
         View { camera: right, at: [97, 0] },
@@ -105,8 +107,9 @@ fn every_view_has_the_bytes_of_its_camera_alone() {
 #[test]
 fn a_view_from_higher_up_sees_the_same_ground() {
     let pose = camera([600.0, 300.0, 260.0], 20.0, -35.0, [120, 90]);
-    let mut above = pose;
+    let mut above = *pose.fields();
     above.eye_in_world[2] += 40.0;
+    let above = Camera::new(above).unwrap();
     let views = Views::new([View { camera: pose, at: [0, 0] }, View { camera: above, at: [120, 0] }]).unwrap();
     // Voxels are chosen by their distance from the pose.
     for (name, options) in ways([240, 90], &views).into_iter().filter(|(name, _)| *name != "coherent rays") {
@@ -125,8 +128,8 @@ fn a_view_from_higher_up_sees_the_same_ground() {
 
 const SIDE: u32 = 65;
 
-/// A cube's six faces, side by side, a little wider than 90 degrees: the centres of the outermost pixels lie on its edges, so that
-/// two faces share the rays along their edge.
+/// A cube's six faces, side by side, a little wider than 90 degrees: the centres of the outermost
+/// pixels lie on its edges, so that two faces share the rays along their edge.
 fn cube() -> Rig {
     let turned = |(index, (name, yaw, pitch)): (u32, (&str, f64, f64))| RigView {
         name: name.to_owned(),
@@ -149,7 +152,8 @@ fn cube() -> Rig {
     Rig { views: (0..).zip(faces).map(turned).collect() }
 }
 
-/// The pixels on a side of a face, in order: top and bottom from the left, left and right from the top.
+/// The pixels on a side of a face, in order: top and bottom from the left, left and right from the
+/// top.
 fn side(name: &str) -> Vec<[u32; 2]> {
     let last = SIDE - 1;
     let at = |k: u32| match name {
@@ -168,7 +172,7 @@ fn the_faces_of_a_cube_meet_along_their_edges() {
         [camera([640.0, 640.0, 120.0], 0.0, 0.0, [64, 64]), camera([640.0, 600.0, 130.0], 33.0, -20.0, [64, 64])]
     {
         let rig = cube();
-        let views = rig.views(&pose);
+        let views = rig.views(&pose).unwrap();
         // Face, side, face, side, and whether the second runs the other way.
         let edges = [
             (0, "right", 1, "left", false),
@@ -208,8 +212,9 @@ fn the_faces_of_a_cube_meet_along_their_edges() {
             let told =
                 format!("{name}: of {all} pixels on edges, {ground} of them ground, {same} are equal, {near} within 1");
             println!("{told}");
-            // One ray, but not to the bit: each face has axes of its own. So a ray along a crest may pass it in one face. Samples
-            // beside the centre are other rays in each face, and voxels are sampled at other places along them.
+            // One ray, but not to the bit: each face has axes of its own. So a ray along a crest
+            // may pass it in one face. Samples beside the centre are other rays in each face, and
+            // voxels are sampled at other places along them.
             let (fewest_equal, fewest_near) = match name {
                 "exact rays" => (all - 2, all - 2),
                 "mesh" | "rays of a device" => (all * 97 / 100, all - 2),

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use terravision_common::database::{DatabaseError, Layer, ManifestError, TileDamage, TileError};
 use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
-use terravision_common::world::WorldError;
 
 /// The kind of a failure, by which metrics count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -268,15 +267,6 @@ pub enum StoreError {
         /// What is wrong.
         #[source]
         source: ManifestError,
-        /// Where.
-        location: String,
-    },
-    /// The manifest's world is not valid.
-    #[error("the manifest's world is wrong: {source}, at {location}")]
-    World {
-        /// What is wrong.
-        #[source]
-        source: WorldError,
         /// Where.
         location: String,
     },

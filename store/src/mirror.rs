@@ -16,7 +16,6 @@ use terravision_common::database::{
     Index, MANIFEST_FILE, MOST_MANIFEST_BYTES, Manifest, ManifestError, NODES_FILE, NodeRanges, RangesError,
 };
 use terravision_common::files::{private_folder, read_bounded, temporary_folder};
-use terravision_common::world::World;
 
 /// The file of height ranges is read in pieces of this size, a few at a time.
 const PART_BYTES: u64 = 1 << 20;
@@ -29,7 +28,6 @@ pub type OnProgress<'a> = &'a mut dyn FnMut(u64, u64);
 pub(crate) struct OpenManifest {
     pub(crate) text: Bytes,
     pub(crate) manifest: Manifest,
-    pub(crate) world: World,
 }
 
 /// A folder that is removed when this value is dropped.
@@ -79,8 +77,7 @@ pub(crate) fn parse(text: Bytes, location: &Location) -> Result<OpenManifest, St
     // Invalid Unicode is invalid JSON too: the parser reports it.
     let manifest = Manifest::parse(&String::from_utf8_lossy(&text))
         .map_err(|source| StoreError::Manifest { source, location: location.to_string() })?;
-    let world = manifest.geometry().map_err(|source| StoreError::World { source, location: location.to_string() })?;
-    Ok(OpenManifest { text, manifest, world })
+    Ok(OpenManifest { text, manifest })
 }
 
 /// Reads the manifest from the server.
@@ -244,15 +241,17 @@ fn remember_location(cache: &Path, location: &Location, manifest: &[u8]) -> io::
 /// Size of the file of height ranges, if the manifest's number is what the world needs, and within
 /// the bound. Checked before anything is read or allocated.
 fn checked_nodes(network: &Network, open: &OpenManifest) -> Result<u64, FetchError> {
-    NodeRanges::checked_bytes(&open.world, &open.manifest.nodes, open.manifest.is_sparse()).map_err(|error| {
-        let why = match error {
-            RangesError::Length { expected, found } => {
-                format!("the manifest says that it has {found} bytes, and its world needs {expected}")
-            }
-            error => error.to_string(),
-        };
-        FetchError::failed(Cause::Changed, why, network.transport().place(NODES_FILE))
-    })
+    NodeRanges::checked_bytes(open.manifest.world(), &open.manifest.fields().nodes, open.manifest.is_sparse()).map_err(
+        |error| {
+            let why = match error {
+                RangesError::Length { expected, found } => {
+                    format!("the manifest says that it has {found} bytes, and its world needs {expected}")
+                }
+                error => error.to_string(),
+            };
+            FetchError::failed(Cause::Changed, why, network.transport().place(NODES_FILE))
+        },
+    )
 }
 
 /// Reads the height ranges into a file, a few pieces at a time: memory use does not depend on their
@@ -266,7 +265,7 @@ async fn read_nodes(
 ) -> Result<(), Unfilled> {
     let failed =
         |cause, why: String| Unfilled::Network(FetchError::failed(cause, why, network.transport().place(NODES_FILE)));
-    let crc32 = open.manifest.nodes.crc32;
+    let crc32 = open.manifest.fields().nodes.crc32;
     let mut damages = 0;
     loop {
         file.restart()?;

@@ -91,7 +91,7 @@ impl RemoteBackend {
         let cache = DiskCache::open(&cache_dir, &name, cache_bytes, Arc::clone(log));
         added.into_iter().for_each(|bytes| cache.account(bytes));
         let place = location.to_string();
-        let remote = Remote::new(&open.manifest, open.text, open.world, network, cache, place, Arc::clone(log));
+        let remote = Remote::new(&open.manifest, open.text, network, cache, place, Arc::clone(log));
         let remote = Arc::new(remote);
         if options.index.is_none() && !options.is_offline {
             runtime.block_on(remote.open_archives())?;

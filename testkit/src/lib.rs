@@ -2,7 +2,7 @@
 //! depends on libraries alone.
 //!
 //! * [`fault_server`]: a static web server on loopback that misbehaves on demand;
-//! * [`worlds`]: worlds without a database;
+//! * [`worlds`]: worlds without a database, and [`runs`] that no launcher has planned;
 //! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds
 //!   for them;
 //! * [`reference`]: the renderer that is exact where the pipeline approximates, and [`metrics`] of
@@ -17,4 +17,5 @@ pub mod floats;
 pub mod metrics;
 pub mod rays;
 pub mod reference;
+pub mod runs;
 pub mod worlds;

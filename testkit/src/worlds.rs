@@ -2,9 +2,9 @@
 
 use terravision_common::world::{World, WorldFields};
 
-/// A world of so many lattice units, of a length in metres, whose tiles have so many intervals of
-/// elevation and texels of colour: at the origin, with as many levels as it takes for one root, and
-/// both elevation and colour down to the finest.
+/// A world of a number of lattice units, of a length in metres, whose tiles have numbers of
+/// intervals of elevation and texels of colour: at the origin, with as many levels as it takes for
+/// one root, and both elevation and colour down to the finest.
 ///
 /// ```
 /// use terravision_common::world::{World, WorldFields};
@@ -31,7 +31,7 @@ pub fn fields(extent: [u32; 2], lattice_unit_m: f64, [elevation_tile, color_tile
 /// The world of these [`fields`].
 ///
 /// # Panics
-/// When there is none.
+/// When there is no such world.
 #[must_use]
 pub fn world(extent: [u32; 2], lattice_unit_m: f64, tiles: [u32; 2]) -> World {
     World::new(fields(extent, lattice_unit_m, tiles)).expect("these are the fields of a world")

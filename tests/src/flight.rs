@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde_json::json;
 use std::path::Path;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 
 /// A pose in the world's CRS; degrees as on the command line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ impl Pose {
     /// The camera, for pictures of this size and vertical field of view.
     #[must_use]
     pub fn camera(&self, [width, height]: [u32; 2], vfov_deg: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: self.eye,
             heading_rad: self.heading.to_radians(),
             pitch_rad: self.pitch.to_radians(),
@@ -37,7 +37,8 @@ impl Pose {
             width,
             height,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     /// The pose, moved by a vector.

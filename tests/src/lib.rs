@@ -1,6 +1,7 @@
 //! What TerraVision's tests stand on: processes as values, worlds to fly over, an S3 server, storms,
-//! changed inputs.
+//! changed inputs, what benches find.
 
+pub mod findings;
 pub mod flight;
 pub mod folder;
 pub mod fuzz;

@@ -30,7 +30,7 @@ pub fn left_of(name: &SharedName) -> Vec<PathBuf> {
 /// A Python that has numpy and Pillow.
 ///
 /// # Panics
-/// When there is none: `scripts/setup.sh --tests` installs it.
+/// When it is missing: `scripts/setup.sh --tests` installs it.
 #[must_use]
 pub fn python() -> &'static str {
     static PYTHON: OnceLock<Option<&'static str>> = OnceLock::new();

@@ -2,7 +2,7 @@
 
 use crate::worlds::TestWorld;
 use std::time::{Duration, Instant};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::Database;
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_raycast::Sampling;
@@ -72,8 +72,9 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let database = Database::open(&world.database()).unwrap_or_else(|error| panic!("{error}"));
     let geometry = *database.world();
     let origin = geometry.fields().origin;
-    let [x, y, z] = camera.eye_in_world;
-    let camera = Camera { eye_in_world: [x - origin[0], y - origin[1], z], ..*camera };
+    let [x, y, z] = camera.fields().eye_in_world;
+    let camera = Camera::new(CameraFields { eye_in_world: [x - origin[0], y - origin[1], z], ..*camera.fields() })
+        .expect("valid");
     // Levels measure facets by the side of the square with a facet's area; cells are √2 wider.
     let r_z_px = settings.cell_px / std::f64::consts::SQRT_2;
     let level = LevelFunction::new(&camera, &geometry, 1.0, Measure::Max, r_z_px, settings.texel_px);
@@ -89,7 +90,7 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let sampling = Sampling { interval_voxels: 0.6, voxel_px: 1.0f32.min(settings.cell_px as f32) };
     let options = CastOptions { method: settings.method, sampling, sky_rgb, ..CastOptions::default() };
     let layers = tiles.layers();
-    let picture = Picture::new([camera.width, camera.height]);
+    let picture = Picture::new([camera.width(), camera.height()]);
     caster.draw(&ground, &layers, &camera, &options, &picture);
     let start = Instant::now();
     let counts = caster.draw(&ground, &layers, &camera, &options, &picture);

@@ -26,7 +26,7 @@ impl S3Server {
     #[must_use]
     pub fn start() -> Option<Self> {
         let program = program()?;
-        // The port is free a moment later too, unless somebody is very quick.
+        // The port is still free a moment later, unless another process is very quick.
         let port = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port();
         let child = Command::new(&program)
             .args(["-H", "127.0.0.1", "-p", &port.to_string()])

@@ -195,7 +195,7 @@ fn a_standard_output_that_is_closed_is_no_panic_and_one_that_breaks_is_told() {
             "{command}: {}",
             closed.stderr
         );
-        // Nobody reads.
+        // No client reads.
         let script = format!("exec 3> >(exec true); sleep 0.3; '{program}' {command} >&3");
         let broken = shell(&script);
         assert!(!broken.stderr.contains("panicked"), "{command}: {}", broken.stderr);

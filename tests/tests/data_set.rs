@@ -51,7 +51,7 @@ fn numbers(listing: &Value) -> Vec<u64> {
     listing["frames"].as_array().unwrap().iter().map(|frame| frame["frame"].as_u64().unwrap()).collect()
 }
 
-/// A frame as somebody reads it who has nothing but the files.
+/// A frame as a program reads it that has only the files.
 struct Frame {
     k: Vec<Vec<f64>>,
     world_to_camera: Vec<Vec<f64>>,

@@ -93,6 +93,106 @@ fn links_within_the_project_lead_somewhere() {
     assert!(looked_at > 20, "{looked_at} links");
 }
 
+/// Names that were replaced by those that a graphics or GIS engineer knows.
+const REPLACED_NAMES: &[(&str, &str)] = &[
+    ("Accounts", "usage"),
+    ("Books", "request table"),
+    ("CrewError", "ExecutorError"),
+    ("Doubts", "Unproven"),
+    ("FrameFigures", "FrameStats"),
+    ("PrefetchFigures", "PrefetchStats"),
+    ("RunFigures", "RunStats"),
+    ("Wish", "Priority"),
+    ("become_program", "exec_program"),
+    ("is_unavailable", "a name that says what it returns"),
+    ("limited_server", "fault_server"),
+    ("nearest_proof", "find_witness"),
+    ("passed_on", "exec subcommand"),
+    ("strange_events", "malformed_events"),
+    ("take_what_is_there", "pin_resident"),
+];
+
+/// Files and folders of crates that were renamed.
+const REPLACED_FILES: &[(&str, &str)] = &[
+    ("crew", "executor"),
+    ("desk", "scheduler"),
+    ("limited-server", "testkit/src/fault_server"),
+    ("resting", "negative_cache"),
+    ("sharpness", "detail_coverage"),
+    ("there", "resident_tiles"),
+    ("thinning", "decimation"),
+    ("trim", "block_culling"),
+];
+
+/// Phrases that only their authors understand at once, in comments, messages and documents.
+const REPLACED_PHRASES: &[(&str, &str)] = &[
+    ("all the same to", "regardless of"),
+    ("are no text", "are not text"),
+    ("is none.", "`None`, or what is missing"),
+    ("it is no", "it is not a"),
+    ("so many-th", "frame number n"),
+    ("so many ", "this many"),
+    ("so so ", "limited"),
+    ("that cannot be.", "what was expected, and what was found"),
+    ("whoever ", "the one that"),
+    ("without a word", "without a message"),
+];
+
+/// All sources, documents, scripts and shaders that the project's folders have, with their texts.
+fn texts() -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    let mut folders = vec![root()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
+            if path.is_dir() && name != "target" && !name.starts_with('.') {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| ["rs", "md", "sh", "py", "wgsl"].iter().any(|kind| e == *kind)) {
+                found.push((name, std::fs::read_to_string(&path).unwrap()));
+            }
+        }
+    }
+    // The list itself, and what was once said of earlier versions.
+    found.retain(|(name, _)| name != "tests/tests/documents.rs" && name != "CHANGELOG.md");
+    found.retain(|(name, _)| !name.starts_with("renderer/"));
+    found.sort();
+    found
+}
+
+#[test]
+fn words_that_were_replaced_do_not_come_back() {
+    let texts = texts();
+    assert!(texts.len() > 500, "{} files", texts.len());
+    for (file, text) in &texts {
+        for (part, replacement) in REPLACED_FILES {
+            let is_part = |name: &str| name.strip_suffix(".rs").unwrap_or(name) == *part;
+            assert!(!file.split('/').any(is_part), "{file}: {part} is called {replacement} now");
+        }
+        let words: BTreeSet<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+        for (name, replacement) in REPLACED_NAMES {
+            assert!(!words.contains(name), "{file}: {name} is called {replacement} now");
+        }
+        for (number, line) in text.lines().enumerate() {
+            let line = line.to_lowercase();
+            let found = REPLACED_PHRASES.iter().find(|(phrase, _)| has_phrase(&line, phrase));
+            if let Some((phrase, replacement)) = found {
+                panic!("{file}:{}: say \"{replacement}\" for \"{phrase}\"", number + 1);
+            }
+        }
+    }
+}
+
+/// Whether a line has a phrase, from the beginning of a word to the end of one.
+fn has_phrase(line: &str, phrase: &str) -> bool {
+    let is_letter = |c: Option<char>| c.is_some_and(char::is_alphanumeric);
+    line.match_indices(phrase).any(|(at, _)| {
+        let behind = &line[at + phrase.len()..];
+        let ends = !phrase.ends_with(char::is_alphanumeric) || !is_letter(behind.chars().next());
+        ends && !is_letter(line[..at].chars().next_back())
+    })
+}
+
 /// With modules in place of NumPy and Pillow that are not there.
 #[test]
 fn examples_without_their_modules_say_so_in_a_sentence() {

@@ -228,8 +228,8 @@ fn a_name_belongs_to_one_flight_and_a_killed_one_gives_it_back() {
 fn wrong_wishes_are_told_in_a_sentence() {
     let world = synth_world(1024);
     for (arguments, expected) in [
-        (&["-o", "shared:a/b"][..], "no name to share frames by"),
-        (&["-o", "shared:"], "no name to share frames by"),
+        (&["-o", "shared:a/b"][..], "is not a name to share frames by"),
+        (&["-o", "shared:"], "is not a name to share frames by"),
         (&["-o", "shared:a", "--share", "b"], "frames already go to -o shared:a"),
         (&["-o", "x/", "--depth"], "--depth without a folder applies to shared frames"),
         (&["-o", "shared:a", "--camera", "udp:10.0.0.1:5"], "udp:127.0.0.1:PORT"),

@@ -12,7 +12,7 @@ use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use terravision_common::database::{Manifest, NodeRanges};
+use terravision_common::database::{ManifestFields, NodeRanges};
 use terravision_common::world::World;
 use terravision_store::{FetchError, Location, Store};
 use terravision_testkit::fault_server::FaultServer;
@@ -91,13 +91,13 @@ fn one_sentence(finished: &Finished, words: &str) {
 }
 
 /// A copy of the database, with another manifest.
-fn with_manifest(folder: &TestFolder, change: impl FnOnce(&mut Manifest)) -> PathBuf {
+fn with_manifest(folder: &TestFolder, change: impl FnOnce(&mut ManifestFields)) -> PathBuf {
     let path = folder.join("world.tv");
     fs::create_dir_all(&path).unwrap();
     for name in FILES {
         fs::copy(synth_world(1024).database().join(name), path.join(name)).unwrap();
     }
-    let mut manifest = local().manifest().clone();
+    let mut manifest = local().manifest().fields().clone();
     change(&mut manifest);
     fs::write(path.join("manifest.json"), manifest.to_text().unwrap()).unwrap();
     path

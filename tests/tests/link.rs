@@ -3,10 +3,10 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
-use serde_json::Value;
 use std::fs;
 use std::time::Duration;
 use terravision_testkit::fault_server::{FaultServer, Link};
+use terravision_tests::findings::Findings;
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::{Terravision, binary};
@@ -69,12 +69,8 @@ fn the_bench_flies_with_each_prediction() {
         .arg("-o")
         .arg(folder.join("plots"))
         .succeed();
-    let found: Value = serde_json::from_slice(&bench.stdout).unwrap();
-    let value = |name: &str| {
-        let all = found["measurements"].as_array().unwrap();
-        let one = all.iter().find(|m| m["name"] == name).unwrap_or_else(|| panic!("{name} is missing: {found}"));
-        one["value"].as_f64().unwrap()
-    };
+    let found = Findings::of(&bench.stdout);
+    let value = |name: &str| found.value(name);
     for prediction in ["off", "linear", "oracle"] {
         for part in ["all of it", "straight ahead", "turns", "stop", "at the end"] {
             let share = value(&format!("{prediction}: drawn as wanted, {part}"));
@@ -97,13 +93,10 @@ fn the_bench_of_long_flights_looks_at_memory_and_files() {
         .arg("-o")
         .arg(folder.join("plots"))
         .succeed();
-    let found: Value = serde_json::from_slice(&bench.stdout).unwrap();
-    let value = |name: &str| {
-        let all = found["measurements"].as_array().unwrap();
-        all.iter().find(|m| m["name"] == name).and_then(|m| m["value"].as_f64())
-    };
-    assert!(value("memory with the pools, all processes") > Some(50.0), "{found}");
-    assert!(value("open files") > Some(20.0) && value("tiles loaded") > Some(20.0), "{found}");
-    assert!(value("memory of their own, last quarter against second") > Some(0.5), "{found}");
+    let found = Findings::of(&bench.stdout);
+    let value = |name: &str| found.get(name);
+    assert!(value("memory with the pools, all processes") > Some(50.0), "{found:?}");
+    assert!(value("open files") > Some(20.0) && value("tiles loaded") > Some(20.0), "{found:?}");
+    assert!(value("memory of their own, last quarter against second") > Some(0.5), "{found:?}");
     assert!(fs::read_to_string(folder.join("plots/long-run.svg")).unwrap().contains("all processes"));
 }

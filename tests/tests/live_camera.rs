@@ -89,7 +89,7 @@ fn against_the_clock_frames_go_on_without_poses_and_show_the_newest() {
         let sent = record(&pose(k), 10.0 + k as f64);
         let seen = step(&mut flight, &poses, &mut ring, &mut shared, &sent);
         assert_eq!(seen.position, sent.position);
-        // Nobody sends, and the pictures go on.
+        // No poses are sent, and the pictures go on.
         let next = frame(&mut flight, &mut ring, &mut shared, |info| info.frame >= seen.frame + 2);
         assert_eq!((next.pose_time_s, next.camera_nanos), (sent.time_s, seen.camera_nanos));
         frames.extend([seen.frame, next.frame]);

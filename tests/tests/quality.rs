@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
-use serde_json::Value;
 use terravision_testkit::metrics::{Quality, compare, median_absolute_error};
 use terravision_testkit::reference::Picture;
+use terravision_tests::findings::Findings;
 use terravision_tests::flight::read_png;
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::Terravision;
@@ -111,35 +111,29 @@ fn the_error_falls_as_facets_and_texels_become_smaller() {
     );
 }
 
-/// What `terravision bench quality --json` measured, by name and unit.
-fn measured(arguments: &[&str], folder: &TestFolder) -> impl Fn(&str, &str) -> f64 {
+/// What `terravision bench quality` measures of one small view.
+fn measured(arguments: &[&str], folder: &TestFolder) -> Findings {
     let world = synth_world(1024).database();
     let command = Terravision::verb("bench").arg("quality").arg(world).args(["--views", "1", "--size", "320x180"]);
-    let finished = command.args(["--json", "-o"]).arg(folder.path()).args(arguments).succeed();
-    let found: Value = serde_json::from_str(&finished.stdout_text()).unwrap();
-    move |name, unit| {
-        let mut all = found["measurements"].as_array().unwrap().iter();
-        let one = all.find(|m| m["name"] == name && m["unit"] == unit);
-        one.unwrap_or_else(|| panic!("{name} in {unit}: {found:#}"))["value"].as_f64().unwrap()
-    }
+    Findings::of(&command.args(["--json", "-o"]).arg(folder.path()).args(arguments).succeed().stdout)
 }
 
 #[test]
 fn the_bench_of_quality_finds_finer_pictures_truer_and_draws_what_it_compared() {
     let folder = TestFolder::new("bench-quality");
-    let value = measured(&[], &folder);
-    for unit in ["px", "m"] {
+    let found = measured(&[], &folder);
+    for where_it_is in ["on screen within", "within"] {
         let [default, best] = ["default", "best"].map(|quality| {
-            let shares = ["median", "90 %", "99 %", "99.9 %"];
-            let values = shares.map(|share| value(&format!("{quality}: displacement, {share}"), unit));
-            assert!(values.is_sorted() && values[0] >= 0.0, "{quality}: {values:?} {unit}");
+            let shares = ["50 %", "90 %", "99 %", "99.9 %"];
+            let values = shares.map(|share| found.value(&format!("{quality}: {share} of land {where_it_is}")));
+            assert!(values.is_sorted() && values[0] >= 0.0, "{quality}, {where_it_is}: {values:?}");
             values[2]
         });
-        assert!(best < 0.5 * default, "{best} and {default} {unit}");
+        assert!(best < 0.5 * default, "{where_it_is}: {best} and {default}");
     }
-    assert!(value("best: PSNR of land", "dB") > value("default: PSNR of land", "dB") + 2.0);
-    assert!(value("best: SSIM of land", "") > value("default: SSIM of land", ""));
-    assert_eq!(value("best: holes", "pixels"), 0.0);
+    assert!(found.value("best: PSNR of land") > found.value("default: PSNR of land") + 2.0);
+    assert!(found.value("best: SSIM of land") > found.value("default: SSIM of land"));
+    assert_eq!(found.value("best: holes"), 0.0);
     let (width, height, map) = read_png(&folder.join("view-1-default-displacement.png"));
     assert_eq!((width, height), (320, 180));
     let reddish = map.iter().filter(|[r, g, b]| r > g && r > b).count();
@@ -147,7 +141,7 @@ fn the_bench_of_quality_finds_finer_pictures_truer_and_draws_what_it_compared() 
 
     // Facets as fine as the data: the surface itself, but for the rounding of heights and positions.
     let folder = TestFolder::new("bench-quality-finest");
-    let finest = measured(&["--", "--facet-px", "0.5"], &folder)("best: displacement, 99 %", "px");
+    let finest = measured(&["--", "--facet-px", "0.5"], &folder).value("best: 99 % of land on screen within");
     assert!(finest < 0.05, "{finest} px from the data's own facets");
 }
 

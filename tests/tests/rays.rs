@@ -56,7 +56,7 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     assert!(finished.stderr.contains("no Vulkan device") && finished.stderr.contains("rays"), "{}", finished.stderr);
     assert_eq!(read_report(&folder)["technique"], "rays");
     let alone = fs::read(folder.join("a.png")).unwrap();
-    // Asked for, they are no surprise.
+    // If requested, there is no notice.
     let asked = without_vulkan(shot.command(&folder)).args(["--technique", "rays"]).succeed();
     assert!(!asked.stderr.contains("Vulkan"), "{}", asked.stderr);
     assert!(alone == fs::read(folder.join("a.png")).unwrap(), "the same picture");
@@ -69,7 +69,7 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     // The leaves are outlined without a device too.
     without_vulkan(shot.command(&folder)).args(["--technique", "rays", "--overlay", "tree"]).succeed();
     assert!(alone != fs::read(folder.join("a.png")).unwrap());
-    // What rays cannot do is said when nobody asked for them.
+    // Limitations of rays are reported when they were not requested.
     let samples = without_vulkan(shot.command(&folder)).args(["--samples", "4"]).run();
     samples.assert_told(0);
     assert!(samples.stderr.contains("one ray is cast per pixel"), "{}", samples.stderr);

@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 use serde_json::Value;
+use terravision_tests::findings::Findings;
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
 use terravision_tests::process::{Terravision, binary};
@@ -131,12 +132,8 @@ fn the_bench_flies_with_and_without_feedback() {
         .arg("-o")
         .arg(folder.join("plots"))
         .succeed();
-    let found: Value = serde_json::from_slice(&bench.stdout).unwrap();
-    let value = |name: &str| {
-        let all = found["measurements"].as_array().unwrap();
-        let one = all.iter().find(|m| m["name"] == name).unwrap_or_else(|| panic!("{name} is missing: {found}"));
-        one["value"].as_f64().unwrap()
-    };
+    let found = Findings::of(&bench.stdout);
+    let value = |name: &str| found.value(name);
     let ratio = value("against the clock") / value("without a clock");
     assert!((0.55..0.65).contains(&ratio), "{ratio}");
     for name in ["feedback", "no feedback"] {

@@ -71,7 +71,7 @@ fn still(world: &str, folder: &TestFolder, more: &[&str]) -> Finished {
 }
 
 /// Fills the cache with what every flight begins with: a picture of the sky. What is asked for
-/// after that, and in which order, is no matter of chance.
+/// after that, and in which order, does not depend on chance.
 fn look_at_the_sky(url: &str, folder: &TestFolder) {
     let from = synth_world(1024).above(0.5, 0.5, 500.0);
     let sky = Pose::new(from, 0.0, 90.0);
@@ -323,7 +323,7 @@ fn a_database_that_is_made_anew_under_way_is_not_mixed_with_the_old_one() {
     end(&poses);
     let finished = flight.wait();
     finished.assert_told(3);
-    let told = finished.stderr.matches("is not the one that was opened").count();
+    let told = finished.stderr.matches("was replaced while it was open").count();
     assert!((1..=2).contains(&told), "{}", finished.stderr);
 }
 
@@ -374,7 +374,7 @@ fn serve_tls(name: &str) -> (String, PathBuf) {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let config = rustls::ServerConfig::builder_with_provider(provider).with_safe_default_protocol_versions().unwrap();
     let config = Arc::new(config.with_no_client_auth().with_single_cert(chain, key).unwrap());
-    // Whoever gets through is told that there is nothing.
+    // Requests that get through are answered with 404.
     std::thread::spawn(move || {
         for stream in listener.incoming().flatten() {
             let session = rustls::ServerConnection::new(Arc::clone(&config)).unwrap();

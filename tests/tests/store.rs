@@ -214,8 +214,8 @@ fn failures_do_not_multiply_requests() {
 fn a_server_that_asks_for_quiet_gets_it() {
     let (server, folder) = (serve(), TestFolder::new("store-quiet"));
     let store = Store::open(&location(&server), &options(&folder)).unwrap();
-    // One answer asks for an hour: nobody asks any more, and reads end at once instead of at their
-    // deadline.
+    // One answer asks for an hour: no more requests are made, and reads end at once instead of at
+    // their deadline.
     server.misbehave([Rule::new(Fault::Status(429, Some(3600)))]);
     let tiles: Vec<_> = tiles(store.world()).into_iter().filter(|(layer, _)| *layer == Layer::Color).collect();
     drop(server.take_asked());
@@ -257,7 +257,7 @@ fn a_database_that_changes_under_way_is_told_once_and_one_that_is_touched_goes_o
     assert_eq!(store.errors().take_news().len(), 1);
     drop(server.take_asked());
     let error = block_on(store.payload(Layer::Color, store.world().root())).unwrap_err();
-    assert_eq!((error.cause(), server.take_asked().len()), (Some(Cause::Changed), 0), "nobody is asked any more");
+    assert_eq!((error.cause(), server.take_asked().len()), (Some(Cause::Changed), 0), "no more requests");
 }
 
 #[test]
@@ -307,7 +307,7 @@ fn reads_that_nobody_waits_for_are_cancelled() {
     until("they are asked", &|| store.stats().under_way == 8);
     drop(reads);
     until("they are cancelled", &|| store.stats().under_way == 0);
-    // Cancelled reads are no failures: the tiles may be asked for at once.
+    // Cancelled reads are not failures: the tiles may be requested at once.
     server.misbehave([]);
     assert!(block_on(store.payload(Layer::Color, fine(1))).is_ok());
 }
@@ -387,7 +387,7 @@ fn info_tells_where_a_world_lies_and_where_it_is_highest() {
         let [x, y] = [place[0] - origin[0], place[1] - origin[1]];
         let ground = terravision_common::database::ground_height(&local, local.world(), x, y, &mut scratch).unwrap();
         assert_eq!(told[name]["height_m"].as_f64(), ground);
-        let expected = local.manifest().elevation.range_m[side];
+        let expected = local.manifest().fields().elevation.range_m[side];
         assert!((ground.unwrap() - expected).abs() < 0.01, "{name}: {ground:?}, expected {expected}");
     }
     let ([w, s, e, n], at) =

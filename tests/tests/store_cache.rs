@@ -32,7 +32,7 @@ fn a_second_run_asks_for_the_manifest_alone_and_an_offline_one_for_nothing() {
     let store = Store::open(&location(&server), &offline).unwrap();
     assert_same("offline", &tiles, &read(&store, &tiles));
     assert_eq!((server.take_asked().len(), store.stats().requests), (0, 0));
-    // What it has not is an error that says so.
+    // A tile that it lacks is an error that says so.
     let error = block_on(store.payload(Layer::Color, fine(1))).unwrap_err();
     assert!(error.cause() == Some(Cause::Offline) && error.to_string().contains("not in the cache"), "{error}");
     // Nothing of another place.

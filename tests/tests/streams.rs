@@ -19,7 +19,7 @@ fn fly(size: &str) -> Terravision {
         .args(["--frames".into(), format!("0..{FRAMES}")])
 }
 
-/// Waits until the launcher has passed on so many bytes.
+/// Waits until the launcher has passed on this many bytes.
 fn wait_for_stream(running: &mut Running, bytes: u64) {
     running.until("pictures in the stream", |running| {
         let io = std::fs::read_to_string(format!("/proc/{}/io", running.pid())).ok()?;

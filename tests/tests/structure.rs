@@ -270,33 +270,6 @@ fn reached(uses: &BTreeMap<String, BTreeSet<String>>) -> BTreeMap<String, BTreeS
     }
 }
 
-/// Names that were replaced by what a graphics or GIS engineer calls these things.
-const REPLACED: &[(&str, &str)] = &[
-    ("become_program", "exec_program"),
-    ("passed_on", "exec subcommand"),
-    ("strange_events", "malformed_events"),
-    ("RunFigures", "RunStats"),
-    ("FrameFigures", "FrameStats"),
-    ("PrefetchFigures", "PrefetchStats"),
-    ("take_what_is_there", "pin_resident"),
-    ("Books", "request table"),
-    ("CrewError", "executor"),
-    ("Accounts", "usage"),
-];
-
-#[test]
-fn names_that_were_replaced_do_not_come_back() {
-    for (file, text) in crates().into_iter().flat_map(|name| sources(&name)) {
-        if file.ends_with("structure.rs") {
-            continue;
-        }
-        let words: BTreeSet<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
-        for (name, replacement) in REPLACED {
-            assert!(!words.contains(name), "{file}: {name} is called {replacement} now");
-        }
-    }
-}
-
 /// The tools of these tests see what they are to see.
 #[test]
 fn lengths_and_circles_are_noticed() {

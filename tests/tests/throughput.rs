@@ -44,7 +44,7 @@ fn trees_slots_arrays_and_frames_pass_through_the_stages() {
     let recorded = stages::record(&settings, &flight).unwrap();
     assert_eq!(recorded.trees.trees.len() as u64, FRAMES);
     for ((frame, pose), (header, nodes)) in (0u64..).zip(&flight.round).zip(&recorded.trees.trees) {
-        assert_eq!((header.frame, header.camera), (frame, *pose));
+        assert_eq!((header.frame, header.camera), (frame, *pose.fields()));
         assert_eq!((header.node_count as usize, header.is_cut_short), (nodes.len(), 0));
         let count = nodes.len() as u32;
         let children: u32 = (0u32..)

@@ -162,10 +162,10 @@ fn measurements(setting: &Setting, found: &Found, views: u64) -> anyhow::Result<
         values
     });
     let mut all = Vec::new();
-    for (share, name) in [(0.5, "median"), (0.9, "90 %"), (NEARLY_ALL, "99 %"), (0.999, "99.9 %")] {
-        let off = named(&format!("displacement, {name}"), quantile(&px, share), "px");
+    for (share, name) in [(0.5, "50 %"), (0.9, "90 %"), (NEARLY_ALL, "99 %"), (0.999, "99.9 %")] {
+        let off = named(&format!("{name} of land on screen within"), quantile(&px, share), "px");
         all.push(if share == NEARLY_ALL { off.with_target(Target::AtMost(setting.most_px)) } else { off });
-        all.push(named(&format!("displacement, {name}"), quantile(&m, share), "m"));
+        all.push(named(&format!("{name} of land within"), quantile(&m, share), "m"));
     }
     let pixels = found.land_pixels as f64;
     all.push(named("holes", found.holes as f64, "pixels").with_target(Target::AtMost(0.0)));

@@ -1,5 +1,5 @@
-//! Reading a PMTiles v3 archive with positioned reads: any thread, no async runtime, nothing
-//! trusted.
+//! Reads a PMTiles v3 archive with positioned reads: from any thread, without an async runtime, and
+//! without trusting its content.
 
 use super::archive_layout::{ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, Place};
 use super::leaves::Leaves;
@@ -22,13 +22,13 @@ pub enum ArchiveError {
     /// It is not a PMTiles v3 archive.
     #[error("it is not a PMTiles archive of version 3")]
     NotPmtiles,
-    /// Something in it cannot be.
+    /// Its content is not valid.
     #[error("it is damaged: {what}")]
     Damaged {
         /// What.
         what: &'static str,
     },
-    /// It is not as long as it was when it was written.
+    /// Its length has changed since it was written.
     #[error("it has {found} bytes, expected {expected}")]
     Length {
         /// What the manifest says.
@@ -36,7 +36,7 @@ pub enum ArchiveError {
         /// What it has.
         found: u64,
     },
-    /// Header or directories are not what was written.
+    /// Header or directories have changed since they were written.
     #[error("the checksum of its directories is {found:08x}, expected {expected:08x}")]
     Checksum {
         /// What the manifest says.
@@ -154,8 +154,8 @@ impl Archive {
         self.leaves.get_or_parse(index, || self.layout.directory(&bytes))
     }
 
-    /// Reads a tile into `out` (replacing what is there); false when the archive has none. A tile
-    /// longer than `max_bytes` is not read.
+    /// Reads a tile into `out`, replacing its content; `false` when the archive does not contain
+    /// it. A tile longer than `max_bytes` is not read.
     ///
     /// # Errors
     /// [`ArchiveError`].

@@ -1,5 +1,5 @@
-//! Where things are in a PMTiles v3 archive, found without reading it: the caller brings the bytes,
-//! from a file or over a network. Nothing in them is trusted.
+//! The layout of a PMTiles v3 archive. The caller provides the bytes, from a file or a network;
+//! their content is not trusted.
 
 use super::archive::ArchiveError;
 use super::directory::{Entry, find, parse_directory};
@@ -11,11 +11,11 @@ use std::ops::Range;
 
 /// Length of the fixed header (PMTiles v3 specification, section 3).
 pub const ARCHIVE_HEADER_BYTES: usize = 127;
-/// All leaf directories of an archive together, and what lies before its tiles, have at most so
-/// many bytes: a hundred million tiles need less.
+/// Upper bound of the bytes of all leaf directories of an archive, and of everything before its
+/// tiles: a hundred million tiles need less.
 pub const MOST_INDEX_BYTES: u64 = 1 << 30;
-/// Most bytes of a directory, as it lies in the archive and decompressed: those of a hundred
-/// million tiles have a fifth of it. In memory its entries take at most six times as much.
+/// Upper bound of the bytes of a directory, stored and decompressed: for a hundred million tiles a
+/// fifth suffices. In memory its entries take at most six times as much.
 pub const MOST_DIRECTORY_BYTES: u64 = 2 << 20;
 
 /// The sections of an archive, from its header.
@@ -56,12 +56,12 @@ impl Directory {
     }
 }
 
-/// What a directory says of a tile; ranges are bytes of the archive.
+/// The entry of a directory for a tile; ranges are bytes of the archive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Place {
-    /// The tile is here.
+    /// The bytes of the tile.
     Tile(Range<u64>),
-    /// A leaf directory knows.
+    /// The leaf directory that may contain the tile.
     Leaf {
         /// The entry in the root directory, counted from 0.
         index: usize,
@@ -140,7 +140,8 @@ impl ArchiveLayout {
             return parse_directory(bytes).map(Directory);
         }
         let mut plain = Vec::new();
-        // One byte more than it may have tells one that is too large from one that just fits.
+        // One byte more than allowed distinguishes a directory that is too large from one that just
+        // fits.
         let unpack = || GzDecoder::new(bytes).take(MOST_DIRECTORY_BYTES + 1).read_to_end(&mut plain);
         if !matches!(contained(unpack), Ok(Ok(_))) {
             return Err(ArchiveError::Damaged { what: "a directory does not decompress" });
@@ -151,7 +152,7 @@ impl ArchiveLayout {
         parse_directory(&plain).map(Directory)
     }
 
-    /// Looks a tile up in a directory; `None` when the archive does not have it.
+    /// Looks up a tile in a directory; `None` when the archive does not contain it.
     ///
     /// # Errors
     /// [`ArchiveError`] when the entry points beyond its section.
@@ -171,7 +172,7 @@ impl ArchiveLayout {
         inside(self.leaf, LEAF).map(|range| Some(Place::Leaf { index, range }))
     }
 
-    /// Looks a tile up in a leaf directory, which has tiles alone.
+    /// Looks up a tile in a leaf directory, which contains only tiles.
     ///
     /// # Errors
     /// [`ArchiveError`].

@@ -15,13 +15,13 @@ const TRAILER_BYTES: usize = 8;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ColorCodecError {
-    /// They do not end like one.
+    /// They do not end like a colour tile.
     #[error("it is not a colour tile ({found} bytes)")]
     NotATile {
         /// How many there are.
         found: usize,
     },
-    /// They are not the bytes that were written.
+    /// They have changed since they were written.
     #[error("its checksum is {found:08x}, expected {expected:08x}")]
     Checksum {
         /// What the tile says.
@@ -51,14 +51,14 @@ pub fn color_tile_bytes(world: &World) -> usize {
     TexelFormat::Rgba8.tile_bytes(world.color_stored()) as usize
 }
 
-/// Appends the trailer to a picture: it is then a tile.
+/// Appends the trailer that makes a picture a tile.
 pub fn seal_color_tile(picture: &mut Vec<u8>) {
     let checksum = crc32fast::hash(picture);
     picture.extend(MAGIC);
     picture.extend(checksum.to_le_bytes());
 }
 
-/// Checks that bytes are a tile as it was written; gives the picture in it.
+/// Verifies the checksum of a tile, and returns the picture in it.
 ///
 /// # Errors
 /// [`ColorCodecError`].
@@ -95,7 +95,7 @@ pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), 
 }
 
 fn decode_picture(picture: &[u8], side: usize, out: &mut [u8]) -> Result<(), ColorCodecError> {
-    // Limits first: nothing is allocated for a picture of another size.
+    // Check limits first: nothing is allocated for a picture of another size.
     let options = DecoderOptions::new_fast()
         .set_strict_mode(true)
         .set_max_width(side)

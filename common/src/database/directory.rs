@@ -1,5 +1,5 @@
-//! The directory of a PMTiles v3 archive. (The `pmtiles` crate keeps offsets to itself, so the 60
-//! lines are ours; ids of tiles along the Hilbert curve come from the crate.)
+//! The directory of a PMTiles v3 archive. (The `pmtiles` crate does not expose offsets, so these 60
+//! lines are our own; ids of tiles along the Hilbert curve come from the crate.)
 
 use super::archive::ArchiveError;
 use pmtiles::MAX_TILE_ID;
@@ -42,8 +42,8 @@ fn read_u32(bytes: &mut &[u8]) -> Result<u32, ArchiveError> {
 pub(crate) fn parse_directory(mut bytes: &[u8]) -> Result<Box<[Entry]>, ArchiveError> {
     let bytes = &mut bytes;
     let count = read_u64(bytes)?;
-    // Each entry has four numbers of at least one byte: no allocation beyond a few times what was
-    // read.
+    // Each entry has four numbers of at least one byte each: this bounds the allocation by a small
+    // multiple of the input.
     if count > bytes.len() as u64 / 4 {
         return Err(damaged("its directory claims more entries than it has bytes for"));
     }

@@ -9,7 +9,7 @@
 //! become small), and the bytes are split into planes, lowest first: the high ones are nearly all
 //! zero. Only the planes that are needed are stored.
 //!
-//! A tile with posts that were not measured ([`crate::validity`]) goes on with their shares:
+//! A tile with posts that were not measured ([`crate::validity`]) also contains their shares:
 //!
 //! ```text
 //! "TVe2"  crc32 of all that follows  posts u16  planes u8  0 u8  bytes of the first zstd frame u32  zstd frame  zstd frame
@@ -35,13 +35,13 @@ const HEADER_BYTES: usize = 12;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ElevationCodecError {
-    /// They do not begin like one.
+    /// They do not begin like an elevation tile.
     #[error("it is not an elevation tile ({found} bytes)")]
     NotATile {
         /// How many there are.
         found: usize,
     },
-    /// They are not the bytes that were written.
+    /// They have changed since they were written.
     #[error("its checksum is {found:08x}, expected {expected:08x}")]
     Checksum {
         /// What the tile says.
@@ -57,15 +57,15 @@ pub enum ElevationCodecError {
         /// What the tile has.
         found: u16,
     },
-    /// The compressed part is not what it should be.
+    /// The compressed part is damaged.
     #[error("its compressed part is damaged")]
     Compressed,
-    /// It has validity in a world without.
+    /// It has validity, in a world without validity.
     #[error("it says where no data were, which the manifest does not know of")]
     UnexpectedValidity,
 }
 
-/// The most bytes that a tile of this world can have.
+/// Upper bound of the bytes of a tile of this world.
 pub(crate) fn max_payload_bytes(world: &World) -> usize {
     let posts = world.elevation_posts() as usize;
     let validity = if world.has_validity() { 4 + zstd::zstd_safe::compress_bound(posts * posts * 2) } else { 0 };
@@ -85,8 +85,8 @@ fn prediction(steps: &[i32], posts: usize, row: usize, column: usize) -> i32 {
 /// Encodes a tile of `posts`² heights in metres; they are rounded to whole steps.
 ///
 /// # Panics
-/// When `heights` is not `posts`² long or a height is not finite: ingest has filled all voids
-/// before.
+/// When `heights` does not have `posts`² values or a height is not finite: ingest has filled all
+/// voids before.
 #[must_use]
 pub fn encode_elevation_tile(heights: &[f32], posts: u32) -> Vec<u8> {
     let (plane_count, packed) = pack_heights(heights, posts);
@@ -254,8 +254,8 @@ fn decode_heights(
     }
     let step_m = 1.0 / HEIGHT_STEPS_PER_M;
     let [mut south, mut south_west] = [0i32; 2];
-    // The predictor needs the row to the south as integers; heights are whole steps, so they are
-    // read back exactly.
+    // The predictor needs the row to the south as integers. Heights are whole steps, so they are
+    // recovered exactly.
     for at in 0..samples {
         let mut zigzag = 0u32;
         for plane in 0..plane_count {

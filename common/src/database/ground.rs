@@ -5,9 +5,9 @@ use crate::surface::tile::{GroundPoint, node_ground};
 use crate::world::World;
 use glam::DVec2;
 
-/// The ground at a point in world coordinates: facet-linear on the finest elevation level that is
-/// there, as it is drawn close by (cells are split along their SW-NE diagonal). `None` outside the
-/// extent. Blocks on storage.
+/// The ground at a point in world coordinates: facet-linear on the finest elevation level that
+/// exists there, as it is drawn at close range (cells are split along their SW-NE diagonal). `None`
+/// outside the extent. Blocks on storage.
 ///
 /// # Errors
 /// [`TileError`] when the tile cannot be read.
@@ -28,14 +28,14 @@ pub fn ground_at(
         let Some(node) = surface.node_at(foot, q) else { return Ok(None) };
         match source.read_elevation(node, &mut values, scratch) {
             Ok(()) => return Ok(Some(node_ground(&surface, node, &values, foot))),
-            // A sparse level that is not there.
+            // A sparse level without a tile here.
             Err(TileError::Missing { .. }) if q < world.complete_level() => q += 1,
             Err(error) => return Err(error),
         }
     }
 }
 
-/// Height of the ground at a point: that of [`ground_at`], whether it was measured or not.
+/// Height of the ground at a point, as [`ground_at`], whether it was measured or not.
 ///
 /// # Errors
 /// [`TileError`] when the tile cannot be read.

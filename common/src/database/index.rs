@@ -1,18 +1,16 @@
-//! The part of a database that is small and that every process needs: what it is, and where its
-//! ground lies.
+//! The small part of a database that every process needs: manifest, geometry and height ranges.
 
-use super::manifest::{self, Manifest, ManifestError};
+use super::manifest::{self, Manifest};
 use super::{DatabaseError, MANIFEST_FILE, NODES_FILE, NodeRanges};
 use crate::world::World;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Manifest, geometry and height ranges of a database: of a folder that need not have the tiles.
+/// Manifest, geometry and height ranges of a database. Its folder need not contain the tiles.
 #[derive(Debug)]
 pub struct Index {
     path: PathBuf,
     manifest: Manifest,
-    world: World,
     ranges: NodeRanges,
 }
 
@@ -20,18 +18,17 @@ impl Index {
     /// Reads the index in a folder and checks it.
     ///
     /// # Errors
-    /// [`DatabaseError`]: not there, not finished, of another version, damaged.
+    /// [`DatabaseError`]: missing, unfinished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
-        let (manifest, world) = open_manifest(path)?;
-        Self::of_manifest(path, manifest, world)
+        Self::of_manifest(path, open_manifest(path)?)
     }
 
-    /// Reads what belongs to a manifest that has been read.
-    pub(super) fn of_manifest(path: &Path, manifest: Manifest, world: World) -> Result<Self, DatabaseError> {
+    /// Reads the rest of the index for a manifest.
+    pub(super) fn of_manifest(path: &Path, manifest: Manifest) -> Result<Self, DatabaseError> {
         let nodes_path = path.join(NODES_FILE);
-        let ranges = NodeRanges::read(&nodes_path, &world, &manifest.nodes, manifest.is_sparse())
+        let ranges = NodeRanges::read(&nodes_path, manifest.world(), &manifest.fields().nodes, manifest.is_sparse())
             .map_err(|source| DatabaseError::Ranges { source, path: nodes_path })?;
-        Ok(Self { path: path.to_owned(), manifest, world, ranges })
+        Ok(Self { path: path.to_owned(), manifest, ranges })
     }
 
     /// The folder that it is in.
@@ -40,7 +37,7 @@ impl Index {
         &self.path
     }
 
-    /// What the manifest says.
+    /// The manifest.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
@@ -49,7 +46,7 @@ impl Index {
     /// The database's geometry.
     #[must_use]
     pub fn world(&self) -> &World {
-        &self.world
+        self.manifest.world()
     }
 
     /// Lowest and highest ground under each node.
@@ -62,13 +59,13 @@ impl Index {
 /// The geometry of the database in a folder, for a process that reads no tiles.
 ///
 /// # Errors
-/// [`DatabaseError`]: not there, not finished, of another version, damaged.
+/// [`DatabaseError`]: missing, unfinished, of another version, damaged.
 pub fn read_world(path: &Path) -> Result<World, DatabaseError> {
-    open_manifest(path).map(|(_, world)| world)
+    open_manifest(path).map(|manifest| *manifest.world())
 }
 
-/// Reads the manifest in a folder, and the geometry in it.
-pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseError> {
+/// Reads the manifest in a folder.
+pub(super) fn open_manifest(path: &Path) -> Result<Manifest, DatabaseError> {
     let manifest_path = path.join(MANIFEST_FILE);
     let text = match manifest::read_text(&manifest_path) {
         Ok(text) => text,
@@ -77,10 +74,5 @@ pub(super) fn open_manifest(path: &Path) -> Result<(Manifest, World), DatabaseEr
         }
         Err(source) => return Err(DatabaseError::Read { source, path: manifest_path }),
     };
-    let manifest =
-        Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path.clone() })?;
-    let world = manifest
-        .geometry()
-        .map_err(|source| DatabaseError::Manifest { source: ManifestError::World { source }, path: manifest_path })?;
-    Ok((manifest, world))
+    Manifest::parse(&text).map_err(|source| DatabaseError::Manifest { source, path: manifest_path })
 }

@@ -1,21 +1,20 @@
-//! Leaf directories that were read, up to a number of bytes: those used last.
+//! A cache of leaf directories, bounded in bytes: the least recently used ones are dropped.
 //!
-//! A database that is small on disk can have directories that are thousands of times larger in
-//! memory, so what is kept is bounded by what it takes there, not by what the database says of
-//! itself.
+//! The directories of a database that is small on disk can be thousands of times larger in memory.
+//! So the bound is on bytes in memory, not on sizes that the database states.
 
 use super::archive_layout::Directory;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Bytes of leaf directories that an archive keeps in memory: those of 1.4 million tiles. What is
-/// wanted beyond is read anew.
+/// Upper bound of the bytes of leaf directories in memory for an archive: those of 1.4 million
+/// tiles. Others are read again when needed.
 pub const MOST_LEAF_BYTES: usize = 32 << 20;
-/// What a directory takes beside its entries: its place in the map and its allocations.
+/// Memory of a directory in addition to its entries: map entry and allocations.
 const OVERHEAD_BYTES: usize = 256;
 
-/// The leaf directories of an archive that were used last, by their entry in the root. Any thread
-/// may use it.
+/// The most recently used leaf directories of an archive, by their entry in the root. May be used
+/// by any thread.
 #[derive(Debug)]
 pub struct Leaves {
     most_bytes: usize,
@@ -44,8 +43,8 @@ impl Held {
             self.bytes -= cost(&old);
         }
         while self.bytes > most_bytes {
-            // A few hundred of them, in a database that ingest wrote: a walk costs less than
-            // keeping them in order.
+            // There are a few hundred of them in a database written by ingest: a linear search
+            // costs less than to keep them sorted.
             let oldest = self.by_index.iter().min_by_key(|(_, (used, _))| *used).map(|(index, _)| *index);
             let Some((_, old)) = oldest.and_then(|index| self.by_index.remove(&index)) else { break };
             self.bytes -= cost(&old);
@@ -64,7 +63,7 @@ impl Default for Leaves {
 }
 
 impl Leaves {
-    /// Keeps at most so many bytes.
+    /// A cache of at most `most_bytes` bytes.
     #[must_use]
     pub fn new(most_bytes: usize) -> Self {
         Self { most_bytes, held: Mutex::default() }
@@ -74,18 +73,17 @@ impl Leaves {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A directory that is here.
+    /// A cached directory.
     #[must_use]
     pub fn get(&self, index: usize) -> Option<Arc<Directory>> {
         self.lock().get(index)
     }
 
-    /// The directory with this index: the one that is here, or the one that `parse` makes of bytes
-    /// that were read. One is made at a time, so that readers of several do not hold more memory
-    /// than one of them takes.
+    /// The directory with this index, from the cache or made by `parse`. Only one is parsed at a
+    /// time, so that concurrent readers do not need more memory than one of them.
     ///
     /// # Errors
-    /// What `parse` says.
+    /// The error of `parse`.
     pub fn get_or_parse<E>(
         &self,
         index: usize,
@@ -100,7 +98,7 @@ impl Leaves {
         Ok(leaf)
     }
 
-    /// Bytes that are held.
+    /// Bytes in the cache.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.lock().bytes
@@ -124,7 +122,7 @@ mod tests {
         assert!([0, 2, 3].into_iter().all(|index| leaves.get(index).is_some()));
         assert!(leaves.bytes() <= 3 * cost(&one));
         leaves.get_or_parse(3, || -> Result<_, Infallible> { unreachable!("it is there") }).unwrap();
-        // One that is larger than all that may be kept is used, and not kept.
+        // A directory that is larger than the bound is used, but not cached.
         leaves.get_or_parse(9, || Ok::<_, Infallible>(Directory::of_entries(1000))).unwrap();
         assert!(leaves.get(9).is_none() && leaves.bytes() <= 3 * cost(&one));
         assert_eq!(leaves.get_or_parse(10, || Err("damaged")).unwrap_err(), "damaged");

@@ -10,18 +10,18 @@ use std::path::Path;
 
 /// Version of the format of a database without special features.
 pub const FORMAT_VERSION: u32 = 1;
-/// Version of a database with features that a reader must know ([`Manifest::features`]); the newest
-/// that this build reads.
+/// Version of the format of a database with features that a reader must know
+/// ([`ManifestFields::features`]); the newest version that this build reads.
 pub const FEATURES_VERSION: u32 = 2;
-/// The feature of a database whose elevation tiles say which posts are ground and which were
+/// The feature of a database whose elevation tiles record which posts are ground and which were
 /// measured ([`crate::validity`]).
 pub const FEATURE_VALIDITY: &str = "validity";
-/// The feature of a database whose finest levels are only where the data are.
+/// The feature of a database whose finest levels exist only where there are data.
 pub const FEATURE_SPARSE_LEVELS: &str = "sparse-levels";
 /// The features that this build knows.
 const FEATURES: &[&str] = &[FEATURE_VALIDITY, FEATURE_SPARSE_LEVELS];
 const FORMAT: &str = "terravision-database";
-/// No manifest is larger: it lists source files.
+/// Upper bound of the size of a manifest, which lists source files.
 pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
 
 /// Why a manifest cannot be used.
@@ -31,7 +31,7 @@ pub enum ManifestError {
     /// It is another kind of file.
     #[error("it is not the manifest of a terrain database")]
     NotAManifest,
-    /// It was written by a newer (or much older) TerraVision.
+    /// It was written by a newer (or a much older) TerraVision.
     #[error(
         "the database has format version {found}, this program reads versions up to {expected}; use the TerraVision that wrote it, or ingest again"
     )]
@@ -41,7 +41,7 @@ pub enum ManifestError {
         /// What it has.
         found: u64,
     },
-    /// It needs something of its reader that this build does not know.
+    /// It has a feature that this build does not know.
     #[error(
         "the database has the feature \"{}\", which this program does not know; use a newer TerraVision, or ingest again",
         found.escape_default()
@@ -50,7 +50,7 @@ pub enum ManifestError {
         /// What.
         found: String,
     },
-    /// It is not what was written.
+    /// It has changed since it was written.
     #[error("its checksum is {found:08x}, expected {expected:08x}: it was changed or damaged after ingest")]
     Checksum {
         /// What it says.
@@ -58,14 +58,14 @@ pub enum ManifestError {
         /// What its bytes give.
         found: u32,
     },
-    /// It lacks something, or has what does not belong there.
+    /// It lacks a field, or has an invalid one.
     #[error("it does not have the right content ({source})")]
     Content {
         /// What and where.
         #[source]
         source: serde_json::Error,
     },
-    /// Its world cannot be.
+    /// Its world is not valid.
     #[error("its world is wrong: {source}")]
     World {
         /// What is wrong.
@@ -112,7 +112,7 @@ pub struct Source {
     pub crs: String,
     /// Type of its samples, as GDAL names it.
     pub data_type: String,
-    /// The value that stands for "no data", if one does (as text: it may be NaN).
+    /// The value that means "no data", if there is one (as text, because it may be NaN).
     pub nodata: Option<String>,
     /// Whether its samples were taken on its own lattice, without resampling.
     pub is_exact: bool,
@@ -126,7 +126,7 @@ pub struct ArchiveRecord {
     pub bytes: u64,
     /// crc32 of header, root directory, metadata and leaf directories; tiles carry their own.
     pub index_crc32: u32,
-    /// Tiles in it, identical ones counted each.
+    /// Number of tiles, counting identical ones separately.
     pub tiles: u64,
 }
 
@@ -140,32 +140,32 @@ pub struct NodesRecord {
     pub crc32: u32,
 }
 
-/// What became of ground without data.
+/// How ground without data was handled.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VoidsRecord {
-    /// What was asked for.
+    /// The requested mode.
     pub mode: Voids,
-    /// Area without data that has no ground, square metres; the rest was filled from around it.
+    /// Area without data that is a hole, square metres; the rest was filled from its surroundings.
     pub hole_area_m2: f64,
 }
 
-/// What becomes of ground without data.
+/// How ground without data is handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Voids {
-    /// All of it is filled from around it.
+    /// All of it is filled from its surroundings.
     Fill,
-    /// It stays without ground.
+    /// It becomes a hole.
     Keep,
-    /// What lies beyond all files, or is joined to an outer corner of one, stays without ground;
-    /// the rest is filled.
+    /// Areas beyond all files, or connected to an outer corner of a file, become holes; the rest is
+    /// filled.
     #[default]
     Clip,
 }
 
 impl Voids {
-    /// As the command line and the manifest spell it.
+    /// Its name on the command line and in the manifest.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -180,7 +180,7 @@ impl Voids {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElevationLayer {
-    /// What it was made of, first is on top.
+    /// Its sources, the topmost first.
     pub sources: Vec<Source>,
     /// Spacing of posts on the finest level, metres.
     pub spacing_m: f64,
@@ -190,10 +190,10 @@ pub struct ElevationLayer {
     /// level has the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source_range_m: Option<[f64; 2]>,
-    /// Area without data, square metres. Its heights were made up from around it, also where it has
-    /// no ground.
+    /// Area without data, square metres. Its heights were interpolated from its surroundings, also
+    /// in holes.
     pub void_area_m2: f64,
-    /// What became of it, where there is any.
+    /// How that area was handled, if there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voids: Option<VoidsRecord>,
     /// How tiles are encoded.
@@ -206,7 +206,7 @@ pub struct ElevationLayer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorLayer {
-    /// What it was made of, first is on top; empty when it is a tint made from elevation.
+    /// Its sources, the topmost first; empty when it is a tint made from elevation.
     pub sources: Vec<Source>,
     /// Spacing of texels on the finest level, metres.
     pub spacing_m: f64,
@@ -220,20 +220,19 @@ pub struct ColorLayer {
     pub archive: ArchiveRecord,
 }
 
-/// What a terrain database is.
+/// What a manifest says, unchecked: the file, field by field, in its order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Manifest {
+pub struct ManifestFields {
     /// Always "terravision-database".
     pub format: String,
-    /// Version of the format: [`FEATURES_VERSION`] where there are features, else
+    /// Version of the format: [`FEATURES_VERSION`] if there are features, otherwise
     /// [`FORMAT_VERSION`].
     pub format_version: u32,
-    /// What a reader has to know to read it rightly, beyond version 1.
+    /// Features beyond version 1 that a reader must know.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub features: Vec<String>,
-    /// The finest level of which, and of all coarser ones, every node has its tiles; absent without
-    /// sparse levels.
+    /// The finest level from which on all nodes exist; absent without sparse levels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub complete_level: Option<u8>,
     /// The program that wrote it.
@@ -242,12 +241,12 @@ pub struct Manifest {
     pub name: String,
     /// Its coordinate reference system, always in metres.
     pub crs: Crs,
-    /// How longitudes and latitudes come into it, where its PROJ string alone does not tell.
+    /// How longitudes and latitudes are converted to it, if its PROJ string alone does not say so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lonlat: Option<LonLatTable>,
     /// The body.
     pub body: Body,
-    /// Where everything is.
+    /// The geometry.
     pub world: WorldFields,
     /// Always "metre".
     pub vertical_unit: String,
@@ -261,7 +260,15 @@ pub struct Manifest {
     pub checksum: String,
 }
 
-/// What tells which reader a manifest wants.
+/// What a terrain database is: a manifest that this build can read, of a world that can be. Valid
+/// by construction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Manifest {
+    fields: ManifestFields,
+    world: World,
+}
+
+/// The fields that determine which reader a manifest needs.
 #[derive(Deserialize)]
 struct Head<'a> {
     #[serde(borrow, default)]
@@ -272,7 +279,7 @@ struct Head<'a> {
     features: FewNames,
 }
 
-/// A list of names that is short: no more are kept than a database ever has features.
+/// A short list of names: at most as many as there are features.
 #[derive(Default)]
 struct FewNames(Vec<String>);
 
@@ -305,7 +312,7 @@ impl<'de> Deserialize<'de> for FewNames {
     }
 }
 
-/// Where the eight digits of the checksum are in the text.
+/// The position of the eight digits of the checksum in the text.
 fn checksum_place(text: &str) -> Option<std::ops::Range<usize>> {
     let key = "\"checksum\": \"";
     let start = text.rfind(key)? + key.len();
@@ -321,19 +328,25 @@ fn checksum_of(text: &str, place: &std::ops::Range<usize>) -> u32 {
     hasher.finalize()
 }
 
+fn check_features(features: &[String]) -> Result<(), ManifestError> {
+    let unknown = features.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
+    unknown.map_or(Ok(()), |found| Err(ManifestError::Feature { found: found.clone() }))
+}
+
 pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     let text = read_bounded(path, MOST_MANIFEST_BYTES)?;
     String::from_utf8(text).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.utf8_error()))
 }
 
 impl Manifest {
-    /// Reads a manifest's text.
+    /// Parses the text of a manifest.
     ///
     /// # Errors
-    /// [`ManifestError`]: the version is looked at first, so that a newer database is told from a
+    /// [`ManifestError`]: the version is checked first, to distinguish a newer database from a
     /// damaged one.
     pub fn parse(text: &str) -> Result<Self, ManifestError> {
-        // All else is passed over, not kept: a text of 16 MB must not become a gigabyte of values.
+        // Unknown fields are skipped, not stored: a text of 16 MB must not become a gigabyte of
+        // values.
         let head: Head<'_> = match serde_json::from_str(text) {
             Ok(head) => head,
             Err(error) if error.is_data() => return Err(ManifestError::NotAManifest),
@@ -347,33 +360,54 @@ impl Manifest {
             Some(found) => return Err(ManifestError::Version { expected: FEATURES_VERSION, found }),
             None => return Err(ManifestError::NotAManifest),
         }
-        // Before all else, which may be new with a feature.
-        let unknown = head.features.0.iter().find(|feature| !FEATURES.contains(&feature.as_str()));
-        if let Some(found) = unknown {
-            return Err(ManifestError::Feature { found: found.clone() });
-        }
-        let manifest: Self = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
+        // Before all other fields, which may be new with a feature.
+        check_features(&head.features.0)?;
+        let fields: ManifestFields = serde_json::from_str(text).map_err(|source| ManifestError::Content { source })?;
         let place = checksum_place(text).ok_or(ManifestError::NotAManifest)?;
         let found = checksum_of(text, &place);
-        let expected = u32::from_str_radix(&manifest.checksum, 16).unwrap_or(!found);
+        let expected = u32::from_str_radix(&fields.checksum, 16).unwrap_or(!found);
         if expected != found {
             return Err(ManifestError::Checksum { expected, found });
         }
-        Ok(manifest)
+        Self::new(fields)
     }
 
-    /// Whether the finest levels are only where the data are.
+    /// Checks what a manifest says.
+    ///
+    /// # Errors
+    /// [`ManifestError::Feature`] and [`ManifestError::World`].
+    pub fn new(fields: ManifestFields) -> Result<Self, ManifestError> {
+        check_features(&fields.features)?;
+        let world = fields.geometry().map_err(|source| ManifestError::World { source })?;
+        Ok(Self { fields, world })
+    }
+
+    /// What it says, field by field.
     #[must_use]
-    pub fn is_sparse(&self) -> bool {
-        self.has_feature(FEATURE_SPARSE_LEVELS)
+    pub fn fields(&self) -> &ManifestFields {
+        &self.fields
     }
 
     /// The geometry of the database, with what its tiles hold and from which level on all nodes
     /// have some.
-    ///
-    /// # Errors
-    /// [`WorldError`] for numbers that make no world.
-    pub fn geometry(&self) -> Result<World, WorldError> {
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Whether the finest levels exist only where there are data.
+    #[must_use]
+    pub fn is_sparse(&self) -> bool {
+        self.fields.is_sparse()
+    }
+}
+
+impl ManifestFields {
+    fn is_sparse(&self) -> bool {
+        self.has_feature(FEATURE_SPARSE_LEVELS)
+    }
+
+    fn geometry(&self) -> Result<World, WorldError> {
         let world = World::new(self.world)?;
         let world = match self.complete_level.filter(|_| self.is_sparse()) {
             Some(level) => world.with_complete_level(level),
@@ -385,13 +419,11 @@ impl Manifest {
         Ok(world.with_validity(self.elevation.voids.is_none_or(|voids| voids.hole_area_m2 > 0.0)))
     }
 
-    /// Whether it has a feature.
-    #[must_use]
-    pub fn has_feature(&self, feature: &str) -> bool {
+    fn has_feature(&self, feature: &str) -> bool {
         self.features.iter().any(|found| found == feature)
     }
 
-    /// The manifest's text, with format, version and checksum set.
+    /// The manifest's text, with format, version and checksum set; nothing else is looked at.
     ///
     /// # Errors
     /// When a number in it is not finite.

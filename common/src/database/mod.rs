@@ -9,11 +9,11 @@
 //! ```
 //!
 //! Archives are PMTiles v3: zoom = levels - 1 - q, x = m, y counts from the north of the root's
-//! square. Everything read from these files is foreign: lengths are checked before they are
-//! allocated, tiles carry a checksum each, and the manifest carries those of everything else. A
-//! damaged database gives an error that says which file is damaged, or, for a tile, which tile.
+//! square. Content of these files is not trusted: lengths are checked before memory is allocated,
+//! each tile has a checksum, and the manifest has the checksums of everything else. The error for a
+//! damaged database says which file or which tile is damaged.
 //!
-//! A [`Database`] is read by several threads at once; each brings its own [`TileScratch`].
+//! Several threads may read a [`Database`] at once; each has its own [`TileScratch`].
 
 mod archive;
 mod archive_layout;
@@ -42,7 +42,8 @@ pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
     ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FEATURES_VERSION,
-    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, NodesRecord, Source, Voids, VoidsRecord,
+    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, ManifestFields, NodesRecord, Source, Voids,
+    VoidsRecord,
 };
 pub use ranges::{Layers, MOST_NODES_BYTES, NodeRange, NodeRanges, RangesError};
 pub use tile::Tile;
@@ -63,7 +64,7 @@ pub const COLOR_FILE: &str = "color.pmtiles";
 /// Name of the file of height ranges.
 pub const NODES_FILE: &str = "nodes.tvn";
 
-/// What is there in place of a database.
+/// What is at the path instead of a database.
 fn why_no_database(path: &Path) -> String {
     match std::fs::metadata(path).map(|about| about.file_type()) {
         Err(_) => "nothing of that name exists".to_owned(),
@@ -75,17 +76,17 @@ fn why_no_database(path: &Path) -> String {
     }
 }
 
-/// Why a database does not open.
+/// Why a database cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatabaseError {
-    /// No manifest: no database, or one that was never finished.
+    /// No manifest: there is no database, or it was never finished.
     #[error("there is no finished terrain database ({}): {}", why_no_database(path), path.display())]
     NotADatabase {
         /// The folder.
         path: PathBuf,
     },
-    /// The manifest is not one that we can read.
+    /// The manifest cannot be used.
     #[error("the manifest cannot be used: {source}, in {}", path.display())]
     Manifest {
         /// What is wrong.
@@ -145,7 +146,7 @@ impl std::fmt::Display for Layer {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TileError {
-    /// The database has none.
+    /// The database does not contain it.
     #[error("the {layer} tile of node {node} is missing")]
     Missing {
         /// The pyramid.
@@ -153,7 +154,7 @@ pub enum TileError {
         /// The node.
         node: NodeId,
     },
-    /// Its bytes are not what was written.
+    /// Its bytes have changed since they were written.
     #[error("the {layer} tile of node {node} is damaged: {reason}")]
     Corrupt {
         /// The pyramid.
@@ -201,7 +202,7 @@ pub enum TileDamage {
         #[from]
         source: ColorCodecError,
     },
-    /// Damage that several readers were told of.
+    /// Damage that is reported to several readers.
     #[error("{damage}")]
     Shared {
         /// What.
@@ -209,7 +210,7 @@ pub enum TileDamage {
     },
 }
 
-/// Checks by its checksum that bytes are a tile of a layer as it was written, without decoding it.
+/// Verifies the checksum of a stored tile, without decoding it.
 ///
 /// # Errors
 /// [`TileDamage`].
@@ -221,7 +222,7 @@ pub fn check_tile(layer: Layer, bytes: &[u8]) -> Result<(), TileDamage> {
     Ok(())
 }
 
-/// The most bytes that a stored tile of a layer can have.
+/// Upper bound of the bytes of a stored tile of a layer.
 #[must_use]
 pub fn max_payload_bytes(world: &World, layer: Layer) -> usize {
     match layer {
@@ -230,8 +231,8 @@ pub fn max_payload_bytes(world: &World, layer: Layer) -> usize {
     }
 }
 
-/// Whether a world of this geometry has a tile of a layer for a node, and where an archive keeps
-/// it.
+/// The place in an archive of the tile of a node; `None` if a world of this geometry has no such
+/// tile.
 #[must_use]
 pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::TileId> {
     let has_place = match layer {
@@ -241,7 +242,7 @@ pub fn tile_place(world: &World, layer: Layer, node: NodeId) -> Option<pmtiles::
     has_place.then(|| tile_coord(world, node)).flatten().map(Into::into)
 }
 
-/// Buffers that a thread keeps between tiles, so that reading one allocates (almost) nothing.
+/// Buffers that a thread reuses, so that reading a tile allocates (almost) nothing.
 #[derive(Default)]
 pub struct TileScratch {
     pub(crate) payload: Vec<u8>,
@@ -255,8 +256,8 @@ impl std::fmt::Debug for TileScratch {
     }
 }
 
-/// Where tiles come from. [`Database`] is the real one, tests have others. Calls block on storage;
-/// any thread may call.
+/// A source of tiles: [`Database`], or a fake in tests. Calls block on storage; any thread may
+/// call.
 pub trait TileSource: Send + Sync {
     /// Heights of a node's posts, metres: `(Nz + 1)²` values, row 0 in the south; behind them the
     /// planes of validity of a world that has them ([`World::elevation_values`]).
@@ -282,23 +283,23 @@ pub struct Database {
 }
 
 impl Database {
-    /// Opens the database in a folder and checks everything but the tiles themselves.
+    /// Opens the database in a folder and checks everything except the tiles.
     ///
     /// # Errors
     /// [`DatabaseError`]: not there, not finished, of another version, damaged.
     pub fn open(path: &Path) -> Result<Self, DatabaseError> {
-        let (manifest, world) = index::open_manifest(path)?;
+        let manifest = index::open_manifest(path)?;
         let open = |name, record: &ArchiveRecord| {
             let path = path.join(name);
             Archive::open(&path, record).map_err(|source| DatabaseError::Archive { source, path })
         };
-        let elevation = open(ELEVATION_FILE, &manifest.elevation.archive)?;
-        let color = open(COLOR_FILE, &manifest.color.archive)?;
-        let index = Index::of_manifest(path, manifest, world)?;
+        let elevation = open(ELEVATION_FILE, &manifest.fields().elevation.archive)?;
+        let color = open(COLOR_FILE, &manifest.fields().color.archive)?;
+        let index = Index::of_manifest(path, manifest)?;
         Ok(Self { index, elevation, color })
     }
 
-    /// What it is and where its ground lies.
+    /// Its manifest, geometry and height ranges.
     #[must_use]
     pub fn index(&self) -> &Index {
         &self.index
@@ -328,7 +329,7 @@ impl Database {
         self.index.ranges()
     }
 
-    /// Reads a tile as it is stored, unchecked, into `out` (replacing what is there).
+    /// Reads a stored tile, without checks, into `out`, replacing its content.
     ///
     /// # Errors
     /// [`TileError`].

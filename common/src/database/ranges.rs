@@ -1,4 +1,4 @@
-//! Lowest and highest ground under every node: what makes bounding boxes.
+//! Lowest and highest ground under every node, for bounding boxes.
 
 use super::Layer;
 use super::manifest::NodesRecord;
@@ -14,20 +14,20 @@ use std::path::Path;
 pub use super::sparse_ranges::{Layers, NodeRange};
 
 const MAGIC: &[u8; 8] = b"TVnodes1";
-/// Of worlds with sparse levels.
+/// For worlds with sparse levels.
 const SPARSE_MAGIC: &[u8; 8] = b"TVnodes2";
-/// No file of ranges is larger: 134 million nodes, of some terabytes of colour. All of it is held
-/// in memory.
+/// Upper bound of a file of ranges: 134 million nodes, for some terabytes of colour. All of it is
+/// kept in memory.
 pub const MOST_NODES_BYTES: u64 = 1 << 30;
 
-/// Why there are no ranges.
+/// Why ranges cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RangesError {
-    /// It does not begin like one.
+    /// It is not a file of ranges.
     #[error("it is not a file of height ranges")]
     NotRanges,
-    /// It is not as long as it should be.
+    /// It does not have the expected length.
     #[error("it has {found} bytes, expected {expected}")]
     Length {
         /// What manifest and world say.
@@ -35,7 +35,7 @@ pub enum RangesError {
         /// What it has.
         found: u64,
     },
-    /// Its world has more nodes than can be held.
+    /// Its world has more nodes than fit into memory.
     #[error("the manifest's world needs {found} bytes of height ranges, and at most {most} are read")]
     TooLarge {
         /// The most that is read.
@@ -43,7 +43,7 @@ pub enum RangesError {
         /// What the world needs.
         found: u64,
     },
-    /// It is not what was written.
+    /// It has changed since it was written.
     #[error("its checksum is {found:08x}, expected {expected:08x}")]
     Checksum {
         /// What the manifest says.
@@ -51,7 +51,7 @@ pub enum RangesError {
         /// What its bytes give.
         found: u32,
     },
-    /// It is of another world.
+    /// It belongs to another world.
     #[error("level {level} has {found} nodes, expected {expected}")]
     Level {
         /// The level.
@@ -69,13 +69,13 @@ pub enum RangesError {
         /// Column and row.
         place: [u32; 2],
     },
-    /// The nodes do not make a tree.
+    /// The nodes do not form a tree.
     #[error("node {node} does not fit the nodes around it")]
     Order {
         /// The node.
         node: NodeId,
     },
-    /// The manifest says another level from which on all nodes exist.
+    /// The manifest gives another level from which on all nodes exist.
     #[error("all nodes exist from level {found} on, and the manifest says from level {expected}")]
     Complete {
         /// What the manifest says.
@@ -106,8 +106,8 @@ impl From<io::Error> for RangesError {
     }
 }
 
-/// Lowest and highest ground, metres, under each node of a world: bounds of the node's own posts,
-/// of all its descendants' and of every ancestor's posts over the node's area. So they bound the
+/// Lowest and highest ground, metres, under each node of a world: bounds of the posts of the node,
+/// of all its descendants, and of all its ancestors within the node's area. So they bound the
 /// ground at every level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodeRanges {
@@ -117,9 +117,9 @@ pub struct NodeRanges {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Levels {
-    /// Of every node, by row, then column.
+    /// Ranges of all nodes, by row, then column.
     All(Vec<Vec<[f32; 2]>>),
-    /// Of those that exist.
+    /// Ranges of the nodes that exist.
     Sparse(Vec<SparseLevel>),
 }
 
@@ -127,8 +127,7 @@ impl NodeRanges {
     /// Ranges by level (0 first), each by row from the south, then column from the west.
     ///
     /// # Errors
-    /// [`RangesError`] when the lengths are not those of the world or a range is empty or not
-    /// finite.
+    /// [`RangesError`] when the lengths do not fit the world, or a range is empty or not finite.
     pub fn from_parts(world: &World, levels: Vec<Vec<[f32; 2]>>) -> Result<Self, RangesError> {
         if levels.len() != usize::from(world.levels()) {
             let [expected, found] = [u64::from(world.levels()), levels.len() as u64];
@@ -153,16 +152,16 @@ impl NodeRanges {
     /// Ranges of a world whose finest levels are sparse, in any order.
     ///
     /// # Errors
-    /// [`RangesError`] when a range is empty or not finite, or the nodes do not make a tree that
-    /// can be searched: each with its parent, all of its siblings, and, where it has elevation
-    /// below it, nodes all around.
+    /// [`RangesError`] when a range is empty or not finite, or the nodes do not form a tree that
+    /// can be searched: each node needs its parent and all of its siblings, and, if it has
+    /// elevation below it, neighbours on all sides.
     pub fn from_nodes(world: &World, nodes: Vec<NodeRange>) -> Result<Self, RangesError> {
         let levels = sparse_ranges::levels_of(world, nodes)?;
         let world = world.with_complete_level(sparse_ranges::complete_level(world, &levels));
         Ok(Self { world, levels: Levels::Sparse(levels) })
     }
 
-    /// The world that they are of; it knows from which level on all nodes exist.
+    /// Their world, which has the level from which on all nodes exist.
     #[must_use]
     pub fn world(&self) -> &World {
         &self.world
@@ -183,12 +182,12 @@ impl NodeRanges {
         }
     }
 
-    /// Whether the children of a node have tiles of a layer that its world has at their level: all
-    /// that exist, or none.
+    /// Whether the children of a node have tiles of a layer that its world has at their level:
+    /// either all existing children do, or none.
     #[must_use]
     pub fn has_children(&self, layer: Layer, node: NodeId) -> bool {
         match &self.levels {
-            // The one in the south west is there whenever the node is.
+            // The south western child exists whenever the node does.
             Levels::Sparse(_) => node.child(0).is_some_and(|child| self.has_tile(layer, child)),
             Levels::All(_) => true,
         }
@@ -222,8 +221,8 @@ impl NodeRanges {
         }
     }
 
-    /// Bytes that the file of a world's ranges may have: as many as its nodes need, or, with sparse
-    /// levels, at most as many as all of them would.
+    /// The possible sizes of the file of a world's ranges: exactly what its nodes need, or, with
+    /// sparse levels, at most what all nodes would need.
     #[must_use]
     pub fn file_bytes(world: &World, is_sparse: bool) -> RangeInclusive<u64> {
         let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
@@ -235,9 +234,8 @@ impl NodeRanges {
         magic + 8 * nodes..=magic + 8 * nodes
     }
 
-    /// Bytes of the file of a world's ranges, checked against what its manifest says and against
-    /// what may be held: before anything of it is read or room is made for it, wherever it comes
-    /// from.
+    /// The size of the file of a world's ranges, checked against the manifest and against the
+    /// bound, before anything is read or allocated.
     ///
     /// # Errors
     /// [`RangesError::TooLarge`], [`RangesError::Length`].
@@ -253,10 +251,10 @@ impl NodeRanges {
         Ok(bytes)
     }
 
-    /// Writes them as a file; returns what the manifest records of it.
+    /// Writes them to a file. Returns the record for the manifest.
     ///
     /// # Errors
-    /// What the file system says.
+    /// The error of the file system.
     pub fn write(&self, path: &Path) -> io::Result<NodesRecord> {
         let mut file = io::BufWriter::new(File::create(path)?);
         let mut hasher = crc32fast::Hasher::new();
@@ -296,7 +294,7 @@ impl NodeRanges {
         let mut file = open_regular(path)?;
         let found = file.metadata()?.len();
         let expected = Self::checked_bytes(world, record, is_sparse)?;
-        // Before anything is allocated: the file is as long as the world needs.
+        // Check the length of the file before anything is allocated.
         if found != expected {
             return Err(RangesError::Length { expected, found });
         }
@@ -337,7 +335,7 @@ impl NodeRanges {
         record: &NodesRecord,
         mut hasher: crc32fast::Hasher,
     ) -> Result<Self, RangesError> {
-        // First the checksum: then what is wrong with the nodes was written so.
+        // The checksum first: after that, errors in the nodes are errors of the writer.
         let mut file = io::BufReader::with_capacity(1 << 16, file);
         let mut part = [0; 1 << 14];
         loop {

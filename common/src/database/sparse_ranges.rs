@@ -1,5 +1,5 @@
-//! Height ranges of worlds whose finest levels are only where the data are: of existing nodes
-//! alone, with the layers of which each has a tile. ("TVnodes2": per level, level 0 first, the
+//! Height ranges of worlds whose finest levels exist only where there are data: only of existing
+//! nodes, with the layers of which each has a tile. ("TVnodes2": per level, level 0 first, the
 //! number of nodes (u64), then 20 bytes for each, by row from the south, then column: column and
 //! row (u32), low and high (f32), layers (u32); little endian.)
 
@@ -23,7 +23,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// Whether a layer is among them.
+    /// Whether it contains a layer.
     #[must_use]
     pub fn has(self, layer: Layer) -> bool {
         match layer {
@@ -36,7 +36,7 @@ impl Layers {
         u32::from(self.elevation) | u32::from(self.color) << 1
     }
 
-    /// No layers, or others, are an error: such a node would not be there.
+    /// No layers, or unknown ones, are an error: such a node would not exist.
     fn of_bits(bits: u32) -> Option<Self> {
         (1..=3).contains(&bits).then_some(Self { elevation: bits & 1 != 0, color: bits & 2 != 0 })
     }
@@ -76,7 +76,7 @@ impl SparseLevel {
         })
     }
 
-    /// Adds a node; `false` when it is not after all that are there.
+    /// Adds a node; `false` when it does not come after all existing ones.
     fn push(&mut self, node: &NodeRange) -> bool {
         let is_after = self.keys.last().is_none_or(|last| *last < key(node.node));
         self.keys.push(key(node.node));
@@ -118,8 +118,8 @@ pub(super) fn encoded_bytes(levels: &[SparseLevel]) -> u64 {
     levels.iter().map(|level| 8 + NODE_BYTES * level.keys.len() as u64).sum()
 }
 
-/// Reads the levels from a file of which `left` bytes are left: no count is believed that they
-/// cannot hold.
+/// Reads the levels from a file of which `left` bytes are left. A count that does not fit into
+/// these is an error.
 pub(super) fn decode(world: &World, file: &mut impl Read, mut left: u64) -> Result<Vec<SparseLevel>, RangesError> {
     let mut levels = Vec::with_capacity(usize::from(world.levels()));
     for q in 0..world.levels() {
@@ -154,9 +154,9 @@ pub(super) fn decode(world: &World, file: &mut impl Read, mut left: u64) -> Resu
     Ok(levels)
 }
 
-/// Checks what the search of the tree relies on: ranges are ranges; the root is there; a node's
-/// parent is, and all of its siblings are; beside a node that has elevation below it there are
-/// nodes of its level; colour is not too far below elevation.
+/// Checks the assumptions of the tree search: ranges are valid; the root exists; a node's parent
+/// and all of its siblings exist; a node that has elevation below it has neighbours of its level on
+/// all sides; colour is not too far below elevation.
 fn check(world: &World, levels: &[SparseLevel]) -> Result<(), RangesError> {
     let layers = |node: NodeId| levels[usize::from(node.q())].find(node).map(|(_, layers)| layers).unwrap_or_default();
     let root = world.root();
@@ -193,8 +193,7 @@ fn is_surrounded(world: &World, node: NodeId, layers: &impl Fn(NodeId) -> Layers
     SIDES.iter().filter_map(|(east, north)| world.neighbor(node, *east, *north)).all(|n| layers(n).elevation)
 }
 
-/// The finest level of which, and of all coarser ones, every node has all tiles that the world has
-/// a place for.
+/// The finest level from which on every node exists and has all its tiles.
 pub(super) fn complete_level(world: &World, levels: &[SparseLevel]) -> u8 {
     let is_complete = |q: u8| {
         let [columns, rows] = world.nodes_at(q).map(u64::from);

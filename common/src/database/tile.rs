@@ -1,4 +1,4 @@
-//! Which tile: a node of one of the two pyramids.
+//! The id of a tile: a node of one of the two pyramids.
 
 use super::Layer;
 use crate::node::NodeId;
@@ -12,7 +12,7 @@ pub struct Tile {
     pub node: NodeId,
 }
 
-/// The bit of a packed tile that says colour. A packed node leaves it free: levels end far below
+/// The bit of a packed tile that means colour. Packed nodes do not use it: levels are far below
 /// 128.
 const COLOR: u64 = 1 << 63;
 
@@ -27,8 +27,8 @@ impl Tile {
         }
     }
 
-    /// The tile that [`Tile::pack`] packed; `None` for a number that no tile packs to (it came from
-    /// outside).
+    /// The tile that [`Tile::pack`] packed; `None` for an invalid number (it may come from shared
+    /// memory).
     #[must_use]
     pub const fn unpack(packed: u64) -> Option<Self> {
         let layer = if packed & COLOR == 0 { Layer::Elevation } else { Layer::Color };

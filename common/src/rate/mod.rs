@@ -1,32 +1,29 @@
-//! Feedback from measured frame times to the screen resolutions wanted of facets and texels (design
-//! §8).
+//! Feedback from measured frame times to the wanted screen resolutions of facets and texels.
 //!
-//! Triangles go with 1/r_z², pixels cost the same whatever r_z is. So the controller works on u =
-//! log2 r_z, and every frame tells which u it would have needed: u + ½ log2(time / setpoint). Where
-//! all of the time is triangles that is right at once, else it goes too short, never too far; and
-//! because each sample is taken relative to the u that *it* was drawn with, the frames that are
-//! still in the pipeline after a change do not make the controller change twice.
+//! The number of triangles is proportional to 1/r_z², while pixels cost the same at any r_z. So the
+//! controller works on u = log2 r_z, and every frame gives the u that it would have needed: u + ½
+//! log2(time / setpoint). If all of the time is spent on triangles this is exact; otherwise the
+//! step is too short, never too long. Each sample is relative to the u with which *it* was drawn,
+//! so frames that are still in the pipeline after a change do not cause a second change.
 //!
-//! * **Coarser fast**: three frames in a row that are clearly too slow move u at once by what all
-//!   of them ask for. One or two slow ones move nothing.
-//! * **Finer slow**: only frames that were drawn with the present u count, the slow ones among them
-//!   too, and the first step is small. What it cost tells how much of the time is triangles, and so
-//!   how far the next one may go: where facets cost next to nothing the picture does not have to
-//!   creep back.
-//! * **Between, nothing**: while the median of a dozen frames lies inside the dead band, u stays as
-//!   it is.
-//! * **The more frames scatter, the more patience**: on cores that other programs use too, every
-//!   fifth frame takes half as long again or twice as long, for no reason of ours. From the
-//!   differences of successive frames the controller knows how much they scatter; "clearly too
-//!   slow" is beyond that, and after a change the next step to finer waits, long enough that nobody
-//!   would call it swinging.
-//! * **At rest** the band is left: step by step finer, each step only as far as it fits into the
-//!   frame's time even if all of it is triangles. With the first frame that moves, u is what it was
-//!   before the rest.
+//! * **Coarser quickly**: three frames in a row that are clearly too slow move u at once, by the
+//!   smallest change that any of them needs. One or two slow frames change nothing.
+//! * **Finer slowly**: only frames that were drawn with the current u count, including slow ones,
+//!   and the first step is small. Its cost shows which share of the time is spent on triangles, and
+//!   so how large the next step may be: if facets cost next to nothing, recovery is quick.
+//! * **Dead band**: while the median of a dozen frames lies inside the dead band, u does not
+//!   change.
+//! * **Patience grows with scatter**: on cores that are shared with other programs, every fifth
+//!   frame takes 1.5 to 2 times as long. The controller measures scatter by the differences of
+//!   successive frames. "Clearly too slow" means beyond that scatter, and after a change the next
+//!   step to finer waits long enough not to look like an oscillation.
+//! * **At rest** the dead band does not apply: the picture gets finer step by step, each step only
+//!   as far as it fits into the frame time even if all of it is spent on triangles. With the first
+//!   frame that moves, u is restored to its value before the rest.
 //!
-//! r_c follows u: texels cost little time but much memory and bandwidth, and blur is what people
-//! see first. They stay as wanted until facets are twice as large as wanted, and then grow with the
-//! root of the facets.
+//! r_c follows u: texels cost little time but much memory and bandwidth, and blur is noticed first.
+//! Texels keep the wanted size until facets are twice as large as wanted, and then grow with the
+//! square root of the facets.
 
 pub mod simulation;
 #[cfg(test)]
@@ -35,43 +32,42 @@ mod tests;
 use bytemuck::{Pod, Zeroable};
 use std::collections::VecDeque;
 
-/// The share of the frame's time that is aimed at. The rest is for what no feedback can foresee.
+/// The target share of the frame time. The rest is for what no feedback can foresee.
 pub const SETPOINT: f64 = 0.82;
-/// The dead band, shares of the frame's time. In log2 r_z it reaches as far to one side of the
-/// setpoint as to the other.
+/// The dead band, as shares of the frame time. In log2 r_z it is symmetric around the setpoint.
 pub const BAND: [f64; 2] = [0.73, 0.92];
-/// Up to this share of the frame's time a camera at rest is given a finer picture.
+/// Up to this share of the frame time, a camera at rest gets a finer picture.
 pub const REST_SHARE: f64 = 0.9;
 
-/// Three frames in a row that all ask for this much more of log2 r_z are believed at once: 18 %
-/// over the setpoint.
+/// Three frames in a row that all need this much more of log2 r_z cause a change at once: 18 % over
+/// the setpoint.
 const FAST: f64 = 0.12;
 const FRAMES_FAST: usize = 3;
-/// ... or for so many times as much as frames scatter, if that is more.
+/// ... or this many times the scatter of frames, if that is more.
 const FAST_SCATTERS: f64 = 2.0;
-/// Successive frames whose differences tell how much frames scatter: three quarters of them differ
-/// by less than the scatter.
+/// Number of successive frames from whose differences scatter is computed: three quarters of them
+/// differ by less than the scatter.
 const FRAMES_SCATTER: usize = 48;
 const SCATTER_SHARE: f64 = 0.75;
-/// Frames that scatter less are calm. Else fast steps and steps to finer stay small, and after a
-/// change so many seconds pass for each unit of scatter beyond before there is one, at most so
-/// many.
+/// Frames that scatter less are calm. Otherwise, steps to coarser and to finer are small, and a
+/// step to finer waits after a change: this many seconds for each unit of scatter beyond, up to a
+/// maximum.
 const CALM: f64 = 0.04;
 const PATIENCE_S: f64 = 100.0;
 const MOST_PATIENCE_S: f64 = 6.0;
-/// A step to finer has to leave room for the slow ones too: this share of frames has to fit.
+/// A step to finer must leave room for slow frames: this share of frames has to fit.
 const SLOW_SHARE: f64 = 0.8;
-/// Most that log2 r_z grows in one change: to four times as large.
+/// The largest growth of log2 r_z in one change: four times as large.
 const MOST_COARSER: f64 = 2.0;
-/// Most that it shrinks in a first change: 7 % of r_z...
+/// The largest first step to finer: 7 % of r_z ...
 const FIRST_FINER: f64 = 0.1;
-/// ... and in one whose cost is foreseen from what the change before cost.
+/// ... and the largest step whose cost is predicted from the step before.
 const MOST_FINER: f64 = 0.5;
-/// The scatter of a median that is reckoned with, as a share of it.
+/// The assumed scatter of a median, as a share of it.
 const SCATTER: f64 = 0.06;
-/// From here on there is time for much more.
+/// From this much of log2 r_z on, there is time for a much finer picture.
 const FAR: f64 = 0.25;
-/// Frames whose median is believed: when little is to be changed, when much is, at rest.
+/// Frames from which the median is computed: for small changes, for large changes, and at rest.
 const FRAMES_NEAR: usize = 12;
 const FRAMES_FAR: usize = 5;
 const FRAMES_AT_REST: usize = 3;
@@ -80,11 +76,10 @@ const REST_STEP: f64 = 0.25;
 const LEAST_STEP: f64 = 0.02;
 /// A camera that does not move for this long is at rest.
 const REST_NANOS: f64 = 0.25e9;
-/// Times outside of this many octaves around the target say no more than these.
+/// Times are clamped to this many octaves around the target.
 const MOST_OCTAVES: f64 = 6.0;
 
-/// What the renderer says of a frame that it has finished, for the feedback; travels through the
-/// control block.
+/// Timing of a finished frame, from the renderer, for the feedback; stored in the control block.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameTiming {
@@ -96,8 +91,8 @@ pub struct FrameTiming {
     pub r_z_px: f64,
     /// Screen resolution of texels that its tree was made for, pixels.
     pub r_c_px: f64,
-    /// What the renderer itself took: from when it began with it, or was done with the one before
-    /// if that was later.
+    /// The renderer's own time: from when it began the frame, or finished the one before if that
+    /// was later.
     pub work_nanos: u64,
     /// The whole interval, from the end of the frame before.
     pub interval_nanos: u64,
@@ -109,7 +104,7 @@ pub struct FrameTiming {
 
 const _: () = assert!(size_of::<FrameTiming>() == 64);
 
-/// What is to be held, and what the user allows for it. Pixels, facets first, then texels.
+/// The target, and the limits that the user sets. Pixels, facets first, then texels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RateSettings {
     /// Time of a frame, nanoseconds.
@@ -126,11 +121,11 @@ pub struct RateSettings {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("the {what} of the rate control is {found}, expected {expected}")]
 pub struct BadSettings {
-    /// Which.
+    /// The name of the setting.
     pub what: &'static str,
-    /// What it is.
+    /// Its value.
     pub found: f64,
-    /// What it should be, in words.
+    /// What was expected, in words.
     pub expected: &'static str,
 }
 
@@ -143,7 +138,7 @@ pub struct Resolutions {
     pub r_c_px: f64,
 }
 
-/// A frame in the controller's own measures.
+/// A frame in the units of the controller.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     /// log2 of the r_z that it was drawn with.
@@ -154,36 +149,36 @@ struct Sample {
     needed: f64,
 }
 
-/// Chooses r_z and r_c from frame to frame. Asks no clock and allocates nothing after it was made.
+/// Chooses r_z and r_c for each frame. Uses no clock, and allocates nothing after construction.
 #[derive(Debug, Clone)]
 pub struct RateController {
     settings: RateSettings,
-    /// log2 of the present r_z.
+    /// log2 of the current r_z.
     u: f64,
-    /// What it is when the camera moves; `None` while it does.
+    /// log2 of r_z before the rest; `None` while the camera moves.
     moving: Option<f64>,
-    /// Frames that have to agree before the picture at rest becomes finer; all there are, once it
-    /// had to become coarser.
+    /// Frames that have to agree before the picture at rest becomes finer; all frames, once it had
+    /// to become coarser.
     agreeing: usize,
     still_frames: u32,
     rest_after: u32,
-    /// The newest frames, whatever they were drawn with.
+    /// The newest frames, at any resolution.
     newest: VecDeque<Sample>,
-    /// What the last frame would have needed, and by how much each of the newest differed in that
-    /// from the one before.
+    /// The log2 r_z that the last frame would have needed, and the differences of that between the
+    /// newest frames.
     last_needed: Option<f64>,
     differences: VecDeque<f64>,
-    /// Frames since u was changed for their sake.
+    /// Frames since the last change of u by feedback.
     unchanged: u32,
-    /// The newest frames that were drawn with the present u.
+    /// The newest frames that were drawn with the current u.
     present: VecDeque<Sample>,
-    /// u before it became finer, and the log2 time over the target that it had then.
+    /// u before the last step to finer, and log2 of its time over the target.
     before: Option<(f64, f64)>,
     scratch: Vec<f64>,
 }
 
 impl RateController {
-    /// A controller that begins with what is wanted.
+    /// A controller that begins with the wanted resolutions.
     ///
     /// # Errors
     /// [`BadSettings`].
@@ -238,7 +233,7 @@ impl RateController {
         self.moving.is_some()
     }
 
-    /// A frame drawn with `r_z_px` took `work_nanos`. Invalid values are ignored.
+    /// Records that a frame drawn with `r_z_px` took `work_nanos`. Invalid values are ignored.
     pub fn measured(&mut self, r_z_px: f64, work_nanos: f64) {
         let is_number = |value: f64| value.is_finite() && value > 0.0;
         if !is_number(r_z_px) || !is_number(work_nanos) {
@@ -248,8 +243,8 @@ impl RateController {
         let u = r_z_px.log2().clamp(finest, coarsest);
         let octaves = (work_nanos / self.settings.target_nanos).log2().clamp(-MOST_OCTAVES, MOST_OCTAVES);
         let sample = Sample { u, octaves, needed: u + 0.5 * (octaves - SETPOINT.log2()) };
-        // A frame that was drawn coarser than is drawn now, and had time over, does not speak
-        // against having become finer.
+        // A frame that was drawn coarser than now and had time left is no evidence against the
+        // finer resolution.
         let is_outdated = u > self.u && sample.needed <= u;
         if !is_outdated {
             push(&mut self.newest, sample, FRAMES_FAST);
@@ -264,7 +259,7 @@ impl RateController {
         self.judge();
     }
 
-    /// By how much of log2 r_z frames differ from one to the next, but for every fourth.
+    /// The scatter of frames, in log2 r_z: three quarters of successive frames differ by less.
     fn scatter(&mut self) -> f64 {
         quantile(self.differences.iter().copied(), SCATTER_SHARE, &mut self.scratch)
     }
@@ -275,13 +270,14 @@ impl RateController {
         f64::from(self.unchanged) * self.settings.target_nanos >= 1e9 * wait_s
     }
 
-    /// The resolutions of the next frame; `is_moving`: whether its camera is another than that of
-    /// the frame before.
+    /// The resolutions of the next frame; `is_moving`: whether its camera differs from that of the
+    /// frame before.
     pub fn next(&mut self, is_moving: bool) -> Resolutions {
         if is_moving {
             self.still_frames = 0;
             if let Some(moving) = self.moving.take() {
-                // Coarser than before the rest only if even the picture at rest had to be.
+                // Coarser than before the rest only if even the picture at rest had to become
+                // coarser.
                 self.change(moving.max(self.u));
             }
         } else {
@@ -294,11 +290,11 @@ impl RateController {
         self.resolutions()
     }
 
-    /// The present resolutions.
+    /// The current resolutions.
     #[must_use]
     pub fn resolutions(&self) -> Resolutions {
         let RateSettings { wanted_px, coarsest_px, rest_px, .. } = self.settings;
-        // Powers and logarithms round; what is wanted comes out exactly.
+        // Powers and logarithms round; the wanted values are returned exactly.
         let finest = if self.is_resting() { rest_px[0] } else { wanted_px[0] };
         let r_z_px = self.u.exp2().clamp(finest, coarsest_px[0]);
         let beyond = self.u - wanted_px[0].log2();
@@ -313,13 +309,13 @@ impl RateController {
     }
 
     fn judge(&mut self) {
-        // Coarser, at once: all of the newest frames ask for it.
+        // Coarser at once: all of the newest frames need it.
         if self.newest.len() == FRAMES_FAST {
             let needed = self.newest.iter().map(|sample| sample.needed).fold(f64::INFINITY, f64::min);
             let scatter = self.scatter();
             if needed > self.u + FAST.max(FAST_SCATTERS * scatter) {
-                // What is chance now and then must not drive facets out of sight; what is not
-                // chance comes again, or is seen by the median.
+                // Occasional outliers must not make facets huge; a real change will repeat, or show
+                // in the median.
                 let most = if scatter > CALM { FAST } else { MOST_COARSER };
                 self.change(needed.min(self.u + most));
                 return;
@@ -343,20 +339,22 @@ impl RateController {
         }
     }
 
-    /// What the newest frames drawn with the present u need: half of them, and nearly all.
+    /// The log2 r_z that the newest frames drawn with the current u need: the median, and a high
+    /// quantile.
     fn needed(&mut self, count: usize) -> [f64; 2] {
         let newest = || self.present.iter().rev().take(count).map(|sample| sample.needed);
         [0.5, SLOW_SHARE].map(|share| quantile(newest(), share, &mut self.scratch))
     }
 
-    /// Finer, by what surely fits. `needed` is what would fit if all of the time were triangles.
+    /// A step to finer that surely fits. `needed` is what would fit if all of the time were spent
+    /// on triangles.
     fn finer(&mut self, needed: f64) {
         let octaves = 2.0 * (needed - self.u) + SETPOINT.log2();
         let time = octaves.exp2();
         let most = if self.scatter() > CALM { FIRST_FINER } else { MOST_FINER };
         let step = match self.before {
             Some((u, before)) if u > self.u => {
-                // Time is a + b / r_z²: two settings give b / r_z² here, of all that grows with
+                // Time is a + b / r_z²: two settings determine b / r_z², the part that grows with
                 // finer facets.
                 let grown = (time - before.exp2()).max(0.0) + SCATTER * time;
                 let triangles = (grown / (1.0 - (2.0 * (self.u - u)).exp2())).min(time);
@@ -369,7 +367,8 @@ impl RateController {
         self.before = Some(before);
     }
 
-    /// At rest: as much finer as surely fits, judged by the slowest of the last few frames.
+    /// At rest: the finest resolution that surely fits, judged by the slowest of the last few
+    /// frames.
     fn refine(&mut self) {
         if self.present.len() < self.agreeing {
             return;
@@ -380,7 +379,7 @@ impl RateController {
         if step >= LEAST_STEP {
             self.change(self.u - step);
         } else if self.present.len() == FRAMES_NEAR {
-            // Too slow for long, if not by much.
+            // Slightly too slow for a long time.
             let [needed, _] = self.needed(FRAMES_NEAR);
             if needed > self.u + 0.5 * (BAND[1] / SETPOINT).log2() {
                 self.change(needed);
@@ -413,8 +412,7 @@ fn push<T>(values: &mut VecDeque<T>, value: T, most: usize) {
     values.push_back(value);
 }
 
-/// The value that this share of all values does not exceed, the lower one where it lies between
-/// two; 0 of none.
+/// The quantile of values at this share; of two neighbours the lower one, and 0 without values.
 fn quantile(values: impl Iterator<Item = f64>, share: f64, scratch: &mut Vec<f64>) -> f64 {
     scratch.clear();
     scratch.extend(values);

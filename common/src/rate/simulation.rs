@@ -1,14 +1,14 @@
-//! A renderer on paper, for tests and plots of the rate control: time = (pixels + triangles / r_z²)
-//! · load · noise, with frames in the pipeline between the choice of a resolution and the measured
-//! time. No clock, the same on every machine.
+//! A simulated renderer, for tests and plots of the rate control: time = (pixels + triangles /
+//! r_z²) · load · noise, with frames in the pipeline between the choice of a resolution and the
+//! measured time. Uses no clock, so that results are the same on every machine.
 
 use super::{RateController, Resolutions};
 use std::collections::VecDeque;
 
-/// What a frame costs.
+/// The cost of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cost {
-    /// Nanoseconds that no resolution saves.
+    /// Nanoseconds that do not depend on the resolution.
     pub pixels_nanos: f64,
     /// Nanoseconds of the triangles at an r_z of one pixel.
     pub triangles_nanos: f64,
@@ -31,13 +31,13 @@ impl Cost {
 /// One simulated frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedFrame {
-    /// What it was drawn with.
+    /// Its resolutions.
     pub resolutions: Resolutions,
-    /// What it took.
+    /// Its time, nanoseconds.
     pub nanos: f64,
 }
 
-/// The renderer, and whoever it feeds back to.
+/// The renderer and its controller.
 #[derive(Debug, Clone)]
 pub struct Simulation {
     cost: Cost,
@@ -55,7 +55,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// With a controller, or with what it begins with for ever.
+    /// A simulation with feedback, or with constant resolutions.
     #[must_use]
     pub fn new(cost: Cost, controller: RateController, has_feedback: bool) -> Self {
         Self {
@@ -72,21 +72,21 @@ impl Simulation {
         }
     }
 
-    /// With so many frames between choice and measurement.
+    /// Sets the number of frames between choice and measurement.
     #[must_use]
     pub fn with_delay(self, delay: usize) -> Self {
         Self { delay, ..self }
     }
 
-    /// With times that scatter evenly by this share to both sides.
+    /// Adds uniform noise of this share to both sides.
     #[must_use]
     pub fn with_noise(self, noise: f64) -> Self {
         Self { noise, ..self }
     }
 
-    /// On cores that another program uses too. Of 480 frames measured there a fifth took 1.3 times
-    /// the median and more, 6 % 1.8 times, 3 % twice; after a slow one 41 % were slow too; the
-    /// others scattered by 20 %. So do these.
+    /// Simulates cores that another program uses too. Of 480 frames measured there, a fifth took at
+    /// least 1.3 times the median, 6 % 1.8 times, 3 % twice; after a slow frame 41 % were slow too;
+    /// the others scattered by 20 %.
     #[must_use]
     pub fn with_contention(self) -> Self {
         Self { is_contended: true, noise: 0.2, ..self }

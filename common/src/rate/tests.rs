@@ -101,8 +101,8 @@ fn noise_moves_nothing() {
     }
 }
 
-/// The largest way there and back of r_z within so many frames, as a share: the smaller one of the
-/// two moves.
+/// The largest way there and back of r_z within this many frames, as a share: the smaller one of
+/// the two moves.
 fn swing(frames: &[simulation::SimulatedFrame], within: usize) -> f64 {
     let u: Vec<f64> = frames.iter().map(|frame| frame.resolutions.r_z_px.log2()).collect();
     let mut worst: f64 = 0.0;

@@ -1,10 +1,9 @@
-//! What a stage does, and how far it has come: what tells one that hangs from one that waits for
-//! it.
+//! The activity and progress of a stage, which distinguish a stage that hangs from a stage that
+//! waits for it.
 //!
-//! A sign of life ([`Control::heartbeat`]) says that a process runs; it does not say that it gets
-//! anywhere. So each stage counts what it gets done, and notes what it waits for. The note stands
-//! until the next thing is done: a stage that looks ten times a second whether there is something
-//! to do has not moved by that.
+//! A heartbeat ([`Control::heartbeat`]) shows that a process runs, not that it makes progress. So
+//! each stage counts its finished work, and records what it waits for. The record remains until the
+//! next piece of work is finished: polling ten times a second is not progress.
 
 use super::control::Control;
 use super::kind::Stage;
@@ -19,7 +18,7 @@ pub enum Activity {
     Awaits(Stage),
     /// It waits for a camera: of a path, of another program, or of the next moment.
     AwaitsCamera,
-    /// Requests to the database are out, or rest until they are made again.
+    /// Requests to the database are in flight, or wait to be repeated.
     AwaitsStorage,
     /// The device draws.
     AwaitsDevice,
@@ -39,7 +38,7 @@ impl Activity {
         }
     }
 
-    /// Of a number that no stage writes: it works, as far as anybody knows.
+    /// For an invalid number, it is assumed to work.
     fn of(number: u32) -> Self {
         let others = [Self::AwaitsCamera, Self::AwaitsStorage, Self::AwaitsDevice, Self::AwaitsSink];
         let stages = Stage::ALL.map(Self::Awaits);
@@ -48,30 +47,30 @@ impl Activity {
 }
 
 impl Control {
-    /// The stage that this process is has got something done: input has come, a tree, a frame or a
-    /// picture is made, a request has ended. Whatever it waited for, it does not any more.
+    /// Records that the stage of this process has made progress: input has arrived, a tree, a frame
+    /// or a picture is finished, a request has ended. It no longer waits.
     pub fn progress(&self) {
         let Some(stage) = self.own_stage() else { return };
         let words = &self.words().stages[stage as usize];
-        // Relaxed, here and below: numbers for the launcher to watch, nothing hangs on their order.
+        // Relaxed, here and below: numbers that the launcher watches; their order does not matter.
         words.progress.fetch_add(1, Ordering::Relaxed);
         words.activity.store(Activity::Works.number(), Ordering::Relaxed);
     }
 
-    /// The stage that this process is, if it is one, waits for something from now on.
+    /// Records that the stage of this process, if it is one, waits for something from now on.
     pub fn awaits(&self, activity: Activity) {
         if let Some(stage) = self.own_stage() {
             self.words().stages[stage as usize].activity.store(activity.number(), Ordering::Relaxed);
         }
     }
 
-    /// How often a stage got something done; of all its processes.
+    /// How often a stage made progress, summed over all its processes.
     #[must_use]
     pub fn progress_of(&self, stage: Stage) -> u64 {
         self.words().stages[stage as usize].progress.load(Ordering::Relaxed)
     }
 
-    /// What a stage has waited for since it got something done.
+    /// What a stage has waited for since its last progress.
     #[must_use]
     pub fn activity_of(&self, stage: Stage) -> Activity {
         Activity::of(self.words().stages[stage as usize].activity.load(Ordering::Relaxed))

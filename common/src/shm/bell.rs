@@ -1,5 +1,5 @@
-//! A bell that one waiter sleeps on and the other side rings: a futex word that is also the sign
-//! that somebody sleeps, so that ringing costs no system call while nobody does.
+//! A bell on which one waiter sleeps and which the other side rings. It is a futex word that also
+//! records whether the waiter sleeps, so that ringing costs no system call when it does not.
 
 use crate::sync::{AtomicU32, Ordering, fence};
 use std::time::Duration;
@@ -7,7 +7,7 @@ use std::time::Duration;
 const NOBODY: u32 = 0;
 const SLEEPER: u32 = 1;
 
-/// One waiter, in whichever process. A waiter that was killed in its sleep costs the other side one
+/// For one waiter, in any process. A waiter that was killed in its sleep costs the other side one
 /// needless system call and nothing else; a second waiter would only wake later, at the bound of
 /// its sleep.
 #[derive(Debug)]
@@ -19,12 +19,12 @@ pub(crate) struct Bell {
 #[cfg(not(loom))]
 const _: () = assert!(size_of::<Bell>() == 4);
 
-/// How a sleep went.
+/// The result of a sleep.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Slept<R> {
-    /// What was waited for was there.
+    /// The condition was already met.
     NotAtAll(R),
-    /// Somebody rang, or the sleep was disturbed.
+    /// The bell was rung, or the sleep was interrupted.
     UntilRung,
     /// The bound passed.
     Fully,
@@ -36,9 +36,9 @@ impl Bell {
         Self { word: AtomicU32::new(NOBODY) }
     }
 
-    /// One sleep, unless `attempt` finds what is waited for: announces the sleep, looks once more,
-    /// and sleeps until rung, at most for `bound`. Wakes without cause are possible. Either the
-    /// waiter sees what was published, or the publisher sees the announcement.
+    /// Sleeps once, unless `attempt` succeeds: announces the sleep, tries once more, and sleeps
+    /// until rung, at most for `bound`. Spurious wake-ups are possible. Either the waiter sees what
+    /// was published, or the publisher sees the announcement.
     pub(crate) fn sleep_unless<R, E>(
         &self,
         bound: Duration,
@@ -60,7 +60,7 @@ impl Bell {
         slept
     }
 
-    /// Wakes the sleeper, if there is one. Called after what it waits for was published.
+    /// Wakes the sleeper, if there is one. To be called after publishing.
     pub(crate) fn ring(&self) {
         // SYNC bell.sleep: what was published before this fence is seen by a waiter whose fence
         // comes later; a waiter whose fence came earlier has its announcement seen here.
@@ -81,14 +81,14 @@ fn wait(word: &AtomicU32, expected: u32, bound: Duration) -> bool {
         tv_sec: bound.as_secs().cast_signed(),
         tv_nsec: i64::from(bound.subsec_nanos()) as futex::Nsecs,
     };
-    // Any other outcome (woken, value changed, signal) sends the caller to look again.
+    // After any other outcome (woken, value changed, signal) the caller tries again.
     futex::wait(word, futex::Flags::empty(), expected, Some(&timeout)) == Err(rustix::io::Errno::TIMEDOUT)
 }
 
 #[cfg(not(loom))]
 fn wake(word: &AtomicU32) {
-    // The only errors are of the address, which is a reference; and a sleeper that is not woken
-    // wakes by its bound.
+    // Errors only concern the address, which is a valid reference; and a sleeper that is not woken
+    // wakes at its bound.
     rustix::thread::futex::wake(word, rustix::thread::futex::Flags::empty(), i32::MAX.cast_unsigned()).ok();
 }
 

@@ -1,9 +1,9 @@
-//! The last words of a launcher whose mappings another program has cut the ground from under.
+//! A handler for SIGBUS in the launcher, for when another program truncates a mapped file.
 //!
-//! The run's own segments are mapped, and whoever may open them, any other process of the same
-//! user, may truncate their files. A page behind the end of a file ends who reads it by SIGBUS. In
-//! a stage the launcher tells of it; this is for the launcher: it says why, removes what it has
-//! made, and its stages end with it.
+//! The run's own segments are mapped, and any process of the same user can truncate their files. An
+//! access to a page behind the end of a file raises SIGBUS. If that kills a stage, the launcher
+//! reports it. This handler is for the launcher itself: it prints the reason and removes its files;
+//! its stages end with it.
 
 use rustix::fd::BorrowedFd;
 use std::ffi::CString;
@@ -20,9 +20,8 @@ struct LastWords {
 
 static LAST_WORDS: OnceLock<LastWords> = OnceLock::new();
 
-/// From now on a bus error of this process writes a sentence to standard error, removes these files
-/// and ends the process with this exit code. Once in a process; what a second call asks for is
-/// ignored.
+/// From now on a bus error in this process writes a sentence to standard error, removes these files
+/// and ends the process with this exit code. Only the first call in a process has an effect.
 ///
 /// # Errors
 /// The system refuses.
@@ -38,9 +37,9 @@ pub fn end_on_bus_error(sentence: &str, files: Vec<PathBuf>, exit_code: u8) -> R
 }
 
 fn end() {
-    // It is set before the signal is listened to.
+    // It is set before the handler is installed.
     let Some(words) = LAST_WORDS.get() else { signal_hook::low_level::exit(1) };
-    // SAFETY: a descriptor that may be closed by now; then the call fails, and nobody is told.
+    // SAFETY: the descriptor may be closed by now; then the call only fails.
     let stderr = unsafe { BorrowedFd::borrow_raw(2) };
     rustix::io::write(stderr, &words.sentence).ok();
     for file in &words.files {

@@ -1,5 +1,5 @@
-//! The control block: how the run stands, who lives, which frames are done; and how every wait
-//! ends.
+//! The control block: the state of the run, live stages, completed frames; and the end of every
+//! wait.
 
 use super::activity::Activity;
 use super::bell::{Bell, Slept};
@@ -11,7 +11,7 @@ use super::kind::{SegmentKind, Stage};
 use super::process::{ProcessId, Watch};
 use super::run_id::RunId;
 use super::segments::open_segment;
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraFields};
 use crate::event::monotonic_nanos;
 use crate::ids::Sequence;
 use crate::rate::FrameTiming;
@@ -20,10 +20,10 @@ use crossbeam::utils::Backoff;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Longest sleep of a wait before it looks again whether there is anything left to wait for.
+/// Longest sleep of a wait before it checks again whether the run goes on.
 pub const WAIT_BOUND: Duration = Duration::from_millis(100);
-/// Sleeps for which a dead peer is left to the launcher, which says so. Where it starts another, it
-/// is left to it for ever.
+/// For this many sleeps a dead peer is left to the launcher, which reports it; if the launcher
+/// restarts stages, there is no limit.
 const PEER_GRACE: u32 = 10;
 
 /// A handle on the control block. Any process has one or several; all methods may be called from
@@ -32,13 +32,12 @@ const PEER_GRACE: u32 = 10;
 pub struct Control {
     segment: Arc<Segment>,
     launcher: Watch,
-    /// The stage that this process has said to be, plus 1; 0 before. Waits give signs of life for
-    /// it.
+    /// The stage that this process has registered as, plus 1; 0 before. Waits send its heartbeats.
     own: AtomicU32,
 }
 
 impl Control {
-    /// Opens a run's control block; waits a moment for it to become ready.
+    /// Opens a run's control block; waits a short time for it to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -57,20 +56,20 @@ impl Control {
         self.segment.words()
     }
 
-    /// Where the run stands.
+    /// The state of the run.
     #[must_use]
     pub fn state(&self) -> RunState {
-        // Acquire: SYNC control.state, whatever led to it comes before.
+        // Acquire: SYNC control.state, everything that led to it comes before.
         match self.words().state.0.load(Ordering::Acquire) {
             0 | 1 => RunState::Running,
             2 => RunState::Finished,
             3 => RunState::Stopping,
-            // Also any number that is no state: nothing good wrote it.
+            // Any invalid number too: no healthy process wrote it.
             _ => RunState::Failed,
         }
     }
 
-    /// Moves the run forward to `state` and wakes who waits for a frame or a camera; waits on other
+    /// Moves the run forward to `state` and wakes waits for frames and cameras; waits on other
     /// segments see it within [`WAIT_BOUND`]. A run never moves back.
     pub fn set_state(&self, state: RunState) {
         let words = self.words();
@@ -95,27 +94,27 @@ impl Control {
         }
     }
 
-    /// Whether the launcher lives. Costs a system call.
+    /// Whether the launcher is alive. Costs a system call.
     #[must_use]
     pub fn is_launcher_alive(&self) -> bool {
         self.launcher.is_alive()
     }
 
-    /// Stages that die are started again by the launcher: from now on nobody takes a dead peer for
-    /// the end of the run.
+    /// Records that the launcher restarts dead stages: from now on a dead peer does not mean the
+    /// end of the run.
     pub fn set_supervised(&self) {
-        // Release: SYNC control.supervised; stages are started later in any case.
+        // Release: SYNC control.supervised; stages are started later anyway.
         self.words().is_supervised.0.store(1, Ordering::Release);
     }
 
-    /// Whether stages that die are started again.
+    /// Whether dead stages are restarted.
     #[must_use]
     pub fn is_supervised(&self) -> bool {
         // Acquire: SYNC control.supervised.
         self.words().is_supervised.0.load(Ordering::Acquire) != 0
     }
 
-    /// All frames of the run are prepared; `sequence` is the last one's.
+    /// Records that all frames of the run are prepared; `sequence` is that of the last one.
     pub fn set_last_sequence(&self, sequence: Sequence) {
         // Release: SYNC control.last, the frame is in the ring.
         self.words().last_sequence.0.store(sequence.get(), Ordering::Release);
@@ -129,8 +128,8 @@ impl Control {
         last != 0 && self.completed_sequence().get() >= last
     }
 
-    /// This process says that it is the stage. Peers that wait for it notice its death from now on.
-    /// Also the first heartbeat; every wait gives others.
+    /// Registers this process as the stage. From now on peers that wait for it notice its death.
+    /// Also sends the first heartbeat; every wait sends more.
     ///
     /// # Errors
     /// [`ShmError::Os`] when `/proc` cannot be read.
@@ -139,11 +138,11 @@ impl Control {
         let words = &self.words().stages[stage as usize];
         words.start_time.store(own.start_time, Ordering::Relaxed);
         words.generation.fetch_add(1, Ordering::Relaxed);
-        // Of the process before this one.
+        // Left by the previous process.
         words.activity.store(0, Ordering::Relaxed);
         // Release: SYNC control.stage, the start time comes before.
         words.pid.store(own.pid.into(), Ordering::Release);
-        // Relaxed: told to this process alone.
+        // Relaxed: used only by this process.
         self.own.store(stage as u32 + 1, Ordering::Relaxed);
         self.heartbeat(stage);
         Ok(())
@@ -169,9 +168,9 @@ impl Control {
         Some(ProcessId { pid, start_time: words.start_time.load(Ordering::Relaxed) })
     }
 
-    /// The stage gives a sign of life.
+    /// Sends a heartbeat of a stage.
     pub fn heartbeat(&self, stage: Stage) {
-        // Relaxed: a time, nothing hangs on it.
+        // Relaxed: a time, without other data.
         self.words().stages[stage as usize].heartbeat_nanos.store(monotonic_nanos(), Ordering::Relaxed);
     }
 
@@ -181,22 +180,22 @@ impl Control {
         Stage::ALL.into_iter().find(|stage| *stage as u32 + 1 == own)
     }
 
-    /// The stage that this process is, if it is one, gives a sign of life.
+    /// Sends a heartbeat of the stage of this process, if it is one.
     fn beat(&self) {
         if let Some(stage) = self.own_stage() {
             self.heartbeat(stage);
         }
     }
 
-    /// When the stage last gave a sign of life, nanoseconds of the monotonic clock; `None` before
-    /// the first.
+    /// Time of the last heartbeat of a stage, nanoseconds of the monotonic clock; `None` before the
+    /// first.
     #[must_use]
     pub fn heartbeat_of(&self, stage: Stage) -> Option<u64> {
         Some(self.words().stages[stage as usize].heartbeat_nanos.load(Ordering::Relaxed)).filter(|&nanos| nanos != 0)
     }
 
-    /// The renderer (and its device) is done with all frames up to `sequence`: what they named in
-    /// the pools may be replaced.
+    /// Records that the renderer and its device have completed all frames up to `sequence`: the
+    /// pool slots that they used may be reused.
     pub fn set_completed_sequence(&self, sequence: Sequence) {
         let words = self.words();
         // Release: SYNC control.completed, our reads of the pools come before.
@@ -204,7 +203,7 @@ impl Control {
         words.completed_bell.0.ring();
     }
 
-    /// All frames up to this one are done with.
+    /// All frames up to this one are completed.
     #[must_use]
     pub fn completed_sequence(&self) -> Sequence {
         // Acquire: SYNC control.completed.
@@ -223,10 +222,10 @@ impl Control {
         })
     }
 
-    /// So many frames of the run have left the sink.
+    /// Records that `count` frames of the run have left the sink.
     pub fn set_written_frames(&self, count: u64) {
         let words = self.words();
-        // Release: SYNC control.written, whatever was done for the frames comes before.
+        // Release: SYNC control.written, all work on the frames comes before.
         words.written_frames.0.fetch_max(count, Ordering::Release);
         words.written_bell.0.ring();
     }
@@ -252,22 +251,22 @@ impl Control {
 
     /// Replaces the newest camera. One process (the pilot) does this.
     pub fn publish_camera(&self, camera: &Camera) {
-        let words: [u64; CAMERA_WORDS] = bytemuck::cast(*camera);
+        let words: [u64; CAMERA_WORDS] = bytemuck::cast(*camera.fields());
         self.words().camera.0.write(&words);
         self.words().camera_bell.0.ring();
     }
 
-    /// The newest camera; `None` before the first, and when what is there is no camera.
+    /// The newest camera; `None` before the first, and when the content is not a camera.
     #[must_use]
     pub fn camera(&self) -> Option<Camera> {
         let words = self.words().camera.0.read()?;
-        let camera: Camera = bytemuck::cast(words);
-        camera.is_valid().then_some(camera)
+        let fields: CameraFields = bytemuck::cast(words);
+        Camera::new(fields).ok()
     }
 
     /// Waits for a camera that was made at `made_nanos` or later, until `deadline_nanos` of the
-    /// monotonic clock; then the newest will do, if there is one. Never returns one that is not
-    /// valid. One waiter at a time.
+    /// monotonic clock; after that, returns the newest camera, if there is one. Never returns an
+    /// invalid one. One waiter at a time.
     ///
     /// # Errors
     /// The run ended.
@@ -277,7 +276,7 @@ impl Control {
             let newest = self.camera();
             let now = monotonic_nanos();
             if let Some(camera) = newest
-                && (camera.timestamp_nanos >= made_nanos || now >= deadline_nanos)
+                && (camera.timestamp_nanos() >= made_nanos || now >= deadline_nanos)
             {
                 self.progress();
                 return Ok(camera);
@@ -286,7 +285,7 @@ impl Control {
             let rest = Duration::from_nanos(deadline_nanos.saturating_sub(now));
             let bound = if rest.is_zero() { WAIT_BOUND } else { rest.min(WAIT_BOUND) };
             self.beat();
-            let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos >= made_nanos);
+            let is_new = || self.camera().is_some_and(|camera| camera.timestamp_nanos() >= made_nanos);
             let slept = self.words().camera_bell.0.sleep_unless(bound, || Ok::<_, ShmError>(is_new().then_some(())))?;
             if matches!(slept, Slept::Fully) && !self.launcher.is_alive() {
                 return Err(WaitError::LauncherGone);
@@ -294,8 +293,8 @@ impl Control {
         }
     }
 
-    /// From `nanos` of the monotonic clock on the flight is played: its first frame is of that
-    /// moment. Wakes who waits for a camera or for this.
+    /// Starts the clock of the flight: its first frame is due at `nanos` of the monotonic clock.
+    /// Wakes waits for a camera and for the clock.
     pub fn start_clock(&self, nanos: u64) {
         // Release: SYNC control.clock.
         self.words().clock_start.0.store(nanos, Ordering::Release);
@@ -316,51 +315,50 @@ impl Control {
     /// # Errors
     /// The run ended.
     pub fn wait_clock_start(&self) -> Result<u64, WaitError> {
-        // It starts with the first picture.
+        // The clock starts with the first picture.
         self.wait_for(&self.words().camera_bell.0, Some(Stage::Renderer), || Ok(self.clock_start()))
     }
 
-    /// A frame is finished: replaces what is told of the one before. One process (the renderer)
-    /// does this.
+    /// Replaces the timing of the newest finished frame. Only one process (the renderer) does this.
     pub fn publish_timing(&self, timing: &FrameTiming) {
         let words: [u64; TIMING_WORDS] = bytemuck::cast(*timing);
         self.words().timing.0.write(&words);
     }
 
-    /// The newest finished frame; `None` before the first. Its numbers are not checked.
+    /// Timing of the newest finished frame; `None` before the first. Its numbers are not checked.
     #[must_use]
     pub fn timing(&self) -> Option<FrameTiming> {
         self.words().timing.0.read().map(bytemuck::cast)
     }
 
-    /// What the preparer took for its newest frame, without waiting.
+    /// Sets the time of the preparer for its newest frame, without waits.
     pub fn set_prepare_nanos(&self, nanos: u64) {
-        // Relaxed: a number for itself.
+        // Relaxed: an independent number.
         self.words().prepare_nanos.0.store(nanos, Ordering::Relaxed);
     }
 
-    /// What the preparer took for its newest frame; 0 before the first.
+    /// The time of the preparer for its newest frame; 0 before the first.
     #[must_use]
     pub fn prepare_nanos(&self) -> u64 {
         self.words().prepare_nanos.0.load(Ordering::Relaxed)
     }
 
-    /// Sets the screen resolutions wanted of facets and texels, pixels.
+    /// Sets the wanted screen resolutions of facets and texels, pixels.
     pub fn set_resolutions(&self, r_z_px: f64, r_c_px: f64) {
-        // Relaxed: two numbers that are valid each for itself; a frame that takes one old and one
-        // new is a good frame.
+        // Relaxed: each of the two numbers is valid on its own; a frame may use an old and a new
+        // one.
         self.words().r_z_bits.0.store(r_z_px.to_bits(), Ordering::Relaxed);
         self.words().r_c_bits.0.store(r_c_px.to_bits(), Ordering::Relaxed);
     }
 
-    /// The screen resolution wanted of facets, pixels; `None` when none was set or it is not a
+    /// The wanted screen resolution of facets, pixels; `None` when it was not set or is not a
     /// positive number.
     #[must_use]
     pub fn r_z_px(&self) -> Option<f64> {
         positive(self.words().r_z_bits.0.load(Ordering::Relaxed))
     }
 
-    /// The screen resolution wanted of texels, pixels; `None` when none was set or it is not a
+    /// The wanted screen resolution of texels, pixels; `None` when it was not set or is not a
     /// positive number.
     #[must_use]
     pub fn r_c_px(&self) -> Option<f64> {
@@ -385,7 +383,7 @@ impl Control {
         std::array::from_fn(|i| self.words().counters[i].load(Ordering::Relaxed))
     }
 
-    /// Adds to the failures of a cause, by its number; of one that has no number here, to none.
+    /// Adds to the failures of a cause, by its number; ignores unknown numbers.
     pub fn count_failures(&self, cause: usize, by: u64) {
         if let Some(failures) = self.words().failures.get(cause) {
             // Relaxed: a sum.
@@ -399,27 +397,27 @@ impl Control {
         std::array::from_fn(|cause| self.words().failures[cause].load(Ordering::Relaxed))
     }
 
-    /// Sets a number that stands for now.
+    /// Sets a gauge.
     pub fn set_gauge(&self, gauge: Gauge, value: u64) {
         // Relaxed: a number for displays.
         self.words().gauges[gauge as usize].store(value, Ordering::Relaxed);
     }
 
-    /// A number that stands for now.
+    /// The value of a gauge.
     #[must_use]
     pub fn gauge(&self, gauge: Gauge) -> u64 {
         self.words().gauges[gauge as usize].load(Ordering::Relaxed)
     }
 
-    /// Whether the stage has come, and no longer lives. Costs a system call or several.
+    /// Whether the stage has registered and is dead. Costs one or more system calls.
     #[must_use]
     pub fn is_stage_dead(&self, stage: Stage) -> bool {
         self.process_of(stage).is_some_and(|process| !process.is_alive())
     }
 
-    /// Sleeps on `bell` once, at most for `bound` and [`WAIT_BOUND`], unless `attempt` yields
-    /// something. `None` when it did not. Looks at the state of the run before, and after a full
-    /// sleep whether the launcher lives.
+    /// Sleeps on `bell` once, at most for `bound` and [`WAIT_BOUND`], unless `attempt` succeeds;
+    /// returns `None` if it did not. Checks the state of the run first, and after a full sleep also
+    /// the launcher.
     pub(crate) fn wait_once<R>(
         &self,
         bell: &Bell,
@@ -435,9 +433,9 @@ impl Control {
         }
     }
 
-    /// Waits until `attempt` yields something: a short backoff, then sleeps on `bell` of at most
-    /// [`WAIT_BOUND`] each. After every one it looks at the state of the run, and after a full one
-    /// whether launcher and peer live. Allocates nothing.
+    /// Waits until `attempt` succeeds: first a short backoff, then sleeps on `bell` of at most
+    /// [`WAIT_BOUND`] each. After every sleep it checks the state of the run, and after a full
+    /// sleep also launcher and peer. Allocates nothing.
     pub(crate) fn wait_for<R>(
         &self,
         bell: &Bell,

@@ -1,32 +1,31 @@
-//! What lies in the control block, and the names of its numbers.
+//! The layout of the control block, and the names of its numbers.
 
 use super::bell::Bell;
 use super::cursor::Padded;
 use super::region::SharedWords;
 use super::seqlock::SeqLock;
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::rate::FrameTiming;
 use crate::sync::{AtomicU32, AtomicU64};
 
-/// Words of a [`Camera`].
-pub(crate) const CAMERA_WORDS: usize = size_of::<Camera>() / 8;
+/// Words of a [`CameraFields`].
+pub(crate) const CAMERA_WORDS: usize = size_of::<CameraFields>() / 8;
 
 /// Words of a [`FrameTiming`].
 pub(crate) const TIMING_WORDS: usize = size_of::<FrameTiming>() / 8;
 
-/// Where a run stands. It only ever moves forward: a failed run does not stop in good order any
-/// more.
+/// The state of a run. It only moves forward: a failed run cannot stop in good order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum RunState {
     /// Frames are being made.
     Running = 1,
-    /// A flight of which nobody knew the number of frames is over, and all of them are written:
-    /// stages leave, and what they were making is completed.
+    /// A flight without a known number of frames is over, and all of its frames are written: stages
+    /// end, and their output is complete.
     Finished = 2,
-    /// All stages are to leave: the flight is over, or was interrupted.
+    /// All stages have to end: the flight is over, or was interrupted.
     Stopping = 3,
-    /// A stage died or gave up; all others are to leave.
+    /// A stage died or gave up; all others have to end.
     Failed = 4,
 }
 
@@ -34,7 +33,7 @@ pub enum RunState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Counter {
-    /// Tiles that frames wanted, each frame counted for itself.
+    /// Tiles that frames wanted, summed over frames.
     TilesWanted = 0,
     /// Tiles loaded into the pools.
     TilesLoaded,
@@ -56,20 +55,20 @@ pub enum Counter {
     FramesUnsettled,
     /// Trees that did not fit into a half of the ping-pong buffer.
     TreesCutShort,
-    /// Slots that the renderer refused because a number in them could not be.
+    /// Slots that the renderer refused because of an invalid number.
     SlotsRejected,
-    /// Tiles that were asked of the database.
+    /// Tiles requested from the database.
     TilesRequested,
-    /// Tiles that the database gave, whatever was in them.
+    /// Tiles received from the database, damaged ones included.
     TilesReceived,
-    /// Requests that were given up because nothing wanted the tile any more, or because nothing
+    /// Requests that were cancelled because the tile was no longer wanted, or because no answer
     /// came.
     TilesCancelled,
-    /// Bytes of the tiles that the database gave.
+    /// Bytes of the received tiles.
     BytesReceived,
     /// Requests to a server of the database, each repetition counted.
     NetworkRequests,
-    /// Of these, asked again after a failure.
+    /// Of these, repeated after a failure.
     NetworkRepeated,
     /// Bytes of content that servers sent.
     NetworkBytes,
@@ -77,7 +76,7 @@ pub enum Counter {
     CacheHits,
     /// Pieces that were not.
     CacheMisses,
-    /// Bytes that came from the disk cache.
+    /// Bytes read from the disk cache.
     CacheBytes,
 }
 
@@ -109,26 +108,25 @@ impl Counter {
     ];
 }
 
-/// Numbers that stand for now, for metrics.
+/// Current values, for metrics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Gauge {
-    /// N of design §9: tiles that the prefetcher asks for at a time.
+    /// N: the number of requests that the prefetcher may have in flight.
     PrefetchWindow = 0,
-    /// Tiles that are asked for and have not come.
+    /// Requested tiles that have not arrived.
     TilesInFlight,
-    /// Tiles that the newest frame wants and that are not there.
+    /// Tiles that the newest frame wants and that are not resident.
     TilesMissing,
-    /// Tiles that the predicted view wants and that are not there, as far as they were listed.
+    /// Listed tiles that the predicted view wants and that are not resident.
     TilesPredicted,
-    /// How long a tile takes from its request until it is there, nanoseconds, smoothed.
+    /// Time from the request of a tile until it is resident, nanoseconds, smoothed.
     TileLatencyNanos,
     /// How far ahead the view is predicted, nanoseconds; 0 when it is not.
     PredictedAheadNanos,
-    /// Share of the tiles asked for that came in time, in millionths, of the last cycle that asked
-    /// for any.
+    /// Share of answered requests in the last judged cycle with any, in millionths.
     ReceivedPerMillion,
-    /// How long a request takes until its answer is there, nanoseconds, smoothed.
+    /// Round trip time of a request, nanoseconds, smoothed.
     RoundTripNanos,
     /// Slots of the elevation pool that hold a tile.
     ElevationSlotsUsed,
@@ -138,7 +136,7 @@ pub enum Gauge {
 
 pub(crate) const GAUGES: usize = 16;
 
-/// Causes of failure that are counted apart; what they are is the store's business.
+/// Number of causes of failure that are counted separately; the store defines them.
 pub const FAILURE_CAUSES: usize = 32;
 
 pub(crate) const COUNTERS: usize = 32;
@@ -148,16 +146,16 @@ const _: () = assert!(Counter::ALL.len() <= COUNTERS);
 #[derive(Debug)]
 #[repr(C, align(128))]
 pub(crate) struct StageWords {
-    /// Its process, 0 before it came.
+    /// Its process; 0 before it registers.
     pub(crate) pid: AtomicU64,
     pub(crate) start_time: AtomicU64,
-    /// Monotonic nanoseconds of its last sign of life.
+    /// Monotonic nanoseconds of its last heartbeat.
     pub(crate) heartbeat_nanos: AtomicU64,
-    /// How often a process took this place: a restarted stage is told from a slow one.
+    /// How often a process registered here: distinguishes a restarted stage from a slow one.
     pub(crate) generation: AtomicU64,
-    /// How often it got something done.
+    /// How often it made progress.
     pub(crate) progress: AtomicU64,
-    /// What it has waited for since ([`super::activity::Activity`]).
+    /// What it has waited for since its last progress ([`super::activity::Activity`]).
     pub(crate) activity: AtomicU32,
 }
 
@@ -165,7 +163,7 @@ pub(crate) struct StageWords {
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct ControlWords {
-    /// [`RunState`]; 0 is taken for running.
+    /// [`RunState`]; 0 counts as running.
     pub(crate) state: Padded<AtomicU32>,
     pub(crate) stages: [StageWords; 4],
     /// All frames up to this sequence are drawn; written by the renderer.
@@ -174,7 +172,7 @@ pub(crate) struct ControlWords {
     /// Frames that have left the sink; written by the renderer.
     pub(crate) written_frames: Padded<AtomicU64>,
     pub(crate) written_bell: Padded<Bell>,
-    /// Bits of two f64: the screen resolutions wanted now.
+    /// Bits of two f64: the currently wanted screen resolutions.
     pub(crate) r_z_bits: Padded<AtomicU64>,
     pub(crate) r_c_bits: Padded<AtomicU64>,
     pub(crate) camera: Padded<SeqLock<CAMERA_WORDS>>,
@@ -185,12 +183,11 @@ pub(crate) struct ControlWords {
     pub(crate) clock_start: Padded<AtomicU64>,
     /// The newest finished frame; written by the renderer.
     pub(crate) timing: Padded<SeqLock<TIMING_WORDS>>,
-    /// What the preparer took for its newest frame.
+    /// The time of the preparer for its newest frame, nanoseconds.
     pub(crate) prepare_nanos: Padded<AtomicU64>,
-    /// Not 0: the launcher starts dead stages again.
+    /// Not 0: the launcher restarts dead stages.
     pub(crate) is_supervised: Padded<AtomicU32>,
-    /// Sequence of the run's last frame, from when it is prepared; 0 before. Written by the
-    /// preparer.
+    /// Sequence of the run's last frame, once that is prepared; 0 before. Written by the preparer.
     pub(crate) last_sequence: Padded<AtomicU64>,
     pub(crate) gauges: [AtomicU64; GAUGES],
     /// Failures while the database was read, by cause.
@@ -203,5 +200,5 @@ unsafe impl SharedWords for ControlWords {}
 const _: () = {
     assert!(size_of::<ControlWords>() == 18 * 128 + (COUNTERS + GAUGES + FAILURE_CAUSES) * 8);
     assert!(size_of::<ControlWords>() as u64 <= super::geometry::WORDS_BYTES);
-    assert!(size_of::<Camera>() == CAMERA_WORDS * 8);
+    assert!(size_of::<CameraFields>() == CAMERA_WORDS * 8);
 };

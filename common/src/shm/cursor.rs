@@ -1,10 +1,10 @@
-//! Two positions that count up for ever: how much the writer has published, how much the reader has
-//! given back. The ring, the ping-pong buffer (a ring of two halves) and the elevation ring are
-//! this and differ in what lies between.
+//! Two monotonic positions: how many items the writer has published, and how many the reader has
+//! released. The ring, the ping-pong buffer (a ring of two halves) and the elevation ring share
+//! this, and differ in their items.
 //!
-//! Each side keeps its own position privately, and the last it saw of the other's. It reads the
-//! other's once, into a local, and checks it: more filled items than there is room for is an error,
-//! never a loop.
+//! Each side keeps a private copy of its own position, and of the last position that it saw of the
+//! other side. It reads the other position once, into a local, and checks it: more filled items
+//! than the capacity is an error, never a loop.
 
 use super::bell::Bell;
 use super::error::ShmError;
@@ -23,7 +23,7 @@ pub(crate) struct Padded<T>(pub(crate) T);
 pub(crate) struct Positions {
     /// Items published since the segment was made. Written by the writer.
     write: Padded<AtomicU64>,
-    /// Items given back. Written by the reader.
+    /// Items released. Written by the reader.
     read: Padded<AtomicU64>,
     /// The reader sleeps here.
     readable: Padded<Bell>,
@@ -58,7 +58,7 @@ impl Positions {
         &self.writable.0
     }
 
-    /// What a peer that lost its mind may do.
+    /// For tests: overwrites the words as a faulty peer might.
     #[cfg(all(test, not(loom)))]
     pub(crate) fn overwrite(&self, write: u64, read: u64) {
         self.write.0.store(write, Ordering::Release);
@@ -85,8 +85,7 @@ pub(crate) struct WriteCursor {
 }
 
 impl WriteCursor {
-    /// Takes up where the positions stand: at 0 in a new segment, or where a writer that died had
-    /// come to.
+    /// Continues at the current positions: at 0 in a new segment, or where a dead writer stopped.
     pub(crate) fn attach(positions: &Positions, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         // Acquire, both: SYNC ring.publish, ring.release of a writer before this one.
         let position = positions.write.0.load(Ordering::Acquire);
@@ -95,13 +94,13 @@ impl WriteCursor {
         Ok(Self { kind, position, read_seen, capacity })
     }
 
-    /// The position that is filled next.
+    /// The next position to fill.
     pub(crate) fn position(&self) -> u64 {
         self.position
     }
 
-    /// Number of items that may be filled now; asks the reader's position again only when there was
-    /// room for fewer than `enough`.
+    /// Number of items that may be filled now; reads the reader's position again only when there
+    /// was room for fewer than `enough`.
     pub(crate) fn room(&mut self, positions: &Positions, enough: u64) -> Result<u64, ShmError> {
         let known = self.capacity - self.position.wrapping_sub(self.read_seen).min(self.capacity);
         if known >= enough {
@@ -114,8 +113,7 @@ impl WriteCursor {
         Ok(self.capacity - filled)
     }
 
-    /// Makes the next `count` items visible, which were filled before. The last statement of every
-    /// write.
+    /// Makes the next `count` filled items visible. The last statement of every write.
     pub(crate) fn publish(&mut self, positions: &Positions, count: u64) {
         self.position = self.position.wrapping_add(count);
         // Release: SYNC ring.publish, the items' bytes come before.
@@ -134,7 +132,7 @@ pub(crate) struct ReadCursor {
 }
 
 impl ReadCursor {
-    /// Takes up where the positions stand.
+    /// Continues at the current positions.
     pub(crate) fn attach(positions: &Positions, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         let position = positions.read.0.load(Ordering::Acquire);
         // Acquire: SYNC ring.publish.
@@ -143,19 +141,19 @@ impl ReadCursor {
         Ok(Self { kind, position, write_seen, capacity })
     }
 
-    /// The position that is read next.
+    /// The next position to read.
     pub(crate) fn position(&self) -> u64 {
         self.position
     }
 
-    /// Number of items that may be read now; asks the writer's position again only when none was
+    /// Number of items that may be read now; reads the writer's position again only when none was
     /// left.
     pub(crate) fn filled(&mut self, positions: &Positions) -> Result<u64, ShmError> {
         self.filled_beyond(positions, 0)
     }
 
-    /// Number of items that may be read now behind the next `held`, which the reader has read and
-    /// keeps; asks the writer's position again only when none was left.
+    /// Number of items that may be read now after the next `held`, which the reader has read and
+    /// keeps; reads the writer's position again only when none was left.
     pub(crate) fn filled_beyond(&mut self, positions: &Positions, held: u64) -> Result<u64, ShmError> {
         let known = self.write_seen.wrapping_sub(self.position);
         let filled = if known > held { known } else { self.filled_now(positions)? };
@@ -171,7 +169,7 @@ impl ReadCursor {
         Ok(filled)
     }
 
-    /// Gives the next `count` items back to the writer; at most as many as are known to be filled.
+    /// Releases the next `count` items to the writer; at most as many as are known to be filled.
     pub(crate) fn release(&mut self, positions: &Positions, count: u64) {
         debug_assert!(count <= self.write_seen.wrapping_sub(self.position));
         self.position = self.position.wrapping_add(count);

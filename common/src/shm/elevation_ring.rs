@@ -37,7 +37,7 @@ pub struct ElevationWriter {
 }
 
 impl ElevationWriter {
-    /// Opens the writing end; waits a moment for the segment to become ready.
+    /// Opens the writing end; waits a short time for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -52,8 +52,8 @@ impl ElevationWriter {
         Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
     }
 
-    /// Number of arrays. A frame must not use more: the renderer gives them back only after its end
-    /// marker, so the wait for another one would last until the run is stopped.
+    /// Number of arrays. A frame must not use more: the renderer releases them only after the
+    /// frame's end marker, so that a wait for another one would never end.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.segment.geometry().capacity as u32
@@ -74,7 +74,7 @@ impl ElevationWriter {
     /// Whether [`ElevationWriter::begin`] returns at once.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the reader's position cannot be.
+    /// [`ShmError::Corrupt`] when the reader's position is not valid.
     pub fn has_room(&mut self) -> Result<bool, ShmError> {
         Ok(self.cursor.room(self.segment.words(), 1)? > 0)
     }
@@ -93,8 +93,8 @@ impl ElevationWriter {
     }
 }
 
-/// An array that is being filled; derefs to its numbers. Dropped without [`ArrayGuard::publish`] it
-/// is as if it had not begun: the next one has the same position.
+/// An array that is being filled; derefs to its numbers. If dropped without
+/// [`ArrayGuard::publish`], nothing happens: the next one has the same position.
 #[derive(Debug)]
 #[must_use]
 pub struct ArrayGuard<'a> {
@@ -154,7 +154,7 @@ pub struct ElevationReader {
 }
 
 impl ElevationReader {
-    /// Opens the reading end; waits a moment for the segment to become ready.
+    /// Opens the reading end; waits a short time for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -199,20 +199,20 @@ impl ElevationReader {
         SegmentMemory::new(&self.segment)
     }
 
-    /// The position up to which arrays were given back.
+    /// The position up to which arrays have been released.
     #[must_use]
     pub fn released_position(&self) -> RingPosition {
         RingPosition::new(self.cursor.position())
     }
 
-    /// Whether the array at `position` is published and not given back: the device may read it. The
-    /// check for each position that comes out of the ring.
+    /// Whether the array at `position` is published and not released, so that the device may read
+    /// it. To be called for each position that comes out of the ring.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer's position cannot be.
     pub fn holds(&mut self, position: u64) -> Result<bool, ShmError> {
         let behind = position.wrapping_sub(self.cursor.position());
-        // The known positions first: the writer's word is only read when it may tell more.
+        // Check the known positions first: the writer's word is read only if necessary.
         Ok(behind < self.cursor.filled(self.segment.words())?
             || behind < self.cursor.filled_now(self.segment.words())?)
     }
@@ -238,11 +238,11 @@ impl ElevationReader {
         Ok(Some(unsafe { self.segment.region().slice(offset, self.len.into()) }))
     }
 
-    /// Gives back all arrays below the position `upto`: the device is done with them. A position
-    /// that was given back before changes nothing.
+    /// Releases all arrays below the position `upto`, when the device has finished with them. A
+    /// position that has been released before changes nothing.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when that is more than was published; nothing is given back then.
+    /// [`ShmError::Corrupt`] when that is more than was published; then nothing is released.
     pub fn released(&mut self, upto: RingPosition) -> Result<(), ShmError> {
         let upto = upto.get();
         let count = upto.wrapping_sub(self.cursor.position());

@@ -1,8 +1,8 @@
-//! What can go wrong with a segment, and why a wait ended without what was waited for.
+//! Errors of segments, and why a wait ended without success.
 
 use super::kind::{SegmentKind, Stage};
 
-/// A segment could not be made, opened or believed.
+/// A segment could not be made or opened, or its content is not valid.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShmError {
@@ -25,7 +25,7 @@ pub enum ShmError {
         /// Bytes that were allowed.
         available: u64,
     },
-    /// A segment of this name is there already.
+    /// A segment of this name exists already.
     #[error("the shared-memory segment {name} exists already")]
     AlreadyExists {
         /// Its name below `/dev/shm`.
@@ -36,10 +36,10 @@ pub enum ShmError {
     NotReady {
         /// Its name below `/dev/shm`.
         name: String,
-        /// How long was waited, milliseconds.
+        /// The time waited, milliseconds.
         waited_ms: u64,
     },
-    /// The launcher whose run this is no longer lives.
+    /// The launcher of the run is dead.
     #[error("the launcher of run {run} is gone, so its segment {name} will never be ready")]
     PeerGone {
         /// The run.
@@ -79,14 +79,14 @@ pub enum ShmError {
         /// Bytes that are mapped.
         found: u64,
     },
-    /// Another program has cut the file of a segment short, or made it longer.
+    /// Another program has changed the length of a segment's file.
     #[error("/dev/shm/{name} was cut by another program: it has {found} bytes, expected {expected}")]
     CutShort {
         /// Its name below `/dev/shm`.
         name: String,
         /// Bytes that it has.
         found: u64,
-        /// Bytes that it was made with.
+        /// Its original size, bytes.
         expected: u64,
     },
     /// A number in the segment is not one that a healthy peer writes.
@@ -101,14 +101,14 @@ pub enum ShmError {
         /// What it should have been, in words.
         expected: &'static str,
     },
-    /// Each segment has one writer and one reader, and another holds this place.
+    /// Each segment has one writer and one reader, and another process has this role.
     #[error("the {role} of segment {name} is process {pid} already, which lives")]
     RoleTaken {
         /// Its name below `/dev/shm`.
         name: String,
         /// `writer` or `reader`.
         role: &'static str,
-        /// The process that holds the place.
+        /// The process that has the role.
         pid: u32,
     },
     /// The text is not the id of a run.
@@ -117,9 +117,9 @@ pub enum ShmError {
         /// The text.
         text: String,
     },
-    /// The text is no name for what other programs shall find.
+    /// The text is not a valid name for sharing.
     #[error(
-        "{text:?} is no name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
+        "{text:?} is not a name to share frames by, expected 1 to 64 letters, digits, dots, dashes or underscores, with a \
          letter or digit first and not -camera last"
     )]
     BadSharedName {
@@ -134,7 +134,7 @@ pub enum ShmError {
         /// Process id of its launcher.
         pid: u32,
     },
-    /// The segment's kind does not carry what was asked of it.
+    /// The segment's kind does not fit the handle.
     #[error("segment {name} is a {kind}, which is not what it was opened as")]
     WrongKind {
         /// Its name below `/dev/shm`.
@@ -145,7 +145,7 @@ pub enum ShmError {
     /// The operating system refused.
     #[error("cannot {action} {name}: {source}")]
     Os {
-        /// What was tried, a verb.
+        /// The action that failed, a verb.
         action: &'static str,
         /// The segment or path.
         name: String,
@@ -155,7 +155,7 @@ pub enum ShmError {
     /// The segment could not be mapped.
     #[error("cannot {action} the shared-memory segment {name}: {source}")]
     Map {
-        /// What was tried, a verb.
+        /// The action that failed, a verb.
         action: &'static str,
         /// Its name below `/dev/shm`.
         name: String,
@@ -165,38 +165,38 @@ pub enum ShmError {
 }
 
 impl ShmError {
-    /// A corrupt number in a segment that is open; off the hot path.
+    /// An invalid number in an open segment; off the hot path.
     #[cold]
     pub(crate) fn corrupt(kind: SegmentKind, field: &'static str, found: u64, expected: &'static str) -> Self {
         Self::Corrupt { name: kind.name().to_owned(), field, found, expected }
     }
 }
 
-/// Why a blocking call came back without what it waited for. The caller ends its work.
+/// Why a blocking call ended without success. The caller ends its work.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
-    /// The flight is over, after a number of frames that nobody knew before: leave, all that you
-    /// made is written.
+    /// The flight is over, after a number of frames that was not known before: end; all output is
+    /// written.
     #[error("the flight is over")]
     Finished,
-    /// The run is being stopped in good order (Ctrl-C, end of flight): leave, and exit as after a
+    /// The run is being stopped in good order (Ctrl-C, end of flight): end, and exit as after a
     /// signal.
     #[error("the run is stopping")]
     Stopping,
     /// The run has failed: another stage died or gave up.
     #[error("the run has failed")]
     Failed,
-    /// The launcher is gone; nobody will ever finish the run.
+    /// The launcher is dead, so that the run cannot be finished.
     #[error("the launcher is gone")]
     LauncherGone,
-    /// The stage on the other side is gone, and the launcher has not replaced it.
+    /// The stage on the other side is dead, and the launcher has not restarted it.
     #[error("the {stage} is gone")]
     PeerGone {
         /// The stage.
         stage: Stage,
     },
-    /// What the other side wrote cannot be.
+    /// The other side wrote invalid data.
     #[error(transparent)]
     PeerCorrupt {
         /// What was found.
@@ -206,7 +206,7 @@ pub enum WaitError {
 }
 
 impl WaitError {
-    /// Whether this is the orderly end of a run, which is no failure of the stage that sees it.
+    /// Whether this is the orderly end of a run, which is not a failure of the stage.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
         matches!(self, Self::Finished | Self::Stopping)

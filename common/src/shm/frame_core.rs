@@ -2,14 +2,14 @@
 //! publication in it.
 //!
 //! Publication n (from 1) goes to slot (n - 1) modulo the number of slots. The slot's sequence is
-//! 2n - 1 while it is written and 2n when it is whole, and then `newest` becomes n. So one
-//! comparison tells a reader both that its copy is whole and that it is the publication that it
-//! went for. The writer waits for nobody.
+//! 2n - 1 while it is written and 2n when it is complete; then `newest` becomes n. So a single
+//! comparison tells a reader that its copy is complete and that it is the publication it wanted.
+//! The writer never waits.
 
 use crate::sync::{AtomicU64, Ordering, fence};
 
-/// Where the writer's words go: into a file, of which it holds no mapping (a peer that cuts the
-/// file short must not kill it), or into words under the model checker.
+/// Where the writer stores words: in a file that it does not map (a peer that truncates the file
+/// must not kill it), or in atomics under the model checker.
 pub(crate) trait Outlet {
     /// Why a word cannot be written.
     type Error;
@@ -21,18 +21,18 @@ pub(crate) trait Outlet {
     fn newest(&mut self, number: u64) -> Result<(), Self::Error>;
 }
 
-/// Publication `number` begins; the words may be stored (relaxed) from here on. One writer at a
+/// Begins publication `number`; from here on the words may be stored (relaxed). One writer at a
 /// time.
 pub(crate) fn begin<O: Outlet>(out: &mut O, number: u64) -> Result<(), O::Error> {
     out.sequence(number.wrapping_mul(2).wrapping_sub(1))?;
-    // Whoever loads one of the new words, and then fences, sees the odd sequence.
+    // A reader that loads one of the new words, and then fences, sees the odd sequence.
     fence(Ordering::Release); // SYNC frame.begin
     Ok(())
 }
 
-/// Publication `number` is whole, and the newest.
+/// Ends publication `number`, which becomes the newest.
 pub(crate) fn publish<O: Outlet>(out: &mut O, number: u64) -> Result<(), O::Error> {
-    // The words come before. For who goes by `newest`, the fence below would do.
+    // The words come before. For readers that use `newest`, the fence below would suffice.
     fence(Ordering::Release); // SYNC frame.end
     out.sequence(number.wrapping_mul(2))?;
     // The sequence comes before.
@@ -48,8 +48,8 @@ pub(crate) struct FrameSlot<'a> {
 }
 
 impl FrameSlot<'_> {
-    /// What `copy` makes of the words (relaxed loads), if they were those of publication `number`
-    /// from first to last. What it made of others is dropped: it must be able to take any words.
+    /// The result of `copy` on the words (relaxed loads), if all of them belong to publication
+    /// `number`. Otherwise the result is dropped: `copy` must accept any words.
     pub(crate) fn copy<R>(&self, number: u64, copy: impl FnOnce(&[AtomicU64]) -> R) -> Option<R> {
         let whole = number.wrapping_mul(2);
         // Acquire: SYNC frame.end.
@@ -63,7 +63,7 @@ impl FrameSlot<'_> {
     }
 }
 
-/// The publication to go for; 0 before the first.
+/// The number of the newest publication; 0 before the first.
 pub(crate) fn newest(newest: &AtomicU64) -> u64 {
     // Acquire: SYNC frame.newest, the slot is whole.
     newest.load(Ordering::Acquire)

@@ -1,4 +1,5 @@
-//! Where the items of a segment lie: computed, the same way by its maker and by those who open it.
+//! Where the items of a segment lie: computed in the same way by its creator and by those who open
+//! it.
 
 use super::kind::SegmentKind;
 use crate::tree::{TreeHeader, TreeNode};
@@ -10,7 +11,7 @@ pub(crate) const fn half_bytes(nodes: u64) -> u64 {
 
 /// Offset of a segment's control words: the header comes before them.
 pub(crate) const WORDS_OFFSET: u64 = 256;
-/// Bytes of control words, the pools' tables apart.
+/// Bytes of control words, without the tables of pools.
 pub(crate) const WORDS_BYTES: u64 = 4096 - WORDS_OFFSET;
 /// Bytes of an entry of a pool's table.
 pub(crate) const TABLE_ENTRY_BYTES: u64 = 32;
@@ -34,7 +35,7 @@ pub(crate) struct Geometry {
 }
 
 impl Geometry {
-    /// The geometry of a segment of our own making; numbers are small enough not to overflow.
+    /// The geometry of a segment that this program creates; its numbers are too small to overflow.
     pub(crate) fn new(kind: SegmentKind, capacity: u64, item_bytes: u64) -> Self {
         Self::checked(kind, capacity, item_bytes).unwrap_or(Self {
             kind,
@@ -43,14 +44,14 @@ impl Geometry {
             stride: item_bytes,
             table_offset: 0,
             data_offset: 0,
-            // Never fits: creating such a segment fails with "too little room".
+            // Never fits: creating this segment fails with "too little room".
             total_bytes: u64::MAX / 64,
         })
     }
 
-    /// The geometry of a segment of that many items of that size; `None` when that cannot be (a
-    /// count that is no power of two where it has to be one, or sizes that overflow). Numbers may
-    /// come from a segment's header.
+    /// The geometry of a segment with this many items of this size; `None` for invalid numbers (a
+    /// count that has to be a power of two and is not, or sizes that overflow). Numbers may come
+    /// from a segment's header.
     pub(crate) fn checked(kind: SegmentKind, capacity: u64, item_bytes: u64) -> Option<Self> {
         let (align, has_table, is_ring) = match kind {
             SegmentKind::Control => (1, false, false),

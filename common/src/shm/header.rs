@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 /// "TVSHMSEG", read as a little-endian number.
 const MAGIC: u64 = u64::from_le_bytes(*b"TVSHMSEG");
-/// Changes with every change of what lies in a segment, in the same commit.
-pub const LAYOUT_VERSION: u32 = 5;
+/// Must change with every change of a segment's layout, in the same commit.
+pub const LAYOUT_VERSION: u32 = 6;
 /// State of a header that is complete.
 const READY: u32 = 0x5245_4459;
 
@@ -24,20 +24,20 @@ pub(crate) struct Header {
     layout_version: AtomicU32,
     kind: AtomicU32,
     total_bytes: AtomicU64,
-    /// When the segment was made, monotonic nanoseconds: tells it from another one of the same
+    /// When the segment was created, monotonic nanoseconds: distinguishes segments of the same
     /// name.
     generation: AtomicU64,
     capacity: AtomicU64,
     item_bytes: AtomicU64,
     state: AtomicU32,
     reserved: AtomicU32,
-    /// [`ProcessId::word`] of the process that has the writer's place; 0 when it is free.
+    /// [`ProcessId::word`] of the process that has the writer's role; 0 when it is free.
     writer: AtomicU64,
-    /// The same of the reader's place.
+    /// The same for the reader's role.
     reader: AtomicU64,
-    /// How often the writer's place was taken: a restarted writer is told from a slow one.
+    /// How often the writer's role was taken: distinguishes a restarted writer from a slow one.
     writer_generation: AtomicU64,
-    /// The same of the reader's place.
+    /// The same for the reader's role.
     reader_generation: AtomicU64,
 }
 
@@ -50,8 +50,8 @@ const _: () = {
     assert!(std::mem::offset_of!(Header, writer) == 56);
 };
 
-/// Whether the first bytes of a file are those of a segment, or of one whose maker died before it
-/// wrote any.
+/// Whether the first bytes of a file are those of a segment, or of a segment whose creator died
+/// before it wrote anything.
 pub(crate) fn begins_like_a_segment(first: &[u8]) -> bool {
     first.iter().all(|byte| *byte == 0) || first.get(..8) == Some(&MAGIC.to_le_bytes()[..])
 }
@@ -59,9 +59,9 @@ pub(crate) fn begins_like_a_segment(first: &[u8]) -> bool {
 /// Why a segment is not usable now.
 #[derive(Debug)]
 pub(crate) enum NotUsable {
-    /// Its creator has not finished; look again.
+    /// Its creator has not finished; try again.
     NotYet,
-    /// It will never be.
+    /// It will never be usable.
     Never(ShmError),
 }
 
@@ -104,8 +104,8 @@ impl Segment {
     fn check_header(region: &Region, kind: SegmentKind, name: &str) -> Result<Geometry, NotUsable> {
         let name = || name.to_owned();
         let found = region.len();
-        // The length first: a page that is not there must not be touched. Between its making and
-        // its sizing the file is empty.
+        // The length first: a missing page must not be touched. Between its creation and its
+        // resizing, the file is empty.
         if found == 0 {
             return Err(NotUsable::NotYet);
         }
@@ -167,22 +167,22 @@ impl Segment {
         self.region.words(WORDS_OFFSET)
     }
 
-    /// Offset of item `index`, which the caller has brought below the capacity.
+    /// Offset of item `index`, which must be below the capacity.
     pub(crate) fn item_offset(&self, index: u64) -> u64 {
         debug_assert!(index < self.geometry.capacity);
         self.geometry.data_offset + index * self.geometry.stride
     }
 }
 
-/// A place at a segment that one process at a time may have.
+/// A role at a segment that only one process at a time may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     Writer,
     Reader,
 }
 
-/// The place, held. This is what makes "one producer, one consumer" true across processes, and safe
-/// handles sound.
+/// The role, while it is held. It enforces "one producer, one consumer" across processes, which
+/// makes the safe handles sound.
 #[derive(Debug)]
 pub(crate) struct RoleClaim {
     segment: Arc<Segment>,
@@ -191,20 +191,20 @@ pub(crate) struct RoleClaim {
 }
 
 impl RoleClaim {
-    /// Takes the place if it is free, or if the process that has it no longer lives.
+    /// Takes the role if it is free, or if the process that has it is dead.
     pub(crate) fn take(segment: &Arc<Segment>, role: Role) -> Result<Self, ShmError> {
         let word = ProcessId::own()?.word();
         let claim = Self { segment: Arc::clone(segment), role, word };
         let (place, generation) = claim.place();
-        // AcqRel and Acquire: SYNC role.hand-over, what the holder before us wrote comes before.
+        // AcqRel and Acquire: SYNC role.hand-over, writes of the previous holder come before.
         let mut holder = place.load(Ordering::Acquire);
         loop {
             if holder != 0 && ProcessId::is_word_alive(holder) {
                 let name = segment.kind().name().to_owned();
                 let role = if role == Role::Writer { "writer" } else { "reader" };
                 let taken = ShmError::RoleTaken { name, role, pid: (holder >> 32) as u32 };
-                // Nothing to give back: the place is another's, and so is the word in it unless
-                // that is us.
+                // Nothing to release: the role belongs to another process, and so does its word,
+                // unless that is ours.
                 std::mem::drop(claim.defused());
                 return Err(taken);
             }
@@ -235,8 +235,8 @@ impl RoleClaim {
 impl Drop for RoleClaim {
     fn drop(&mut self) {
         if self.word != 0 {
-            // Release: SYNC role.hand-over. Only our own word is taken out; with another in its
-            // place we have none to free.
+            // Release: SYNC role.hand-over. Only our own word is removed; if it is another one,
+            // there is nothing to free.
             let (place, _) = self.place();
             place.compare_exchange(self.word, 0, Ordering::Release, Ordering::Relaxed).ok();
         }

@@ -8,7 +8,7 @@ use std::fmt;
 pub enum Stage {
     /// Searches the quad tree.
     Generator = 0,
-    /// Makes elevation arrays and the ring's slots.
+    /// Computes elevation arrays and the ring's slots.
     Preparer = 1,
     /// Draws.
     Renderer = 2,
@@ -17,8 +17,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All stages: those that a frame passes in their order, then the prefetcher, which works
-    /// beside them.
+    /// All stages: first those that a frame passes through, in order, then the prefetcher.
     pub const ALL: [Self; 4] = [Self::Generator, Self::Preparer, Self::Renderer, Self::Prefetcher];
 
     /// Its name in messages and file names.
@@ -32,7 +31,7 @@ impl Stage {
         }
     }
 
-    /// The ring in which it tells the launcher of its work.
+    /// Its event ring.
     #[must_use]
     pub const fn events(self) -> SegmentKind {
         match self {
@@ -82,8 +81,8 @@ pub enum SegmentKind {
     TileOutcomes = 12,
     /// [`crate::event::Event`]s of the prefetcher, to the launcher.
     EventsPrefetcher = 13,
-    /// [`super::CameraRecord`]s that are to come, launcher to prefetcher; only a flight whose path
-    /// is foretold uses it.
+    /// Future [`super::CameraRecord`]s, launcher to prefetcher; used only by prediction with
+    /// `oracle`.
     PathRing = 14,
 }
 

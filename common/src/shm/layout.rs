@@ -1,9 +1,9 @@
-//! Which segments a run has, and how large they are.
+//! The sizes of a run's segments.
 
 use super::error::ShmError;
 use super::geometry::{Geometry, half_bytes};
 use super::kind::SegmentKind;
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use crate::event::Event;
 use crate::outcome::TileOutcome;
 use crate::slot::Slot;
@@ -17,7 +17,7 @@ pub struct CameraRecord {
     /// The film frame's number.
     pub frame: u64,
     /// Its camera.
-    pub camera: Camera,
+    pub camera: CameraFields,
 }
 
 const _: () = assert!(size_of::<CameraRecord>() == 80);
@@ -45,25 +45,25 @@ pub struct Layout {
     pub(crate) camera_slots: u32,
     /// Events of each stage's event ring.
     pub(crate) event_slots: u32,
-    /// Tiles that a want list holds; what a frame wants beyond that is asked for when these are
-    /// there.
+    /// Tiles that a want list holds; a frame that wants more asks for the rest when these are
+    /// resident.
     pub(crate) want_tiles: u32,
     /// Outcomes in the ring of tile outcomes.
     pub(crate) outcome_slots: u32,
 }
 
-/// Layers that an image array has on every Vulkan device that we know; a colour slot is a layer.
+/// Layers of an image array that every known Vulkan device supports; a colour slot is a layer.
 const MAX_COLOR_SLOTS: u64 = 2048;
-/// With fewer colour slots than this, hardly any view has all tiles that it wants.
+/// With fewer colour slots, hardly any view has all tiles that it wants.
 const MIN_COLOR_SLOTS: u64 = 64;
-/// The elevation ring of large tiles is kept below this.
+/// Upper bound of the bytes of the elevation ring of large tiles.
 const ELEVATION_RING_BYTES: u64 = 64 << 20;
-/// Facets of at most so many pixels get a ring and trees as large as their picture needs.
+/// For facets of at most this many pixels, ring and trees are as large as the picture requires.
 const FINE_FACET_PX: f64 = 2.0;
-/// Most arrays of the elevation ring of such a picture.
+/// Maximum number of arrays of the elevation ring for such a picture.
 const MAX_FINE_ARRAYS: u64 = 65_536;
-/// Facets of a fine picture, per square of their wanted size: leaves reach beyond the picture, and
-/// behind ground. Views of mountains have 2.5 to 3.5 of them.
+/// Facets of a fine picture per square of their wanted size: leaves extend beyond the picture and
+/// behind ground. Views of mountains have 2.5 to 3.5.
 const FACETS_PER_WANTED: f64 = 5.0;
 
 /// Cells of an elevation tile.
@@ -72,9 +72,9 @@ fn tile_facets(world: &World) -> f64 {
 }
 
 impl Layout {
-    /// The layout for a world, at most `memory_bytes` for the tile pools and the device's copy of
-    /// the colour pool together, whose tiles are of this format. The picture's size does not
-    /// matter: trees are bounded by `tree_nodes`.
+    /// The layout for a world, with at most `memory_bytes` for the tile pools and the device's copy
+    /// of the colour pool together. `texels`: the format of colour tiles. The picture's size does
+    /// not matter: trees are bounded by `tree_nodes`.
     ///
     /// # Errors
     /// [`ShmError::MemoryTooSmall`].
@@ -84,9 +84,9 @@ impl Layout {
         let elevation_slot_bytes = array_bytes.next_multiple_of(64);
         let slot_bytes = |format: TexelFormat| format.tile_bytes(world.color_stored()).next_multiple_of(4096);
         let color_slot_bytes = slot_bytes(texels);
-        // Two copies of each colour tile, one of them the device's, and a sixteenth of what they
-        // take uncompressed for elevation, four tiles at least: fine facets under coarse texels
-        // want many more elevation tiles than colour tiles.
+        // Two copies of each colour tile, one of them on the device; and for elevation a sixteenth
+        // of their uncompressed size, at least four tiles: fine facets under coarse texels need
+        // many more elevation tiles than colour tiles.
         let elevation_per_color = (slot_bytes(TexelFormat::Rgba8) / (8 * elevation_slot_bytes)).max(4);
         let per_color_slot = 2 * color_slot_bytes + elevation_per_color * elevation_slot_bytes;
         let color_slots = (memory_bytes / per_color_slot).min(MAX_COLOR_SLOTS);
@@ -112,9 +112,9 @@ impl Layout {
         })
     }
 
-    /// With room for the trees of a picture of so many pixels, if its facets are so small (2 pixels
-    /// or less) that the usual room would cut them short. What the elevation pool takes more, the
-    /// colour pool has less.
+    /// Makes room for the trees of a picture of this many pixels, if its facets are so small (2
+    /// pixels or less) that the default would cut them short. What is added to the elevation pool
+    /// is taken from the colour pool.
     #[must_use]
     pub fn for_picture(self, world: &World, pixels: u64, r_z_px: f64) -> Self {
         if r_z_px > FINE_FACET_PX {
@@ -139,17 +139,17 @@ impl Layout {
         }
     }
 
-    /// The smallest facets, pixels, from 1 up, that the trees of a picture of so many pixels have
-    /// room for.
+    /// The smallest facets, at least 1 pixel, for which trees of a picture of this many pixels have
+    /// room.
     #[must_use]
     pub fn finest_facet_px(world: &World, pixels: u64) -> f64 {
         let facet_px = (FACETS_PER_WANTED * pixels as f64 / (MAX_FINE_ARRAYS as f64 * tile_facets(world))).sqrt();
-        // Up to the next tenth, which people can read.
+        // Rounded up to a tenth, for display.
         ((facet_px * 10.0).ceil() / 10.0).max(1.0)
     }
 
-    /// With a ring of so many slots, and so many nodes in half of the ping-pong buffer, for
-    /// benches: each is raised to a power of two.
+    /// Sets the slots of the ring and the nodes of half of the ping-pong buffer, for benches: both
+    /// are rounded up to a power of two.
     #[must_use]
     pub fn with_room(self, ring_slots: u32, tree_nodes: u32) -> Self {
         let power = |count: u32| count.clamp(1, 1 << 24).next_power_of_two();

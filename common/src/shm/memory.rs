@@ -1,5 +1,4 @@
-//! The same handles over memory of this process alone: for tests and benches that need no second
-//! process.
+//! The same handles on memory of a single process, for tests and benches.
 
 use super::control::Control;
 use super::elevation_ring::{ElevationReader, ElevationWriter};
@@ -36,7 +35,7 @@ pub fn control() -> Result<Control, ShmError> {
 /// Both ends of a ring of `capacity` slots.
 ///
 /// # Errors
-/// When `capacity` is no power of two.
+/// When `capacity` is not a power of two.
 pub fn ring<T: Pod>(capacity: u32) -> Result<(Producer<T>, Consumer<T>), ShmError> {
     let segment = segment(SegmentKind::Ring, capacity.into(), size_of::<T>() as u64)?;
     Ok((Producer::attach(&segment)?, Consumer::attach(&segment)?))
@@ -54,7 +53,7 @@ pub fn ping_pong(nodes: u32) -> Result<(TreeWriter, TreeReader), ShmError> {
 /// Both ends of an elevation ring of `arrays` arrays of `array_f32` numbers.
 ///
 /// # Errors
-/// When `arrays` is no power of two, or `array_f32` is 0.
+/// When `arrays` is not a power of two, or `array_f32` is 0.
 pub fn elevation_ring(arrays: u32, array_f32: u32) -> Result<(ElevationWriter, ElevationReader), ShmError> {
     let segment = segment(SegmentKind::ElevationRing, arrays.into(), u64::from(array_f32) * 4)?;
     Ok((ElevationWriter::attach(&segment)?, ElevationReader::attach(&segment)?))
@@ -81,7 +80,7 @@ pub fn want_list(tiles: u32) -> Result<(WantListWriter, WantListReader), ShmErro
 /// Both ends of a ring of `capacity` tile outcomes.
 ///
 /// # Errors
-/// When `capacity` is no power of two.
+/// When `capacity` is not a power of two.
 pub fn outcomes(capacity: u32) -> Result<(Producer<TileOutcome>, Consumer<TileOutcome>), ShmError> {
     let segment = segment(SegmentKind::TileOutcomes, capacity.into(), size_of::<TileOutcome>() as u64)?;
     Ok((Producer::attach(&segment)?, Consumer::attach(&segment)?))

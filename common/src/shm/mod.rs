@@ -21,19 +21,20 @@
 //!
 //! # Trust
 //! The other side is our own code, but it may be dead, half started, of another build, or killed in
-//! the middle of a write. Nothing that it wrote makes this side read out of bounds, wait for ever
-//! or panic: positions, counts and indices are read once and checked, and invalid values are
-//! [`ShmError::Corrupt`]. A thing becomes visible by one store, the last of its write, so that a
-//! killed writer publishes nothing half; its successor goes on from the last published position.
-//! One thing is out of reach: a peer that shrinks the file under a mapping kills its readers
-//! (SIGBUS). So what programs outside of the run may open is not mapped here, but read and written
-//! as a file ([`public_file`]); of a stage that dies of it in the run's own segments the launcher
-//! says why ([`RunSegments::cut_short`]), and of itself, too ([`end_on_bus_error`]).
+//! the middle of a write. Nothing that it wrote can make this side read out of bounds, wait for
+//! ever or panic: positions, counts and indices are read once and checked, and invalid values are
+//! [`ShmError::Corrupt`]. An item becomes visible by one store, the last one of its write, so that
+//! a killed writer never publishes half an item; its successor continues from the last published
+//! position. There is one exception: a peer that truncates a mapped file kills its readers
+//! (SIGBUS). So segments that programs outside of the run may open are not mapped here, but read
+//! and written as files ([`public_file`]). If a stage dies of it in the run's own segments, the
+//! launcher reports the cause ([`RunSegments::cut_short`]); for the launcher itself there is a
+//! handler ([`end_on_bus_error`]).
 //!
 //! # Waiting
 //! Blocking calls take the [`Control`] of the run. They back off for a few microseconds, then sleep
-//! on a futex that the processes share, at most [`WAIT_BOUND`] at a time; after each sleep they
-//! look whether the run goes on, and whether the launcher and the peer live ([`WaitError`]).
+//! on a futex that the processes share, at most [`WAIT_BOUND`] at a time. After each sleep they
+//! check whether the run goes on, and whether launcher and peer are alive ([`WaitError`]).
 //!
 //! # Example
 //! ```
@@ -46,7 +47,7 @@
 //! ```
 //!
 //! The algorithms ([`bell`], [`cursor`], [`frame_core`], [`ring_core`], [`seqlock`],
-//! [`slot_words`], [`want_core`]) know nothing of mappings, so that `loom` can check them:
+//! [`slot_words`], [`want_core`]) do not depend on mappings, so that `loom` can check them:
 //! `RUSTFLAGS="--cfg loom" cargo test -p terravision-common --lib --release loom_`.
 #![cfg_attr(
     loom,

@@ -1,9 +1,9 @@
-//! Segments that programs outside of a run find: `/dev/shm/terravision-NAME`.
+//! Segments for programs outside of a run: `/dev/shm/terravision-NAME`.
 //!
-//! Their layouts are public (docs/frame-ring.md), fixed and little-endian. The launcher makes a
-//! segment as a file without a name, fills and locks it, and only then gives it its name: whoever
-//! finds it finds it whole, and one that is not locked belongs to nobody that lives. It is removed
-//! at the end of the run; after a launcher that was killed the next start removes it.
+//! Their layouts are public (docs/frame-ring.md), fixed and little-endian. The launcher creates a
+//! segment as a file without a name, fills and locks it, and only then gives it its name: programs
+//! always find it complete, and a segment that is not locked belongs to a dead run. It is removed
+//! at the end of the run; if the launcher was killed, the next start removes it.
 
 use super::error::ShmError;
 use super::public_file::PublicFile;
@@ -18,18 +18,18 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What names of such segments begin with.
+/// Prefix of the names of such segments.
 const PREFIX: &str = "terravision-";
-/// What the name of the segment that poses come by ends with.
+/// Suffix of the name of the segment for poses.
 const CAMERA_SUFFIX: &str = "-camera";
 const LONGEST_NAME: usize = 64;
-/// Tries to take a name that a dead run has; another start may be after it too.
+/// Attempts to take over the name of a dead run, because another start may try the same.
 const TRIES: u32 = 8;
 const TRY_AGAIN_AFTER: Duration = Duration::from_millis(5);
 
 /// A run is making frames.
 const LIVE: u32 = 1;
-/// It has ended, in whatever way.
+/// The run has ended.
 const ENDED: u32 = 2;
 
 /// The name by which other programs find a run: letters, digits, dots, dashes and underscores.
@@ -55,7 +55,7 @@ impl SharedName {
         format!("{PREFIX}{}", self.0)
     }
 
-    /// The name below `/dev/shm` of the segment that poses come by.
+    /// The name below `/dev/shm` of the segment for poses.
     #[must_use]
     pub fn camera_file(&self) -> String {
         format!("{PREFIX}{}{CAMERA_SUFFIX}", self.0)
@@ -90,7 +90,7 @@ unsafe impl SharedWords for NamedHeader {}
 // SAFETY: an atomic, aligned to 8.
 unsafe impl SharedWords for AtomicU64 {}
 
-/// What tells the kinds of such segments apart, and their versions.
+/// Kind and version of such a segment.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NamedKind {
     pub(crate) magic: [u8; 8],
@@ -99,10 +99,11 @@ pub(crate) struct NamedKind {
 
 /// The frame ring.
 pub(crate) const FRAMES: NamedKind = NamedKind { magic: *b"TVFRAMES", version: 1 };
-/// The segment that poses come by.
+/// The segment for poses.
 pub(crate) const CAMERA: NamedKind = NamedKind { magic: *b"TVCAMERA", version: 1 };
 
-/// A segment that this process has made. Dropped, it is marked as ended and its name is removed.
+/// A segment that this process has created. When dropped, it is marked as ended and its name is
+/// removed.
 #[derive(Debug)]
 pub(crate) struct NamedSegment {
     /// Locked as long as this lives.
@@ -110,8 +111,8 @@ pub(crate) struct NamedSegment {
 }
 
 impl NamedSegment {
-    /// Makes a segment of this name (below `/dev/shm`) with all its memory; `fill` writes what
-    /// comes after the header.
+    /// Creates a segment of this name (below `/dev/shm`) with all its memory; `fill` writes the
+    /// content after the header.
     ///
     /// # Errors
     /// [`ShmError::NameTaken`] while another run has the name, [`ShmError::NotEnoughSpace`].
@@ -134,11 +135,11 @@ impl NamedSegment {
             source => os("reserve the memory of")(source),
         })?;
         rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(os("lock"))?;
-        // As long as it has no name, nobody else has it.
+        // As long as it has no name, no other process can open it.
         let region = map(&file, name, true)?;
         fill(&region);
         let header: &NamedHeader = region.words(0);
-        // Relaxed: the name, which comes last, publishes all of it.
+        // Relaxed: the name, which is set last, publishes all of it.
         header.magic.store(u64::from_ne_bytes(kind.magic), Ordering::Relaxed);
         header.version.store(kind.version, Ordering::Relaxed);
         header.pid.store(std::process::id(), Ordering::Relaxed);
@@ -151,7 +152,7 @@ impl NamedSegment {
                 Ok(()) => return Ok(Self { file: Arc::new(PublicFile::new(file, name, bytes)) }),
                 Err(Errno::EXIST) => match remove_dead(name) {
                     Ok(_) => {}
-                    // Another start may hold the lock for a moment, to remove what is dead.
+                    // Another start may hold the lock for a moment, to remove dead segments.
                     Err(ShmError::NameTaken { .. }) if attempt < TRIES => std::thread::sleep(TRY_AGAIN_AFTER),
                     Err(error) => return Err(error),
                 },
@@ -173,7 +174,7 @@ impl Drop for NamedSegment {
     fn drop(&mut self) {
         // SYNC named.ended: all that was written comes before.
         fence(Ordering::Release);
-        // Nobody is left to tell.
+        // There is no one left to report this to.
         self.file.write_at(STATE_OFFSET, &ENDED.to_ne_bytes()).ok();
         if is_named(self.file.file(), self.name()) {
             rustix::fs::unlink(path(self.name())).ok();
@@ -196,8 +197,8 @@ fn map(file: &OwnedFd, name: &str, is_writable: bool) -> Result<Region, ShmError
     Region::file(mapped.map_err(failed)?, name)
 }
 
-/// Opens a segment, maps it and checks its header: for other programs, which take the risk that it
-/// is cut. With `is_writable` unset it is mapped for reading alone, and must not be stored to.
+/// Opens a segment, maps it and checks its header: for other programs, which accept the risk that
+/// it is truncated. If not `is_writable`, it is mapped read-only, and must not be stored to.
 pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Region, ShmError> {
     let (file, size) = open_file(name, is_writable)?;
     let region = map(&file, name, is_writable)?;
@@ -205,15 +206,15 @@ pub(crate) fn open(name: &str, kind: NamedKind, is_writable: bool) -> Result<Reg
     Ok(region)
 }
 
-/// Opens a segment for reading and writing as a file, and checks its header. Also returns the first
-/// `head` bytes, as they are now.
+/// Opens a segment for reading and writing as a file, and checks its header. Also returns its
+/// current first `head` bytes.
 pub(crate) fn open_unmapped(name: &str, kind: NamedKind, head: usize) -> Result<(PublicFile, Region), ShmError> {
     let (file, size) = open_file(name, true)?;
     let file = PublicFile::new(file, name, size);
     let mut bytes = vec![0; head];
     file.read_at(0, &mut bytes)?;
     let region = Region::heap(head as u64)?;
-    // SAFETY: nobody else has this memory yet.
+    // SAFETY: no other reference to this memory exists yet.
     unsafe { region.slice_mut::<u8>(0, head as u64) }.copy_from_slice(&bytes);
     check_header(&region, name, kind, size)?;
     Ok((file, region))
@@ -253,28 +254,29 @@ fn check_header(region: &Region, name: &str, kind: NamedKind, size: u64) -> Resu
     Ok(())
 }
 
-/// Whether the run that made the segment has ended in order. A launcher that was killed says
-/// nothing: see [`launcher_pid`].
+/// Whether the run that created the segment has ended in order. After a killed launcher this is not
+/// set: see [`launcher_pid`].
 pub(crate) fn is_ended(region: &Region) -> bool {
     // Acquire: SYNC named.ended.
     region.words::<NamedHeader>(0).state.load(Ordering::Acquire) == ENDED
 }
 
-/// The process that made the segment.
+/// The process that created the segment.
 pub(crate) fn launcher_pid(region: &Region) -> u32 {
     region.words::<NamedHeader>(0).pid.load(Ordering::Relaxed)
 }
 
-/// Removes the segment of this name if its maker is dead; whether it was there.
+/// Removes the segment of this name if its creator is dead. Returns whether it existed.
 ///
 /// # Errors
-/// [`ShmError::NameTaken`] when it lives, [`ShmError::NotOurs`] when the file is not one of ours.
+/// [`ShmError::NameTaken`] when it is alive, [`ShmError::NotOurs`] when the file is not one of
+/// ours.
 fn remove_dead(name: &str) -> Result<bool, ShmError> {
     let flags = OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = match rustix::fs::open(path(name), flags, Mode::empty()) {
         Ok(file) => file,
         Err(Errno::NOENT) => return Ok(false),
-        // Another user's, or no file at all.
+        // It belongs to another user, or is not a file.
         Err(source) => return Err(ShmError::Os { action: "take over", name: name.to_owned(), source }),
     };
     let mut first = [0u8; 16];
@@ -288,8 +290,8 @@ fn remove_dead(name: &str) -> Result<bool, ShmError> {
         let pid = u32::from_ne_bytes(std::array::from_fn(|i| first[12 + i]));
         return Err(ShmError::NameTaken { name: name.to_owned(), pid });
     }
-    // Whoever removes a name holds the lock of its file: nobody else does so now, unless it was
-    // done before.
+    // A name is only removed while the lock of its file is held: so no other process does so now,
+    // unless it has done so before.
     Ok(is_named(&file, name) && rustix::fs::unlink(path(name)).is_ok())
 }
 
@@ -341,11 +343,11 @@ mod tests {
     fn what_a_dead_run_left_is_taken_over_and_foreign_files_stay() {
         let name = unique("dead");
         let left = NamedSegment::create(&name, FRAMES, 4096, |_| {}).unwrap();
-        // As a kill does it: the lock goes, the name stays.
+        // As after a kill: the lock is gone, the name remains.
         rustix::fs::flock(left.file.file(), FlockOperation::Unlock).unwrap();
         let next = NamedSegment::create(&name, FRAMES, 8192, |_| {}).unwrap();
         assert_eq!(open(&name, FRAMES, false).unwrap().len(), 8192);
-        // The name is another's now: it must not be removed with the old segment.
+        // The name belongs to another segment now: it must not be removed with the old one.
         drop(left);
         assert!(open(&name, FRAMES, false).is_ok());
         drop(next);

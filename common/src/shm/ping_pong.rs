@@ -9,13 +9,14 @@ use super::header::{Role, RoleClaim, Segment};
 use super::kind::{SegmentKind, Stage};
 use super::run_id::RunId;
 use super::segments::open_segment;
+use crate::ids::FrameNumber;
 use crate::tree::{TreeHeader, TreeNode};
 use std::ops::Deref;
 use std::sync::Arc;
 
 const HEADER_BYTES: u64 = size_of::<TreeHeader>() as u64;
 
-/// Nodes that fit into a half.
+/// Node capacity of a half.
 fn node_capacity(segment: &Segment) -> Result<u32, ShmError> {
     let geometry = segment.geometry();
     let corrupt = |field, found, expected| Err(ShmError::corrupt(SegmentKind::PingPong, field, found, expected));
@@ -42,8 +43,8 @@ pub struct TreeWriter {
 }
 
 impl TreeWriter {
-    /// Opens the writing end; waits a moment for the segment to become ready. A half that a killed
-    /// generator had begun was never published, and is written anew.
+    /// Opens the writing end; waits a short time for the segment to become ready. A half that a
+    /// killed generator had begun was never published, and is written again.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -58,34 +59,34 @@ impl TreeWriter {
         Ok(Self { segment: Arc::clone(segment), cursor, nodes, _claim: claim })
     }
 
-    /// Nodes that a tree may have.
+    /// Maximum number of nodes of a tree.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.nodes
     }
 
-    /// Trees that were published since the run began, by this generator or those before it.
+    /// Trees published since the run began, by this generator or earlier ones.
     #[must_use]
     pub fn published(&self) -> u64 {
         self.cursor.position()
     }
 
-    /// The header of the tree that was published last, by this generator or the one before it;
-    /// `None` before the first.
+    /// The header of the last published tree, by this generator or the one before; `None` before
+    /// the first.
     #[must_use]
     pub fn last_header(&self) -> Option<TreeHeader> {
         let offset = self.segment.item_offset(self.cursor.position().checked_sub(1)? & 1);
         // SAFETY: only the generator, which is us, ever changes a half; the position's Acquire
-        // (SYNC ring.publish) brought what a generator before us has put there.
+        // (SYNC ring.publish) made the writes of earlier generators visible.
         Some(unsafe { self.segment.region().read(offset) })
     }
 
-    /// Waits for a free half, hands its nodes to `fill` (all [`TreeWriter::capacity`] of them, with
-    /// whatever an earlier tree left there), and publishes the tree with the header that `fill`
+    /// Waits for a free half, passes its nodes to `fill` (all [`TreeWriter::capacity`] of them,
+    /// with the content of an earlier tree), and publishes the tree with the header that `fill`
     /// returns.
     ///
     /// # Errors
-    /// The run ended; or the header counts more nodes than there are, and nothing was published.
+    /// The run ended; or the header counts more nodes than a half has, and nothing was published.
     pub fn write(
         &mut self,
         control: &Control,
@@ -111,7 +112,7 @@ impl TreeWriter {
     }
 }
 
-/// A half that is being filled. Dropped without [`TreeHalf::publish`] it is as if it had not begun.
+/// A half that is being filled. If dropped without [`TreeHalf::publish`], nothing happens.
 #[derive(Debug)]
 #[must_use]
 pub struct TreeHalf<'a> {
@@ -126,16 +127,16 @@ impl TreeHalf<'_> {
     /// All nodes of the half.
     pub fn nodes_mut(&mut self) -> &mut [TreeNode] {
         let offset = self.offset() + HEADER_BYTES;
-        // SAFETY: the half is ours: `begin` found it given back, and it is not published. The slice
-        // borrows `self`, of which there is one.
+        // SAFETY: the half is ours: `begin` found it released, and it is not published. The slice
+        // borrows `self`, of which there is only one.
         unsafe { self.writer.segment.region().slice_mut(offset, self.writer.nodes.into()) }
     }
 
     /// Makes the tree visible to the reader.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the header counts more nodes than a half has; nothing is
-    /// published then.
+    /// [`ShmError::Corrupt`] when the header counts more nodes than a half has; then nothing is
+    /// published.
     pub fn publish(self, header: &TreeHeader) -> Result<(), ShmError> {
         check_count(header, self.writer.nodes)?;
         let offset = self.offset();
@@ -165,8 +166,8 @@ pub struct TreeReader {
 }
 
 impl TreeReader {
-    /// Opens the reading end; waits a moment for the segment to become ready. A tree that a killed
-    /// preparer had not given back is read again.
+    /// Opens the reading end; waits a short time for the segment to become ready. A tree that a
+    /// killed preparer had not released is read again.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -181,20 +182,20 @@ impl TreeReader {
         Ok(Self { segment: Arc::clone(segment), cursor, nodes, _claim: claim })
     }
 
-    /// Nodes that a tree may have.
+    /// Maximum number of nodes of a tree.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.nodes
     }
 
-    /// Trees that were given back since the run began, by this preparer or those before it.
+    /// Trees released since the run began, by this preparer or earlier ones.
     #[must_use]
     pub fn returned(&self) -> u64 {
         self.cursor.position()
     }
 
-    /// Waits for the next tree. The number of nodes is checked; what the nodes say is for the
-    /// reader to check ([`TreeNode::children`], [`TreeNode::id`]).
+    /// Waits for the next tree. The number of nodes is checked; the caller has to check the content
+    /// of nodes ([`TreeNode::children`], [`TreeNode::id`]).
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
@@ -207,7 +208,7 @@ impl TreeReader {
         Ok(self.guard()?)
     }
 
-    /// The next tree, if it is there.
+    /// The next tree, if there is one.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer wrote an invalid value.
@@ -218,16 +219,16 @@ impl TreeReader {
         self.guard().map(Some)
     }
 
-    /// Gives the next tree back unread, if it is there and of this frame.
+    /// Releases the next tree unread, if there is one and it belongs to this frame.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer wrote an invalid value.
-    pub fn return_tree_of(&mut self, frame: u64) -> Result<(), ShmError> {
+    pub fn return_tree_of(&mut self, frame: FrameNumber) -> Result<(), ShmError> {
         if self.cursor.filled(self.segment.words())? > 0 {
             let offset = self.segment.item_offset(self.cursor.position() & 1);
             // SAFETY: the half is ours, as in `guard`.
             let header: TreeHeader = unsafe { self.segment.region().read(offset) };
-            if header.frame == frame {
+            if header.frame == frame.get() {
                 self.cursor.release(self.segment.words(), 1);
             }
         }
@@ -236,15 +237,15 @@ impl TreeReader {
 
     fn guard(&mut self) -> Result<TreeGuard<'_>, ShmError> {
         let offset = self.segment.item_offset(self.cursor.position() & 1);
-        // SAFETY: the half is ours: `filled` found it published, and it is not given back before
-        // the guard's drop.
+        // SAFETY: the half is ours: `filled` found it published, and it is not released before the
+        // guard's drop.
         let header: TreeHeader = unsafe { self.segment.region().read(offset) };
         check_count(&header, self.nodes)?;
         Ok(TreeGuard { reader: self, header })
     }
 }
 
-/// A tree in its half, which goes back to the generator when the guard is dropped. Derefs to the
+/// A tree in its half, which is released to the generator when the guard is dropped. Derefs to the
 /// nodes.
 #[derive(Debug)]
 pub struct TreeGuard<'a> {
@@ -253,7 +254,7 @@ pub struct TreeGuard<'a> {
 }
 
 impl TreeGuard<'_> {
-    /// What the tree was made for; a copy, with a checked number of nodes.
+    /// The header of the tree: a copy, with a checked number of nodes.
     #[must_use]
     pub fn header(&self) -> &TreeHeader {
         &self.header

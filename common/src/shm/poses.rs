@@ -1,8 +1,8 @@
 //! Poses from another program: one record behind a sequence lock, newest wins (docs/frame-ring.md).
 //!
-//! The launcher makes the segment and reads the record ([`PoseInbox`]); whoever steers writes it
-//! ([`PoseSender`], or a few lines in any language). Nothing that comes out of it is a pose before
-//! it was checked.
+//! The launcher creates the segment and reads the record ([`PoseInbox`]); the controlling program
+//! writes it ([`PoseSender`], or a few lines in any language). Its content must be checked before
+//! it is used as a pose.
 
 use super::error::ShmError;
 use super::named::{self, CAMERA, NamedSegment, SharedName};
@@ -19,7 +19,7 @@ const IS_END: u64 = 1;
 // SAFETY: atomics alone, repr(C), aligned to 8.
 unsafe impl SharedWords for SeqLock<WORDS> {}
 
-/// A pose as another program wrote it: any numbers. Degrees, metres, the database's CRS.
+/// A pose from another program, unchecked. Degrees, metres, the database's CRS.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseRecord {
     /// Easting, northing and height of the eye.
@@ -30,11 +30,11 @@ pub struct PoseRecord {
     pub pitch_deg: f64,
     /// Degrees clockwise.
     pub roll_deg: f64,
-    /// Vertical field of view, degrees; 0 for that of the flight.
+    /// Vertical field of view, degrees; 0: that of the flight.
     pub vfov_deg: f64,
-    /// Time of the pose, seconds, in a clock of the sender's that goes forward.
+    /// Time of the pose, seconds, in a monotonic clock of the sender.
     pub time_s: f64,
-    /// No pose: the flight is over.
+    /// The end of the flight instead of a pose.
     pub is_end: bool,
 }
 
@@ -62,18 +62,18 @@ impl PoseRecord {
     }
 }
 
-/// What the launcher tells the sender.
+/// Answers of the launcher to the sender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PoseAnswers {
     /// Records that became frames.
     pub accepted: u64,
     /// Records that were refused.
     pub refused: u64,
-    /// Counter of the record that was looked at last.
+    /// Counter of the record that was read last.
     pub looked_at: u64,
 }
 
-/// The launcher's end, which makes the segment and removes it when dropped.
+/// The launcher's end, which creates the segment and removes it when dropped.
 #[derive(Debug)]
 pub struct PoseInbox {
     segment: NamedSegment,
@@ -81,7 +81,7 @@ pub struct PoseInbox {
 }
 
 impl PoseInbox {
-    /// Makes the segment of this name.
+    /// Creates the segment of this name.
     ///
     /// # Errors
     /// [`ShmError::NameTaken`] while another run has the name.
@@ -95,10 +95,10 @@ impl PoseInbox {
         self.segment.name()
     }
 
-    /// The newest record, if it was not seen yet, and none is being written. Does not wait.
+    /// The newest record, if it is new and none is being written. Does not wait.
     ///
     /// # Errors
-    /// [`ShmError::CutShort`]: another program has cut the file.
+    /// [`ShmError::CutShort`]: another program has truncated the file.
     pub fn read(&mut self) -> Result<Option<PoseRecord>, ShmError> {
         // The sequence lock of [`SeqLock::read_numbered`], its loads made by the kernel.
         let file = &self.segment.file;
@@ -118,10 +118,10 @@ impl PoseInbox {
         Ok(Some(PoseRecord::of(words)))
     }
 
-    /// Tells the sender what became of what it sent.
+    /// Answers the sender: how many records were accepted and refused.
     ///
     /// # Errors
-    /// [`ShmError::CutShort`]: another program has cut the file.
+    /// [`ShmError::CutShort`]: another program has truncated the file.
     pub fn answer(&self, accepted: u64, refused: u64) -> Result<(), ShmError> {
         let file = &self.segment.file;
         file.write_words(ANSWERS_OFFSET, &[accepted, refused])?;
@@ -132,7 +132,7 @@ impl PoseInbox {
     }
 }
 
-/// The sender's end. One at a time; another one goes on from the counter that it finds.
+/// The sender's end. One at a time; another one continues from the current counter.
 #[derive(Debug)]
 pub struct PoseSender {
     region: Region,
@@ -142,7 +142,7 @@ impl PoseSender {
     /// Opens the segment of this name.
     ///
     /// # Errors
-    /// There is none, or it is of another kind or version.
+    /// It does not exist, or has another kind or version.
     pub fn open(name: &SharedName) -> Result<Self, ShmError> {
         let file = name.camera_file();
         let region = named::open(&file, CAMERA, true)?;
@@ -159,7 +159,7 @@ impl PoseSender {
         lock.counter()
     }
 
-    /// What the launcher told last.
+    /// The last answers of the launcher.
     #[must_use]
     pub fn answers(&self) -> PoseAnswers {
         let words: &[AtomicU64] = self.region.words_slice(ANSWERS_OFFSET, 3);
@@ -203,7 +203,7 @@ mod tests {
         inbox.answer(1, 0).unwrap();
         assert_eq!(sender.answers(), PoseAnswers { accepted: 1, refused: 0, looked_at: counter });
         record.is_end = true;
-        // Another sender goes on.
+        // Another sender continues.
         PoseSender::open(&name).unwrap().send(&record);
         assert_eq!(inbox.read().unwrap(), Some(record));
         assert!(!sender.is_ended());

@@ -1,4 +1,5 @@
-//! Whether a process lives: its id and its start time together name it, since ids are used again.
+//! Whether a process is alive. A process is identified by its id and its start time, because ids
+//! are reused.
 
 use super::error::ShmError;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -8,7 +9,7 @@ use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::ffi::CStr;
 use std::io::{Cursor, Write as _};
 
-/// A process, named so that another one which got the same id later is not mistaken for it.
+/// A process, identified so that a later one with the same id is not mistaken for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct ProcessId {
     pub(crate) pid: u32,
@@ -27,8 +28,8 @@ impl ProcessId {
         }
     }
 
-    /// Whether it runs (one that has exited and was not yet waited for does not). When the system
-    /// will not say, it is taken to run: nothing is ever removed on a guess.
+    /// Whether it runs (a zombie does not). If the system does not tell, it counts as running:
+    /// nothing is ever removed on a guess.
     pub(crate) fn is_alive(self) -> bool {
         match read_stat(self.pid) {
             Ok(Some(stat)) => stat.start_time == self.start_time && !stat.has_exited,
@@ -37,8 +38,8 @@ impl ProcessId {
         }
     }
 
-    /// As one number that is never 0: the id, and the low half of the start time (which comes round
-    /// after 497 days).
+    /// A number that identifies it and is never 0: the id, and the low half of the start time
+    /// (which wraps after 497 days).
     pub(crate) fn word(self) -> u64 {
         u64::from(self.pid) << 32 | (self.start_time & 0xffff_ffff)
     }
@@ -53,11 +54,11 @@ impl ProcessId {
     }
 }
 
-/// Watches whether one process lives, cheaply.
+/// Watches whether a process is alive, at low cost.
 #[derive(Debug)]
 pub(crate) struct Watch {
     id: ProcessId,
-    /// Tells of its end without a doubt; absent where the kernel has none, or for this process
+    /// Reports its end reliably; absent where the kernel does not support it, and for this process
     /// itself.
     pidfd: Option<OwnedFd>,
     is_own: bool,
@@ -68,7 +69,7 @@ impl Watch {
         let is_own = ProcessId::own()? == id;
         let raw = i32::try_from(id.pid).ok().and_then(Pid::from_raw);
         let pidfd = raw.filter(|_| !is_own).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-        // The id may have passed to another process before the open: then its start time tells.
+        // The id may have been reused before the open: check the start time.
         let pidfd = pidfd.filter(|_| id.is_alive());
         Ok(Self { id, pidfd, is_own })
     }
@@ -79,8 +80,8 @@ impl Watch {
         }
         let Some(pidfd) = &self.pidfd else { return self.id.is_alive() };
         let mut fds = [PollFd::new(pidfd, PollFlags::IN)];
-        // Readable means that it has exited. An interrupted poll says nothing: alive, until the
-        // next look.
+        // Readable means that it has exited. After an interrupted poll it counts as alive until the
+        // next check.
         !matches!(poll(&mut fds, Some(&Timespec::default())), Ok(1..))
     }
 }
@@ -91,8 +92,8 @@ struct Stat {
     has_exited: bool,
 }
 
-/// Reads `/proc/<pid>/stat`; `None` when there is no such process. Allocates nothing: waits call
-/// it.
+/// Reads `/proc/<pid>/stat`; `None` when there is no such process. Allocates nothing, because waits
+/// call it.
 fn read_stat(pid: u32) -> Result<Option<Stat>, Errno> {
     let mut path = [0u8; 32];
     let mut cursor = Cursor::new(&mut path[..]);
@@ -121,7 +122,7 @@ fn read_stat(pid: u32) -> Result<Option<Stat>, Errno> {
 }
 
 /// Fields 3 (state) and 22 (start time) of proc(5); the second field, the name in brackets, may
-/// hold anything.
+/// contain any characters.
 fn parse_stat(bytes: &[u8]) -> Option<Stat> {
     let after_name = bytes.iter().rposition(|&b| b == b')')? + 1;
     let text = std::str::from_utf8(&bytes[after_name..]).ok()?;

@@ -1,16 +1,15 @@
-//! The file of a segment that other programs map, as this program reads and writes it: by system
-//! calls, not through a mapping.
+//! Access to the file of a segment that other programs map: by system calls instead of a mapping.
 //!
-//! Whoever may write the file may cut it short, and who reads a page of a mapping behind its end is
-//! killed (SIGBUS). A read behind the end of a file is an error instead, and a write makes the file
-//! longer; a look at its length tells that it happened. What other programs see is the same: these
-//! are the same pages.
+//! Any program with write access can truncate the file, and an access to a mapped page behind its
+//! end kills the process (SIGBUS). With system calls, a read behind the end of a file is an error
+//! instead, and a write extends the file; its length shows that it happened. Other programs see the
+//! same pages.
 
 use super::error::ShmError;
 use rustix::fd::OwnedFd;
 use rustix::io::Errno;
 
-/// A file below `/dev/shm` with a length that it keeps, unless somebody cuts it.
+/// A file below `/dev/shm` of a fixed length, unless another program truncates it.
 #[derive(Debug)]
 pub(crate) struct PublicFile {
     file: OwnedFd,
@@ -86,7 +85,7 @@ impl PublicFile {
     /// Writes bytes at `offset`.
     ///
     /// # Errors
-    /// [`ShmError::Os`]: the file was cut short, and there is no room to make it as long as it was.
+    /// [`ShmError::Os`]: the file was truncated, and there is no room to extend it again.
     pub(crate) fn write_at(&self, offset: u64, bytes: &[u8]) -> Result<(), ShmError> {
         let mut at = 0;
         while at < bytes.len() {

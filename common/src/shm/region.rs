@@ -1,6 +1,5 @@
-//! The bytes of a segment: a mapping that processes share, or memory of this process alone. Every
-//! access is checked against the length here, so that no other file of this module computes an
-//! address.
+//! The bytes of a segment: a shared mapping, or private memory of this process. Every access is
+//! checked against the length here; no other file of this module computes an address.
 
 use super::error::ShmError;
 use bytemuck::Pod;
@@ -15,7 +14,7 @@ pub(crate) struct Region {
 }
 
 enum Owner {
-    /// Unmaps, and unlinks the name if it is the owner of it, when dropped.
+    /// When dropped, unmaps, and unlinks the name if it owns it.
     #[expect(dead_code, reason = "held for its Drop")]
     Mapping(shared_memory::Shmem),
     Heap(HeapLayout),
@@ -46,7 +45,7 @@ unsafe impl Sync for Region {}
 pub(crate) unsafe trait SharedWords {}
 
 impl Region {
-    /// Zeroed memory of this process.
+    /// Zeroed private memory.
     pub(crate) fn heap(len: u64) -> Result<Self, ShmError> {
         let too_large = || ShmError::NotEnoughSpace { needed: len, available: isize::MAX.unsigned_abs() as u64 };
         let size = usize::try_from(len).map_err(|_too_large| too_large())?;
@@ -65,7 +64,7 @@ impl Region {
         }
     }
 
-    /// A mapping of a file. One that was made for reading alone must not be stored to.
+    /// A mapping of a file. A read-only mapping must not be stored to.
     pub(crate) fn file(map: memmap2::MmapRaw, name: &str) -> Result<Self, ShmError> {
         match NonNull::new(map.as_mut_ptr()) {
             Some(base) if base.as_ptr().addr() % 4096 == 0 => {
@@ -88,9 +87,9 @@ impl Region {
     /// Address of `len` bytes at `offset`, aligned to `align`.
     ///
     /// # Panics
-    /// When they are not all inside: offsets are computed from a [`super::geometry::Geometry`] that
-    /// was checked against this region, so that is a bug of ours and not a matter of what a peer
-    /// wrote.
+    /// When they are not inside the region: offsets are computed from a
+    /// [`super::geometry::Geometry`] that was checked against this region, so that this is a bug,
+    /// which no peer can provoke.
     fn at(&self, offset: u64, len: u64, align: usize) -> *mut u8 {
         let is_inside = offset.checked_add(len).is_some_and(|end| end <= self.len as u64);
         assert!(is_inside, "{len} bytes at {offset} are outside of a segment of {} bytes", self.len);

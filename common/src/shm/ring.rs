@@ -1,8 +1,8 @@
 //! The ring: fixed-size records from one producer to one consumer, in order.
 //!
-//! A full ring makes [`Producer::push`] wait and [`Producer::try_push`] give the item back; an
-//! empty one makes [`Consumer::pop`] wait. The slot ring and the camera ring wait; event rings are
-//! dropped into, and count it.
+//! When the ring is full, [`Producer::push`] waits and [`Producer::try_push`] returns the item;
+//! when it is empty, [`Consumer::pop`] waits. Writers of the slot ring and the camera ring wait;
+//! writers of event rings drop events and count them.
 
 use super::control::Control;
 use super::cursor::Positions;
@@ -70,7 +70,7 @@ fn typed<T: Pod>(segment: &Arc<Segment>) -> Result<SegmentItems<T>, ShmError> {
     Ok(SegmentItems { segment: Arc::clone(segment), item: PhantomData })
 }
 
-/// The writing end of a ring. One per ring, whichever process has it.
+/// The writing end of a ring. One per ring, across all processes.
 pub struct Producer<T: Pod> {
     end: WriteEnd<SegmentItems<T>>,
     reader: Option<Stage>,
@@ -84,11 +84,11 @@ impl<T: Pod> std::fmt::Debug for Producer<T> {
 }
 
 impl<T: Pod> Producer<T> {
-    /// Opens the writing end of a run's ring; waits a moment for the segment to become ready. After
-    /// a producer that was killed it goes on behind the last item that was published.
+    /// Opens the writing end of a run's ring; waits a short time for the segment to become ready.
+    /// After a killed producer it continues after the last published item.
     ///
     /// # Errors
-    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another producer lives.
+    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another producer is alive.
     pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
         Self::attach(&open_segment(run, kind)?)
     }
@@ -107,7 +107,7 @@ impl<T: Pod> Producer<T> {
         self.end.items.segment.geometry().capacity as u32
     }
 
-    /// Puts an item in; waits while the ring is full.
+    /// Writes an item; waits while the ring is full.
     ///
     /// # Errors
     /// The run ended, or the reader wrote an invalid value.
@@ -115,12 +115,13 @@ impl<T: Pod> Producer<T> {
         self.push_all(std::slice::from_ref(item), control).map(drop)
     }
 
-    /// Puts items in, in order; waits while the ring is full. What fits becomes visible together,
-    /// with one look at the reader and at most one wake: this is how to push a frame. How long it
-    /// waited, nanoseconds.
+    /// Writes items in order; waits while the ring is full. All items that fit become visible
+    /// together, with one check of the reader's position and at most one wake-up: use this for
+    /// frames. Returns the time waited, nanoseconds.
     ///
     /// # Errors
-    /// The run ended (some of the items may be in), or the reader wrote an invalid value.
+    /// The run ended (some of the items may have been written), or the reader wrote an invalid
+    /// value.
     pub fn push_all(&mut self, items: &[T], control: &Control) -> Result<u64, WaitError> {
         let end = &mut self.end;
         let segment = Arc::clone(&end.items.segment);
@@ -141,18 +142,17 @@ impl<T: Pod> Producer<T> {
         Ok(waited_nanos)
     }
 
-    /// The item that was published last, by this producer or the one before it; `None` before the
-    /// first.
+    /// The last published item, by this producer or the one before; `None` before the first.
     #[must_use]
     pub fn last(&self) -> Option<T> {
         self.end.last()
     }
 
-    /// Puts an item in without waiting.
+    /// Writes an item without waiting.
     ///
     /// # Errors
-    /// Gives the item back when the ring is full (or its positions are corrupt: nothing would ever
-    /// be taken from it).
+    /// Returns the item when the ring is full (or its positions are corrupt: then nothing would
+    /// ever be read from it).
     pub fn try_push(&mut self, item: T) -> Result<(), T> {
         match self.end.try_push(&item) {
             Ok(true) => Ok(()),
@@ -161,7 +161,7 @@ impl<T: Pod> Producer<T> {
     }
 }
 
-/// The reading end of a ring. One per ring, whichever process has it.
+/// The reading end of a ring. One per ring, across all processes.
 pub struct Consumer<T: Pod> {
     end: ReadEnd<SegmentItems<T>>,
     writer: Option<Stage>,
@@ -175,11 +175,11 @@ impl<T: Pod> std::fmt::Debug for Consumer<T> {
 }
 
 impl<T: Pod> Consumer<T> {
-    /// Opens the reading end of a run's ring; waits a moment for the segment to become ready. After
-    /// a consumer that was killed it goes on with the first item that was not taken.
+    /// Opens the reading end of a run's ring; waits a short time for the segment to become ready.
+    /// After a killed consumer it continues with the first item that was not released.
     ///
     /// # Errors
-    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another consumer lives.
+    /// See [`ShmError`]; [`ShmError::RoleTaken`] while another consumer is alive.
     pub fn open(run: &RunId, kind: SegmentKind) -> Result<Self, ShmError> {
         Self::attach(&open_segment(run, kind)?)
     }
@@ -203,7 +203,7 @@ impl<T: Pod> Consumer<T> {
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
     pub fn pop(&mut self, control: &Control) -> Result<T, WaitError> {
-        // The common case makes no reference count dance.
+        // The common case avoids reference counting.
         if let Some(item) = self.end.try_pop()? {
             return Ok(item);
         }
@@ -213,7 +213,7 @@ impl<T: Pod> Consumer<T> {
         control.wait_for(positions.readable(), self.writer, || end.try_pop())
     }
 
-    /// Waits until there is an item, at most [`super::WAIT_BOUND`]; whether there is one.
+    /// Waits for an item, at most [`super::WAIT_BOUND`]. Returns whether there is one.
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
@@ -229,14 +229,14 @@ impl<T: Pod> Consumer<T> {
     /// Takes the next item out, if there is one.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    /// [`ShmError::Corrupt`] when the writer's position is not valid.
     pub fn try_pop(&mut self) -> Result<Option<T>, ShmError> {
         self.end.try_pop()
     }
 
-    /// Takes the next item and holds it: until [`Consumer::give_back`] it stays in the ring, for
-    /// the consumer after this one should this one be killed. Waits while there is none. Not while
-    /// the whole ring is held ([`Consumer::is_all_held`]): nothing would ever come.
+    /// Takes the next item and holds it: it remains in the ring until [`Consumer::give_back`], for
+    /// the next consumer in case this one is killed. Waits while the ring is empty. Must not be
+    /// called while the whole ring is held ([`Consumer::is_all_held`]): it would wait for ever.
     ///
     /// # Errors
     /// The run ended, or the writer wrote an invalid value.
@@ -248,7 +248,7 @@ impl<T: Pod> Consumer<T> {
         }
     }
 
-    /// [`Consumer::take`]; `None` when there is no item and `is_over` says that none will come.
+    /// [`Consumer::take`]; `None` when there is no item, and `is_over` says that no more will come.
     ///
     /// # Errors
     /// As [`Consumer::take`].
@@ -272,39 +272,38 @@ impl<T: Pod> Consumer<T> {
     /// [`Consumer::take`], if there is an item.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    /// [`ShmError::Corrupt`] when the writer's position is not valid.
     pub fn try_take(&mut self) -> Result<Option<T>, ShmError> {
         self.end.try_take()
     }
 
-    /// Gives the items back that lie before `position` ([`Consumer::position`]), as far as they are
-    /// held.
+    /// Releases the held items before `position` ([`Consumer::position`]).
     pub fn give_back(&mut self, position: RingPosition) {
         let behind = self.end.position().wrapping_sub(position.get());
         self.end.give_back(self.end.held().saturating_sub(behind));
     }
 
-    /// Forgets what is held: it is taken again.
+    /// Stops holding items: they will be taken again.
     pub fn put_back(&mut self) {
         self.end.put_back();
     }
 
-    /// Position of the item that is taken next; counts up over all items.
+    /// Position of the next item to be taken; counts all items.
     #[must_use]
     pub fn position(&self) -> RingPosition {
         RingPosition::new(self.end.position())
     }
 
-    /// Whether every slot of the ring is held, so that the writer cannot put anything in.
+    /// Whether every slot of the ring is held, so that the writer cannot write.
     #[must_use]
     pub fn is_all_held(&self) -> bool {
         self.end.held() >= self.end.items.segment.geometry().capacity
     }
 
-    /// Number of items that wait to be taken.
+    /// Number of items to be taken.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the writer's position cannot be.
+    /// [`ShmError::Corrupt`] when the writer's position is not valid.
     pub fn pending(&mut self) -> Result<u64, ShmError> {
         self.end.len()
     }

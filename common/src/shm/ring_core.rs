@@ -1,4 +1,4 @@
-//! The ring's algorithm, apart from where its slots live: a mapping in the processes, the heap
+//! The algorithm of the ring, independent of where its slots are: in a mapping, or on the heap
 //! under the model checker.
 
 use super::cursor::{Positions, ReadCursor, WriteCursor};
@@ -12,7 +12,7 @@ use super::kind::SegmentKind;
 ///   other.
 /// - All clones or views of one store have the same positions.
 pub(crate) unsafe trait Items {
-    /// What a slot holds.
+    /// The item in a slot.
     type Item: Copy;
 
     fn positions(&self) -> &Positions;
@@ -39,7 +39,7 @@ pub(crate) struct WriteEnd<S> {
 }
 
 impl<S: Items> WriteEnd<S> {
-    /// `capacity` is a power of two, checked when the segment was opened, and the caller the only
+    /// `capacity` is a power of two, checked when the segment was opened; the caller is the only
     /// writer.
     pub(crate) fn attach(items: S, kind: SegmentKind, capacity: u64) -> Result<Self, ShmError> {
         debug_assert!(capacity.is_power_of_two());
@@ -47,12 +47,13 @@ impl<S: Items> WriteEnd<S> {
         Ok(Self { items, cursor, mask: capacity - 1 })
     }
 
-    /// Puts one item in; `false` when the ring is full.
+    /// Writes one item; `false` when the ring is full.
     pub(crate) fn try_push(&mut self, item: &S::Item) -> Result<bool, ShmError> {
         Ok(self.try_push_some(std::slice::from_ref(item))? == 1)
     }
 
-    /// Puts in as many as there is room for, and makes them visible together. Returns how many.
+    /// Writes as many items as there is room for, and makes them visible together. Returns how
+    /// many.
     pub(crate) fn try_push_some(&mut self, items: &[S::Item]) -> Result<usize, ShmError> {
         let positions = self.items.positions();
         let room = self.cursor.room(positions, items.len() as u64)?;
@@ -69,12 +70,11 @@ impl<S: Items> WriteEnd<S> {
         Ok(count as usize)
     }
 
-    /// The item that was published last, by this writer or the one before it; `None` before the
-    /// first.
+    /// The last published item, by this writer or the one before; `None` before the first.
     pub(crate) fn last(&self) -> Option<S::Item> {
         let index = self.cursor.position().checked_sub(1)? & self.mask;
         // SAFETY: masked; only the writer, which is us, ever changes a slot, and the position's
-        // Acquire (SYNC ring.publish) brought what a writer before us has put there.
+        // Acquire (SYNC ring.publish) made the writes of earlier writers visible.
         Some(unsafe { self.items.take(index) })
     }
 }
@@ -85,7 +85,7 @@ pub(crate) struct ReadEnd<S> {
     pub(crate) items: S,
     cursor: ReadCursor,
     mask: u64,
-    /// Items that were taken and not given back: the writer does not touch them.
+    /// Items that were taken and not released: the writer does not touch them.
     held: u64,
 }
 
@@ -105,8 +105,8 @@ impl<S: Items> ReadEnd<S> {
         Ok(item)
     }
 
-    /// Takes one item and holds it: whoever reads the ring after this reader's death finds it there
-    /// again. `None` when there is none behind those that are held.
+    /// Takes one item and holds it: if this reader dies, the next reader gets it again. `None` when
+    /// there is none after the held ones.
     pub(crate) fn try_take(&mut self) -> Result<Option<S::Item>, ShmError> {
         let positions = self.items.positions();
         if self.cursor.filled_beyond(positions, self.held)? == 0 {
@@ -119,7 +119,7 @@ impl<S: Items> ReadEnd<S> {
         Ok(Some(item))
     }
 
-    /// Gives the oldest `count` of the held items back to the writer, or all when there are fewer.
+    /// Releases the oldest `count` of the held items to the writer, or all if there are fewer.
     pub(crate) fn give_back(&mut self, count: u64) {
         let count = count.min(self.held);
         if count > 0 {
@@ -128,7 +128,7 @@ impl<S: Items> ReadEnd<S> {
         }
     }
 
-    /// Forgets what was taken and not given back: it is taken again.
+    /// Stops holding items: they will be taken again.
     pub(crate) fn put_back(&mut self) {
         self.held = 0;
     }
@@ -138,12 +138,12 @@ impl<S: Items> ReadEnd<S> {
         self.held
     }
 
-    /// Position of the item that is taken next.
+    /// Position of the next item to be taken.
     pub(crate) fn position(&self) -> u64 {
         self.cursor.position().wrapping_add(self.held)
     }
 
-    /// Number of items that wait in the ring now.
+    /// Number of items to be taken.
     pub(crate) fn len(&mut self) -> Result<u64, ShmError> {
         self.cursor.filled_now(self.items.positions())
     }

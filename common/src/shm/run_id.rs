@@ -1,4 +1,4 @@
-//! The name of a run, from which its segments' names follow.
+//! The id of a run, from which the names of its segments are derived.
 
 use super::error::ShmError;
 use super::kind::SegmentKind;
@@ -6,18 +6,18 @@ use super::process::ProcessId;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A run of the pipeline: `tv-<pid>-<start time>` of its launcher. Unique over time, and it tells
-/// whether the run still lives, so that whatever a killed launcher left behind is found and removed
-/// by the next.
+/// The id of a run of the pipeline: `tv-<pid>-<start time>` of its launcher. It is unique over
+/// time, and shows whether the run is alive, so that the next launcher can remove the segments of a
+/// killed one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct RunId {
     launcher: ProcessId,
-    /// Tells apart several runs of one process, as tests have; 0 in a real run.
+    /// Distinguishes several runs of one process, in tests; 0 in a real run.
     serial: u32,
 }
 
 impl RunId {
-    /// The run that this process launches.
+    /// The id of the run that this process launches.
     ///
     /// # Errors
     /// [`ShmError::Os`] when `/proc` cannot be read.
@@ -25,7 +25,7 @@ impl RunId {
         Ok(Self { launcher: ProcessId::own()?, serial: 0 })
     }
 
-    /// A run id that this process has not had before.
+    /// A run id that this process has not used before.
     ///
     /// # Panics
     /// When `/proc` cannot be read.
@@ -37,7 +37,7 @@ impl RunId {
         Self { launcher, serial: SERIAL.fetch_add(1, Ordering::Relaxed) }
     }
 
-    /// Reads what [`fmt::Display`] wrote.
+    /// Parses the output of [`fmt::Display`].
     ///
     /// # Errors
     /// [`ShmError::BadRunId`].
@@ -54,12 +54,11 @@ impl RunId {
         let pid = u32::try_from(number(pid)?).ok()?;
         let launcher = ProcessId { pid, start_time: number(start_time)? };
         let id = Self { launcher, serial: u32::try_from(serial).ok()? };
-        // One text per id: no leading zeros, no ".0".
+        // The text of an id is unique: no leading zeros, no ".0".
         (id.to_string() == text).then_some(id)
     }
 
-    /// The run and the kind of the segment that has this name; `None` for a name that is not one of
-    /// ours.
+    /// The run and the kind of the segment with this name; `None` if it is not one of ours.
     pub(crate) fn of_segment(name: &str) -> Option<(Self, SegmentKind)> {
         SegmentKind::ALL.iter().find_map(|&kind| {
             let run = name.strip_suffix(kind.name())?.strip_suffix('-')?;
@@ -73,7 +72,7 @@ impl RunId {
         format!("{self}-{}", kind.name())
     }
 
-    /// Whether the launcher of the run lives.
+    /// Whether the launcher of the run is alive.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         self.launcher.is_alive()

@@ -1,8 +1,8 @@
-//! Making, opening and removing the segments of a run.
+//! Creates, opens and removes the segments of a run.
 //!
-//! The launcher makes all of them before it starts a stage, and is the only one that removes them.
-//! Stages open them by name. What a launcher that was killed left behind is removed at the next
-//! start ([`reap_dead_runs`]).
+//! The launcher creates all of them before it starts a stage, and only the launcher removes them.
+//! Stages open them by name. Segments of a killed launcher are removed at the next start
+//! ([`reap_dead_runs`]).
 
 use super::error::ShmError;
 use super::header::{NotUsable, Segment, begins_like_a_segment};
@@ -21,28 +21,28 @@ use std::time::{Duration, Instant};
 
 /// Where POSIX shared memory lives on Linux.
 pub(crate) const SHM_FOLDER: &str = "/dev/shm";
-/// How long an opener waits for a segment that is not ready. The launcher makes them before it
-/// starts a stage.
+/// How long to wait for a segment that is not ready. The launcher creates segments before it starts
+/// a stage.
 const OPEN_DEADLINE: Duration = Duration::from_secs(2);
 
-/// All segments of a run, which the launcher holds as long as the run lasts; dropping it removes
+/// All segments of a run, held by the launcher as long as the run lasts. When dropped, removes
 /// them.
 #[derive(Debug)]
 pub struct RunSegments {
     run: RunId,
-    /// The mappings own the names. One that stays open keeps its pages, whoever removes its name.
+    /// The mappings own the names. An open mapping keeps its pages, even if its name is removed.
     segments: Vec<Arc<Segment>>,
-    /// Locked for as long as the launcher lives, also where its process id means nothing
-    /// (containers that share /dev/shm): nobody takes these for the segments of a dead run.
+    /// Locked as long as the launcher is alive. So these segments are never mistaken for those of a
+    /// dead run, even where process ids mean nothing (containers that share /dev/shm).
     locks: Vec<OwnedFd>,
 }
 
 impl RunSegments {
-    /// Makes the segments of a run, with all their memory, so that no stage dies because a page is
-    /// missing.
+    /// Creates the segments of a run and reserves all their memory, so that no stage dies of a
+    /// missing page.
     ///
     /// # Errors
-    /// [`ShmError::NotEnoughSpace`] with what is needed; nothing is left behind then.
+    /// [`ShmError::NotEnoughSpace`] with the required bytes; then nothing is left behind.
     pub fn create(run: &RunId, layout: &Layout) -> Result<Self, ShmError> {
         let needed = layout.total_bytes();
         let available = free_bytes()?;
@@ -50,7 +50,7 @@ impl RunSegments {
             return Err(ShmError::NotEnoughSpace { needed, available });
         }
         let mut made = Self { run: *run, segments: Vec::new(), locks: Vec::new() };
-        // The control block last: it is what stages open first.
+        // The control block last, because stages open it first.
         for &kind in SegmentKind::ALL.iter().rev() {
             made.create_one(kind, layout)?;
         }
@@ -98,8 +98,8 @@ impl RunSegments {
         names.map(|name| Path::new(SHM_FOLDER).join(name)).collect()
     }
 
-    /// Name below `/dev/shm` of a segment whose file another process has cut short: who maps it
-    /// dies of the signal SIGBUS.
+    /// Name below `/dev/shm` of a segment whose file another process has truncated: processes that
+    /// map it die of SIGBUS.
     #[must_use]
     pub fn cut_short(&self) -> Option<String> {
         let is_cut = |file: &OwnedFd, segment: &Segment| {
@@ -116,7 +116,7 @@ impl RunSegments {
     }
 }
 
-/// `fallocate`, again when a signal came in between.
+/// `fallocate`, repeated when interrupted by a signal.
 pub(crate) fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
     loop {
         match rustix::fs::fallocate(file, FallocateFlags::empty(), 0, bytes) {
@@ -129,14 +129,14 @@ pub(crate) fn reserve(file: &OwnedFd, bytes: u64) -> Result<(), Errno> {
 /// Bytes that `/dev/shm` has free.
 ///
 /// # Errors
-/// [`ShmError::Os`] when there is none.
+/// [`ShmError::Os`] when it does not exist.
 pub fn free_bytes() -> Result<u64, ShmError> {
     let stat = rustix::fs::statvfs(SHM_FOLDER);
     let stat = stat.map_err(|source| ShmError::Os { action: "examine", name: SHM_FOLDER.to_owned(), source })?;
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
-/// Opens a segment of a run, and waits for it a moment if it is not ready.
+/// Opens a segment of a run, and waits a short time if it is not ready.
 pub(crate) fn open_segment(run: &RunId, kind: SegmentKind) -> Result<Arc<Segment>, ShmError> {
     open_before(run, kind, OPEN_DEADLINE)
 }
@@ -163,8 +163,8 @@ pub(crate) fn open_before(run: &RunId, kind: SegmentKind, deadline: Duration) ->
 fn try_open(name: &str, kind: SegmentKind) -> Result<Segment, NotUsable> {
     let mut shmem = match ShmemConf::new().os_id(name).open() {
         Ok(shmem) => shmem,
-        // The crate gives the errno. No such name: not made yet; or made and not sized yet, which
-        // cannot be mapped.
+        // The crate returns the errno. Either the name does not exist yet, or the file has no size
+        // yet and cannot be mapped.
         Err(ShmemError::MapOpenFailed(errno))
             if errno == Errno::NOENT.raw_os_error().cast_unsigned()
                 || errno == Errno::INVAL.raw_os_error().cast_unsigned() =>
@@ -178,8 +178,8 @@ fn try_open(name: &str, kind: SegmentKind) -> Result<Segment, NotUsable> {
     Segment::check(region, kind, name)
 }
 
-/// Removes the segments of runs whose launcher is dead. Those of living runs, and whatever else is
-/// in `/dev/shm`, stay. Returns the names that were removed.
+/// Removes the segments of runs whose launcher is dead. Leaves those of other runs, and all other
+/// files in `/dev/shm`. Returns the removed names.
 #[must_use]
 pub fn reap_dead_runs() -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(SHM_FOLDER) else { return Vec::new() };
@@ -193,9 +193,9 @@ pub fn reap_dead_runs() -> Vec<String> {
     removed
 }
 
-/// Removes what is surely a segment of ours, unless a living launcher holds its lock. Its name is
-/// of a run whose launcher is dead; it also has to be a file (no link) of this user, to have no
-/// other name, and to begin like a segment, or with nothing.
+/// Removes a file that is certainly one of our segments, unless a live launcher holds its lock. Its
+/// name is that of a run whose launcher is dead; it also has to be a file (not a link) of this
+/// user, with no other name, and to begin like a segment, or be blank.
 fn remove_unlocked(name: &str) -> bool {
     let Some(file) = open_own(name) else { return false };
     let mut first = [0u8; 64];
@@ -206,7 +206,7 @@ fn remove_unlocked(name: &str) -> bool {
         && shm::unlink(name).is_ok()
 }
 
-/// Opens a file below `/dev/shm` if it is one of this user, and has but this name.
+/// Opens a file below `/dev/shm` if it belongs to this user and has no other name.
 pub(crate) fn open_own(name: &str) -> Option<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::CLOEXEC | OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = rustix::fs::open(format!("{SHM_FOLDER}/{name}"), flags, Mode::empty()).ok()?;
@@ -217,14 +217,14 @@ pub(crate) fn open_own(name: &str) -> Option<OwnedFd> {
     is_own.then_some(file)
 }
 
-/// Whether the name is that of this very file.
+/// Whether the name refers to this very file.
 pub(crate) fn is_named(file: &OwnedFd, name: &str) -> bool {
     let named = rustix::fs::lstat(format!("{SHM_FOLDER}/{name}"));
     let (Ok(file), Ok(named)) = (rustix::fs::fstat(file), named) else { return false };
     (file.st_dev, file.st_ino) == (named.st_dev, named.st_ino)
 }
 
-/// The memory of a whole segment, kept mapped while this value lives: what a device imports.
+/// The memory of a whole segment, mapped while this value lives, for import into a device.
 #[derive(Debug, Clone)]
 pub struct SegmentMemory {
     segment: Arc<Segment>,
@@ -235,7 +235,7 @@ impl SegmentMemory {
         Self { segment: Arc::clone(segment) }
     }
 
-    /// Address of the first byte, a multiple of 4096. Other processes write these bytes at any
+    /// Address of the first byte, a multiple of 4096. Other processes may write these bytes at any
     /// time.
     #[must_use]
     pub fn as_ptr(&self) -> *mut u8 {

@@ -1,5 +1,5 @@
-//! A value that one side replaces at will and others read whole or not at all, without waiting for
-//! each other.
+//! A sequence lock: a value that one side replaces at any time and others read completely or not at
+//! all, without waiting.
 
 use crate::sync::{AtomicU64, Ordering, fence};
 
@@ -11,8 +11,7 @@ pub(crate) struct SeqLock<const N: usize> {
     words: [AtomicU64; N],
 }
 
-/// Looks at a value that keeps changing before a reader gives up. A writer takes some 20 ns for a
-/// write.
+/// Attempts to read a changing value before a reader gives up. A write takes some 20 ns.
 pub(crate) const LOOKS: u32 = if cfg!(loom) { 2 } else { 64 };
 
 impl<const N: usize> SeqLock<N> {
@@ -22,15 +21,15 @@ impl<const N: usize> SeqLock<N> {
     }
 
     /// Replaces the value. One writer at a time; a second one would mix the words, which readers
-    /// must expect anyway. A writer that was killed in here leaves an odd counter, and the next
-    /// write mends it.
+    /// must expect anyway. A writer that is killed here leaves an odd counter, which the next write
+    /// repairs.
     pub(crate) fn write(&self, value: &[u64; N]) {
         // Relaxed: ours alone.
         let before = self.sequence.load(Ordering::Relaxed);
         let odd = before.wrapping_add(1) | 1;
         self.sequence.store(odd, Ordering::Relaxed);
-        // SYNC seqlock.begin: whoever reads one of the new words, and then fences, sees the odd
-        // counter.
+        // SYNC seqlock.begin: a reader that reads one of the new words, and then fences, sees the
+        // odd counter.
         fence(Ordering::Release);
         for (word, value) in self.words.iter().zip(value) {
             word.store(*value, Ordering::Relaxed);
@@ -39,20 +38,20 @@ impl<const N: usize> SeqLock<N> {
         self.sequence.store(odd.wrapping_add(1), Ordering::Release);
     }
 
-    /// The value, whole; `None` before the first write, or when a write is always under way (its
-    /// writer died in it).
+    /// The complete value; `None` before the first write, or when a write never ends (because its
+    /// writer died).
     pub(crate) fn read(&self) -> Option<[u64; N]> {
         self.read_numbered().map(|(_, value)| value)
     }
 
-    /// The counter: whether there may be another value.
+    /// The counter, which changes with the value.
     #[cfg_attr(loom, expect(dead_code, reason = "for poses, which the checker is built without"))]
     pub(crate) fn counter(&self) -> u64 {
         // Relaxed: only a hint to read.
         self.sequence.load(Ordering::Relaxed)
     }
 
-    /// The same with its counter, which another value would have another one of.
+    /// The value with its counter, which differs for every value.
     pub(crate) fn read_numbered(&self) -> Option<(u64, [u64; N])> {
         for _ in 0..LOOKS {
             // Acquire: SYNC seqlock.end.

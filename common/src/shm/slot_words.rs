@@ -1,4 +1,4 @@
-//! The state of one pool slot, as its atomics.
+//! The state of one pool slot, in atomics.
 //!
 //! ```text
 //!             claim (free, or ready and no frame in flight names it)
@@ -7,9 +7,9 @@
 //!     └──────abandon─────────┘                   └──claim──▶ Filling (another generation)
 //! ```
 //!
-//! State, a tag of the generation, and the last frame that wanted the slot lie in one word, so that
-//! "nobody wants it, I take it" and "I want it, keep it" decide in one step which of them was
-//! first, whichever processes say so.
+//! State, a tag of the generation, and the last frame that wanted the slot are in one word. So "no
+//! frame wants it, reuse it" and "a frame wants it, keep it" are single atomic steps, across all
+//! processes.
 
 use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
@@ -21,16 +21,16 @@ const TAG_MASK: u64 = (1 << TAG_BITS) - 1;
 /// Sequences have 48 bits: 8,900 years at 1,000 frames a second.
 pub(crate) const MAX_SEQUENCE: u64 = (1 << (64 - STATE_BITS - TAG_BITS)) - 1;
 
-/// What a slot is doing.
+/// The state of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SlotState {
-    /// Holds nothing.
+    /// Empty.
     Free = 0,
-    /// Is being filled.
+    /// Being filled.
     Filling = 1,
-    /// Holds a tile, until no frame needs it and another tile needs the room.
+    /// Holds a tile that may be evicted when no frame needs it.
     Ready = 2,
-    /// Holds a tile for ever.
+    /// Holds a tile that is never evicted.
     Locked = 3,
 }
 
@@ -46,7 +46,7 @@ fn tag_of(generation: Generation) -> u64 {
     u64::from(generation.get()) & TAG_MASK
 }
 
-/// The use word, taken apart.
+/// The decoded use word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Use {
     pub(crate) state: SlotState,
@@ -69,7 +69,7 @@ impl Use {
         self.sequence.get().min(MAX_SEQUENCE) << (STATE_BITS + TAG_BITS) | self.tag << STATE_BITS | self.state as u64
     }
 
-    /// Whether it may be filled anew when all frames up to `completed` are done with.
+    /// Whether it may be refilled when all frames up to `completed` are completed.
     pub(crate) fn is_reusable(self, completed: Sequence) -> bool {
         match self.state {
             SlotState::Free => true,
@@ -106,7 +106,7 @@ pub struct SlotInfo {
     pub slot: SlotIndex,
     /// The tile's node; `None` for a slot that was never filled.
     pub node: Option<NodeId>,
-    /// Its generation: changes whenever the slot is filled anew.
+    /// Its generation, which changes whenever the slot is refilled.
     pub generation: Generation,
     /// What the slot is doing.
     pub state: SlotState,
@@ -115,7 +115,7 @@ pub struct SlotInfo {
 }
 
 impl SlotInfo {
-    /// Where the tile lies that is in the slot now.
+    /// The key of the tile that is in the slot now.
     #[must_use]
     pub fn key(&self) -> SlotKey {
         SlotKey { slot: self.slot, generation: self.generation }
@@ -134,18 +134,17 @@ impl SlotWords {
     }
 
     pub(crate) fn usage(&self) -> Use {
-        // Acquire: SYNC pool.publish, what a readable slot holds is written.
+        // Acquire: SYNC pool.publish, the content of a readable slot is written.
         Use::unpack(self.usage.load(Ordering::Acquire))
     }
 
     pub(crate) fn generation(&self) -> Generation {
-        // Relaxed: compared with what the caller has; the use word orders.
+        // Relaxed: compared with the caller's value; the use word orders it.
         Generation::new(self.generation.load(Ordering::Relaxed))
     }
 
-    /// Takes the slot to fill it, if it is reusable. The frames up to `completed` were learnt to be
-    /// done with by an Acquire (SYNC control.completed), so nobody reads the old tile. Returns the
-    /// new generation.
+    /// Takes the slot to fill it, if it is reusable. `completed` was read with Acquire (SYNC
+    /// control.completed), so that the old tile is no longer read. Returns the new generation.
     pub(crate) fn claim(&self, node: NodeId, sequence: Sequence, completed: Sequence) -> Option<Generation> {
         // Relaxed: the exchange below checks it.
         let word = self.usage.load(Ordering::Relaxed);
@@ -155,33 +154,33 @@ impl SlotWords {
         }
         let generation = self.generation().next();
         let after = Use { state: SlotState::Filling, tag: tag_of(generation), sequence };
-        // Acquire: SYNC pool.free, the fill that was abandoned here is over. A failure means that a
-        // reader wants it now.
+        // Acquire: SYNC pool.free, an abandoned fill is over. A failure means that a reader wants
+        // it now.
         self.usage.compare_exchange(word, after.pack(), Ordering::Acquire, Ordering::Relaxed).ok()?;
-        // SYNC pool.refill: whoever reads the new generation or node, and then fences, sees that
-        // the slot is not ready.
+        // SYNC pool.refill: a reader that reads the new generation or node, and then fences, sees
+        // that the slot is not ready.
         fence(Ordering::Release);
         self.generation.store(generation.get(), Ordering::Relaxed);
         self.node.store(node.pack(), Ordering::Relaxed);
         Some(generation)
     }
 
-    /// Makes the tile visible. Only the slot's filler calls it, once.
+    /// Makes the tile visible. To be called once, by the filler of the slot.
     pub(crate) fn publish(&self) {
-        // An exchange of bits, since readers may raise the sequence at the same time: Filling (1)
+        // Exchanges bits, because readers may raise the sequence at the same time: Filling (1)
         // becomes Ready (2). Release: SYNC pool.publish, the tile's bytes come before.
         self.usage.fetch_xor(SlotState::Filling as u64 ^ SlotState::Ready as u64, Ordering::Release);
     }
 
-    /// Gives the slot up unfilled. Only the slot's filler calls it, once.
+    /// Gives up the slot unfilled. To be called once, by the filler of the slot.
     pub(crate) fn abandon(&self) {
         // Filling (1) becomes Free (0). Release: SYNC pool.free, our writes to the bytes come
         // before.
         self.usage.fetch_xor(SlotState::Filling as u64, Ordering::Release);
     }
 
-    /// Frame `sequence` wants the tile: it stays until that frame is done with. `false` when the
-    /// slot no longer has this generation (any, for `None`).
+    /// Pins the tile for frame `sequence`: it stays until that frame is completed. `false` when the
+    /// slot no longer has this generation (`None`: any).
     pub(crate) fn touch(&self, generation: Option<Generation>, sequence: Sequence) -> bool {
         let mut word = self.usage.load(Ordering::Relaxed);
         loop {
@@ -193,7 +192,7 @@ impl SlotWords {
                 return true;
             }
             let after = Use { sequence, ..before };
-            // Relaxed: the order of changes of this one word decides between a touch and a claim.
+            // Relaxed: the modification order of this word decides between a touch and a claim.
             match self.usage.compare_exchange_weak(word, after.pack(), Ordering::Relaxed, Ordering::Relaxed) {
                 Ok(_) => return true,
                 Err(other) => word = other,
@@ -201,7 +200,7 @@ impl SlotWords {
         }
     }
 
-    /// Keeps a readable slot for ever; `false` when it holds nothing.
+    /// Locks a readable slot, so that it is never reused; `false` when it is empty.
     pub(crate) fn lock(&self) -> bool {
         let mut word = self.usage.load(Ordering::Relaxed);
         loop {
@@ -227,11 +226,11 @@ impl SlotWords {
             && self.generation() == generation
     }
 
-    /// State, node and generation that belong together. A slot that changes meanwhile is reported
+    /// A consistent copy of state, node and generation. A slot that changes meanwhile is reported
     /// as being filled.
     pub(crate) fn info(&self, slot: SlotIndex) -> SlotInfo {
         let before = self.usage();
-        // Relaxed, both: ordered by the Acquire before and the fence behind.
+        // Relaxed, both: ordered by the Acquire before and the fence after.
         let generation = self.generation();
         let node = self.node.load(Ordering::Relaxed);
         // SYNC pool.refill.
@@ -243,7 +242,7 @@ impl SlotWords {
         SlotInfo { slot, node, generation, state, last_used: after.sequence }
     }
 
-    /// Frees a slot whose filler is dead. Only the new writer calls it, before it fills anything.
+    /// Frees a slot whose filler is dead. To be called by a new writer, before it fills any slot.
     pub(crate) fn recover(&self) {
         if self.usage().state == SlotState::Filling {
             self.abandon();

@@ -1,13 +1,13 @@
-//! The want list's algorithm, apart from where its entries live: a list that one side replaces at
-//! will, and that the other reads whole or not at all. Neither waits for the other. It is the
-//! seqlock, over a list of changing length.
+//! The algorithm of the want list, independent of where its entries are: one side replaces the list
+//! at any time, and the other reads it completely or not at all. Neither waits for the other. It is
+//! a sequence lock over a list of variable length.
 
 use super::bell::Bell;
 use super::cursor::Padded;
 use super::seqlock::{LOOKS, relax};
 use crate::sync::{AtomicU64, Ordering, fence};
 
-/// Words of a list apart from its entries.
+/// Words of a list besides its entries.
 pub(crate) const HEAD_WORDS: usize = 4;
 
 /// The shared words of a want list.
@@ -36,19 +36,19 @@ impl WantEntry {
     }
 }
 
-/// How a look at the list went.
+/// The result of reading the list.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Look {
-    /// It is the one that was seen.
+    /// It has not changed.
     Unchanged,
-    /// It is another one, which has been copied out.
+    /// It has changed, and has been copied out.
     Changed {
-        /// Which.
+        /// Its version.
         version: u64,
         /// Its head.
         head: [u64; HEAD_WORDS],
     },
-    /// A write was under way at every look; look again.
+    /// A write was in progress at every attempt; try again.
     Busy,
 }
 
@@ -67,16 +67,15 @@ impl WantWords {
         &self.bell.0
     }
 
-    /// Whether the list is another one than the reader has seen.
+    /// Whether the list is newer than the version that the reader has seen.
     pub(crate) fn is_newer_than(&self, seen: u64) -> bool {
-        // Relaxed: a hint; `read` looks properly.
+        // Relaxed: a hint; `read` checks properly.
         let version = self.version.0.load(Ordering::Relaxed);
         version != seen && version.is_multiple_of(2)
     }
 
-    /// Replaces the list by as many `tiles` as there are entries for. One writer at a time. A
-    /// writer that was killed in here leaves an odd version, with which no reader takes anything;
-    /// the next write mends it.
+    /// Replaces the list by as many `tiles` as fit. One writer at a time. A writer that is killed
+    /// here leaves an odd version, which readers do not accept; the next write repairs it.
     pub(crate) fn write(
         &self,
         entries: &[WantEntry],
@@ -86,8 +85,8 @@ impl WantWords {
         // Relaxed: ours alone.
         let odd = self.version.0.load(Ordering::Relaxed).wrapping_add(1) | 1;
         self.version.0.store(odd, Ordering::Relaxed);
-        // SYNC want-list.begin: whoever reads one of the new words, and then fences, sees the odd
-        // version.
+        // SYNC want-list.begin: a reader that reads one of the new words, and then fences, sees the
+        // odd version.
         fence(Ordering::Release);
         for (word, value) in self.head.iter().zip(head) {
             word.store(value, Ordering::Relaxed);
@@ -99,9 +98,9 @@ impl WantWords {
         self.version.0.store(odd.wrapping_add(1).max(2), Ordering::Release);
     }
 
-    /// Copies the list into `out`, unless it is the one of version `seen`. The last word of the
-    /// head is the number of entries; what lies beyond `entries` is not read, for the caller to
-    /// find the number wrong.
+    /// Copies the list into `out`, unless it has version `seen`. The last word of the head is the
+    /// number of entries; entries beyond `entries` are not read, and the caller has to check the
+    /// number.
     pub(crate) fn read(&self, entries: &[WantEntry], seen: u64, out: &mut Vec<u64>) -> Look {
         for _ in 0..LOOKS {
             // Acquire: SYNC want-list.end.
@@ -125,7 +124,7 @@ impl WantWords {
         Look::Busy
     }
 
-    /// What a peer that lost its mind may do.
+    /// For tests: overwrites the words as a faulty peer might.
     #[cfg(all(test, not(loom)))]
     pub(crate) fn overwrite(&self, version: u64, head: [u64; HEAD_WORDS]) {
         self.version.0.store(version, Ordering::Release);

@@ -1,5 +1,5 @@
 //! The want list: the tiles that the newest frame wants and that are not in the pools, from the
-//! preparer to the prefetcher. Each list replaces the one before; the prefetcher may miss any but
+//! preparer to the prefetcher. Each list replaces the one before; the prefetcher may miss all but
 //! the newest.
 
 use super::control::Control;
@@ -41,14 +41,14 @@ fn entries(segment: &Segment) -> &[WantEntry] {
     segment.region().words_slice(geometry.data_offset, geometry.capacity)
 }
 
-/// What a list is for.
+/// The head of a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct WantHead {
-    /// The frame's place in the run; none for what is wanted before the first.
+    /// The frame's sequence; [`Sequence::NONE`] for tiles that are wanted before the first frame.
     pub sequence: Sequence,
     /// The frame.
     pub frame: FrameNumber,
-    /// No other list will come: the run's frames are all prepared.
+    /// This is the last list: all frames of the run are prepared.
     pub is_last: bool,
 }
 
@@ -56,14 +56,14 @@ pub struct WantHead {
 #[derive(Debug)]
 pub struct WantListWriter {
     segment: Arc<Segment>,
-    /// The reader knows of an empty list, and is not woken for another.
+    /// The last list was empty, so that the reader is not woken for another empty one.
     is_empty: bool,
     _claim: RoleClaim,
 }
 
 impl WantListWriter {
-    /// Opens the writing end; waits a moment for the segment to become ready. After a writer that
-    /// was killed its last whole list stays until the first of this one.
+    /// Opens the writing end; waits a short time for the segment to become ready. The last complete
+    /// list of a killed writer remains until this one publishes a list.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -77,14 +77,14 @@ impl WantListWriter {
         Ok(Self { segment: Arc::clone(segment), is_empty: false, _claim: claim })
     }
 
-    /// Tiles that a list holds.
+    /// Maximum number of tiles of a list.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.segment.geometry().capacity as u32
     }
 
-    /// Replaces the list: as many of `tiles`, which come in the order in which they are wanted, as
-    /// it holds. Wakes the reader, unless nothing is wanted now and before. Neither blocks nor
+    /// Replaces the list by `tiles`, in the order in which they are wanted, as far as they fit.
+    /// Wakes the reader, unless both this list and the one before are empty. Neither blocks nor
     /// allocates.
     pub fn publish(&mut self, head: WantHead, tiles: &[Tile]) {
         let WantHead { sequence, frame, is_last } = head;
@@ -124,11 +124,11 @@ impl WantListReader {
         Ok(Self { segment: Arc::clone(segment), seen: 0, packed, _claim: claim })
     }
 
-    /// Copies the newest list into `tiles`, when it is another one than last time; else `None`, and
-    /// `tiles` stays as it is. Numbers that are no tiles are left out. Does not block.
+    /// Copies the newest list into `tiles` if it is new; otherwise returns `None` and leaves
+    /// `tiles` unchanged. Skips invalid numbers. Does not block.
     ///
     /// # Errors
-    /// [`ShmError::Corrupt`] when the list counts more tiles than it holds.
+    /// [`ShmError::Corrupt`] when the list counts more tiles than fit.
     pub fn read(&mut self, tiles: &mut Vec<Tile>) -> Result<Option<WantHead>, ShmError> {
         let words: &WantWords = self.segment.words();
         let entries = entries(&self.segment);
@@ -148,8 +148,8 @@ impl WantListReader {
         Ok(Some(WantHead { sequence, frame, is_last: flags & LAST != 0 }))
     }
 
-    /// Sleeps until there is a newer list, somebody rings ([`WantListReader::bell`]), `is_due` says
-    /// so, or `bound` has passed; at most [`super::WAIT_BOUND`]. Allocates nothing.
+    /// Sleeps until there is a newer list, the bell is rung ([`WantListReader::bell`]), `is_due`
+    /// returns `true`, or `bound` has passed; at most [`super::WAIT_BOUND`]. Allocates nothing.
     ///
     /// # Errors
     /// The run ended.
@@ -159,7 +159,7 @@ impl WantListReader {
         Ok(())
     }
 
-    /// What wakes [`WantListReader::wait`], from any thread of this process.
+    /// A bell that wakes [`WantListReader::wait`], from any thread of this process.
     #[must_use]
     pub fn bell(&self) -> WantBell {
         WantBell { segment: Arc::clone(&self.segment) }

@@ -1,6 +1,6 @@
-//! What opens a frame, says its views, and closes it.
+//! Slots that open a frame, describe its views, and close it.
 
-use crate::camera::Camera;
+use crate::camera::CameraFields;
 use bytemuck::{Pod, Zeroable};
 
 /// Opens a frame.
@@ -9,10 +9,10 @@ use bytemuck::{Pod, Zeroable};
 pub struct FrameMarker {
     /// The frame's number.
     pub frame: u64,
-    /// The camera that the tree was made for: the pose that carries the frame's views. Heights of
+    /// The camera for which the tree was made: the pose that carries the frame's views. Heights of
     /// the frame's elevation arrays are metres above its eye; its own size and field of view are
-    /// those of no picture.
-    pub camera: Camera,
+    /// not those of a picture.
+    pub camera: CameraFields,
     /// Wanted screen resolution of facets, pixels.
     pub r_z_px: f64,
     /// Wanted screen resolution of texels, pixels.
@@ -20,11 +20,11 @@ pub struct FrameMarker {
     /// The frame's place among those of the run that were prepared, from 1
     /// ([`crate::ids::Sequence`]).
     pub sequence: u64,
-    /// Position in the elevation ring of its first array. Arrays between the end of the frame
-    /// before and this one belong to no frame: their preparer was killed.
+    /// Position of its first array in the elevation ring. Arrays between the end of the frame
+    /// before and this position belong to no frame: their preparer was killed.
     pub elevation_start: u64,
-    /// Which preparer of the run makes it, counted from 1: one that was started again breaks off
-    /// the frame before.
+    /// Which preparer of the run makes it, counted from 1: a restarted preparer aborts the frame
+    /// before.
     pub maker: u64,
     /// Width and height of the picture that holds all views, pixels.
     pub picture: [u32; 2],
@@ -36,7 +36,7 @@ pub struct FrameMarker {
 #[repr(C)]
 pub struct ViewSlot {
     /// The camera that draws it, and the size of its picture.
-    pub camera: Camera,
+    pub camera: CameraFields,
     /// Its upper left corner in the frame's picture, pixels.
     pub at: [u32; 2],
     /// Which of the frame's views it is, from 0.
@@ -51,7 +51,7 @@ pub struct ViewSlot {
 pub struct FrameEnd {
     /// The frame's number, again.
     pub frame: u64,
-    /// Number of tile slots since the marker; a reader that counted another number lost its place.
+    /// Number of tile slots since the marker, with which the reader checks its own count.
     pub tile_count: u32,
     /// Tiles that the frame wanted and that could not be read; 0 for a settled frame.
     pub unavailable_count: u32,

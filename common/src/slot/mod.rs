@@ -1,10 +1,10 @@
 //! The slots of the ring between preparer and renderer.
 //!
-//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per view that is
-//! drawn, one of kind [`TILE`] per colour leaf, near to far, and one of kind [`FRAME_END`]. All
-//! slots have one size; the kind says which payload the bytes are. The reader ([`Slot::read`])
-//! trusts none of them. A marker within a frame breaks that frame off, when it is of another
-//! preparer than the one that was killed in it.
+//! A frame is one [`Slot`] of kind [`FRAME_MARKER`], one of kind [`FRAME_VIEW`] per drawn view, one
+//! of kind [`TILE`] per colour leaf, near to far, and one of kind [`FRAME_END`]. All slots have the
+//! same size; the kind determines the payload. The reader ([`Slot::read`]) does not trust them. A
+//! marker within a frame aborts that frame, if it comes from another preparer: the first one was
+//! killed.
 
 mod frame_marker;
 mod tile;
@@ -34,7 +34,7 @@ pub struct Slot {
 const _: () = assert!(size_of::<FrameMarker>() == 128 && size_of::<ViewSlot>() == 88);
 const _: () = assert!(size_of::<TileSlot>() == 56 && size_of::<FrameEnd>() == 32);
 
-/// What a slot says.
+/// The content of a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SlotContent {
     /// A frame opens.
@@ -63,8 +63,8 @@ impl Slot {
         slot
     }
 
-    /// What it says; `None` for a kind that does not exist. The numbers inside are still to be
-    /// checked against the rings and pools that they index.
+    /// Its content; `None` for an unknown kind. The numbers inside still have to be checked against
+    /// the rings and pools that they index.
     #[must_use]
     pub fn read(&self) -> Option<SlotContent> {
         let bytes: &[u8] = bytemuck::bytes_of(&self.payload);

@@ -1,4 +1,4 @@
-//! One tile of a frame: which block of which elevation array, under which colour tile.
+//! One tile of a frame: a block of an elevation array, and its colour tile.
 
 use crate::ids::SlotKey;
 use crate::node::NodeId;
@@ -14,8 +14,8 @@ use bytemuck::{Pod, Zeroable};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileSlot {
-    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, drawing
-    /// does not need it.
+    /// [`NodeId::pack`] of the colour leaf ([`TileSlot::node`]); for overlays and messages, not for
+    /// drawing.
     pub node: u64,
     /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's
     /// index).
@@ -45,26 +45,35 @@ pub struct TileSlot {
     /// log2 of the posts from vertex to vertex: 0 draws all of them. `start` and `end` are
     /// multiples of that step.
     pub grid_snap: u8,
-    /// Not 0: the whole block lies behind nearer ground, as facets are drawn. The mesh leaves it
-    /// out; a technique with a surface of its own may see some of it past the edge of what hides
-    /// it.
-    pub is_hidden: u8,
+    /// Bit n: view n of the frame sees nothing of the block as facets are drawn, because all of it
+    /// lies behind nearer ground or outside of the picture. The mesh leaves it out of that view. A
+    /// technique with a surface of its own may see some of it past the edge of what hides it.
+    pub unseen_by: u8,
 }
 
+// A bit for each view.
+const _: () = assert!(crate::rig::MAX_VIEWS <= u8::BITS as usize);
+
 impl TileSlot {
-    /// The colour leaf; `None` when the number is no node's (it came from shared memory).
+    /// The colour leaf; `None` when the number is not valid (it came from shared memory).
     #[must_use]
     pub const fn node(&self) -> Option<NodeId> {
         NodeId::unpack(self.node)
     }
 
-    /// Where the colour tile lies in its pool.
+    /// Whether a view of the frame, counted from 0, may see any facet of the block.
+    #[must_use]
+    pub const fn may_be_seen_by(&self, view: usize) -> bool {
+        self.unseen_by as usize >> view & 1 == 0
+    }
+
+    /// The place of the colour tile in its pool.
     #[must_use]
     pub const fn color(&self) -> SlotKey {
         SlotKey::new(self.color_slot, self.color_generation)
     }
 
-    /// The same block, with the colour tile that lies there.
+    /// The same block with another colour tile.
     #[must_use]
     pub const fn with_color(self, key: SlotKey) -> Self {
         Self { color_slot: key.slot.get(), color_generation: key.generation.get(), ..self }

@@ -1,4 +1,4 @@
-//! Directions at a place, in its local frame: east, north and up.
+//! Directions in the local frame of a place: east, north and up.
 
 use glam::DVec3;
 
@@ -23,13 +23,13 @@ pub fn level_right(heading_rad: f64) -> DVec3 {
     look(heading_rad, 0.0)[0]
 }
 
-/// The heading of a way; straight up or down it is north.
+/// The heading of a vector; north if it is vertical.
 #[must_use]
 pub fn heading(way: DVec3) -> f64 {
     if way.truncate().length() > 1e-6 { way.x.atan2(way.y) } else { 0.0 }
 }
 
-/// The pitch of a way.
+/// The pitch of a vector.
 #[must_use]
 pub fn pitch(way: DVec3) -> f64 {
     way.z.atan2(way.truncate().length())

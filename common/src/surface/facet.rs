@@ -1,4 +1,4 @@
-//! The facet: half of a cell, over which elevation is linear, as the mesh is drawn.
+//! The facet: half of a cell, over which elevation is linear, as in the drawn mesh.
 //!
 //! Each cell of the lattice of a level is split along its diagonal from south west to north east.
 //! So the surface of a level is the same set of facets whether it is drawn from its own posts or,
@@ -18,7 +18,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// A number that heights are counted in: single or double precision.
+/// The number type of heights: single or double precision.
 pub trait Height: Copy + PartialOrd + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
 impl Height for f32 {}
@@ -38,8 +38,8 @@ pub fn is_south_east<H: Height>(u: H, v: H) -> bool {
     u >= v
 }
 
-/// How much elevation gains per cell east and north on the south eastern half of a cell or on the
-/// other one. Corners: south west, south east, north west, north east.
+/// Rise per cell east and north, on the south eastern half of a cell or on the other half. Corners:
+/// south west, south east, north west, north east.
 #[inline(always)]
 #[must_use]
 pub fn facet_slope<H: Height>([sw, se, nw, ne]: [H; 4], is_south_east: bool) -> [H; 2] {

@@ -1,9 +1,9 @@
-//! Where ground lies in space: the one home of geometry.
+//! Geometry of the ground in space. All geometry is in this module.
 //!
-//! All other code names ground by integers (nodes, lattice points) or by a *foot*, a point of the
-//! surface without a height, and asks this module for everything that follows from them. Nobody
-//! else adds a height to an x and a y, compares an eye with the borders of the world, or knows
-//! where the next node is (`tests/tests/geometry.rs` searches the sources for that).
+//! Other code identifies ground by integers (nodes, lattice points) or by a *foot*, a point of the
+//! surface without a height, and asks this module for everything else. No other code combines a
+//! height with an x and a y, compares an eye with the borders of the world, or computes the
+//! neighbour of a node (`tests/tests/geometry.rs` checks the sources for that).
 //!
 //! | question | asked of |
 //! |---|---|
@@ -20,13 +20,14 @@
 //! | the height between the posts of a tile | [`facet`], [`tile`] |
 //!
 //! [`Surface`] is a plane: metres east and north of the world's origin, and height up. An ellipsoid
-//! gets a folder beside `plane/` with the same methods, its own foot (longitude and latitude) and
-//! its own terms of columns and rows. Positions are then no sum, so callers keep apart what is
-//! separable: **a vertex is made of its column, its row and its height**, each looked up or
-//! interpolated on its own. Everything is inlined and of static types: asking costs nothing.
+//! will get a folder beside `plane/` with the same methods, its own foot (longitude and latitude)
+//! and its own terms of columns and rows. There, positions are not sums, so callers keep the terms
+//! separate: **a vertex is made of its column, its row and its height**, each looked up or
+//! interpolated on its own. Everything is inlined and statically typed: the abstraction costs
+//! nothing.
 //!
-//! Invariant: a vertex's position depends on its canonical lattice point, its height and the eye
-//! alone, so edges that two leaves share are equal to the bit.
+//! Invariant: a vertex's position depends only on its canonical lattice point, its height and the
+//! eye, so that edges that two leaves share are equal to the bit.
 
 mod bounds;
 mod direction;

@@ -1,11 +1,11 @@
-//! What level functions ask of a point.
+//! The inputs of level functions at a point.
 
-/// How a point lies from the eye, metres and square metres.
+/// Depth and distances of a point from the eye, metres and square metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
     /// Along the view axis.
     pub depth: f64,
-    /// Square of the distance along the level through the point.
+    /// Square of the horizontal distance.
     pub horizontal2: f64,
     /// Square of the difference in height.
     pub vertical2: f64,

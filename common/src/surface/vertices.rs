@@ -1,14 +1,14 @@
-//! Vertices of a leaf from an eye.
+//! Vertices of a leaf relative to an eye.
 
 use glam::Vec3;
 
-/// Vertices of a leaf from the eye, of its columns, its rows and its heights. Row 0 is the southern
-/// one.
+/// Vertices of a leaf relative to the eye, made of its columns, its rows and its heights. Row 0 is
+/// the southern one.
 #[derive(Debug, Clone, Copy)]
 pub struct Vertices<'a> {
-    /// Of each column, [`super::EyeFrame::column_from_eye`].
+    /// [`super::EyeFrame::column_from_eye`] of each column.
     pub columns: &'a [f32],
-    /// Of each row, [`super::EyeFrame::row_from_eye`].
+    /// [`super::EyeFrame::row_from_eye`] of each row.
     pub rows: &'a [f32],
     /// Metres above the eye, by row, then column.
     pub heights: &'a [f32],
@@ -43,7 +43,7 @@ impl<'a> Vertices<'a> {
         Some([around_eye(self.columns)?, around_eye(self.rows)?])
     }
 
-    /// The four corners of the leaf as if all of it were on the eye's level.
+    /// The four corners of the leaf, at the height of the eye.
     #[must_use]
     pub fn level_corners(&self) -> [Vec3; 4] {
         let ends = |terms: &[f32]| [terms[0], terms[terms.len() - 1]];

@@ -17,7 +17,7 @@
 use super::{BLOCK_SIDE, TexelFormat};
 use std::array::from_fn;
 
-/// Blocks that are computed beside each other.
+/// Blocks that are computed in parallel lanes.
 const LANES: usize = 8;
 /// Texels of a block.
 const TEXELS: usize = 16;
@@ -34,7 +34,7 @@ type Lane = [f32; LANES];
 type Block = [[Lane; TEXELS]; 3];
 /// The two colours, red, green and blue in the units of [`TOPS`].
 type Ends = [[Lane; 3]; 2];
-/// Of each texel how many thirds of the way from the first colour to the second.
+/// For each texel, the number of thirds from the first colour to the second.
 type Steps = [Lane; TEXELS];
 
 /// Compresses a decoded tile, `side` texels wide with its border: RGBA8 mip levels back to back
@@ -57,7 +57,7 @@ fn compress_level(rgba: &[u8], side: usize, out: &mut [u8]) {
             let index = group * LANES + lane;
             load(rgba, side, [index % columns, index / columns], lane, &mut block);
         }
-        // Lanes without a block keep an earlier one's texels; nobody looks at what becomes of them.
+        // Lanes without a block keep the texels of an earlier one; their results are not used.
         let (ends, steps) = fit(&block);
         for (lane, out) in out.chunks_exact_mut(BLOCK_BYTES).enumerate() {
             out.copy_from_slice(&bits(&ends, &steps, lane).to_le_bytes());
@@ -65,7 +65,7 @@ fn compress_level(rgba: &[u8], side: usize, out: &mut [u8]) {
     }
 }
 
-/// Takes the texels of a block; beyond the picture its last ones again.
+/// Loads the texels of a block; beyond the picture, its last texels are repeated.
 fn load(rgba: &[u8], side: usize, [column, row]: [usize; 2], lane: usize, block: &mut Block) {
     let mut set = |texel: usize, rgba: &[u8]| {
         for channel in 0..3 {
@@ -87,15 +87,15 @@ fn load(rgba: &[u8], side: usize, [column, row]: [usize; 2], lane: usize, block:
     }
 }
 
-/// The block as the device reads it: the colours, the larger first, which makes all four steps
-/// colours; then two bits a texel.
+/// The encoded block: the colours, the larger one first, which selects the mode with four colours;
+/// then two bits per texel.
 fn bits(ends: &Ends, steps: &Steps, lane: usize) -> u64 {
     let [first, second] = ends.each_ref().map(|[r, g, b]| {
         let [r, g, b] = [r, g, b].map(|channel| channel[lane] as u64);
         r << 11 | g << 5 | b
     });
     if first == second {
-        // Of one colour, which all codes but the last mean; this one does.
+        // A single colour, which all codes but the last mean: code 0 is one of these.
         return first | second << 16;
     }
     // Four bits a step: 0 means the larger colour, 1 the smaller, 2 and 3 what is a third and two
@@ -127,7 +127,7 @@ fn outermost(block: &Block) -> Ends {
     let covariance = |a: usize, b: usize| total(|k, l| off(a, k, l) * off(b, k, l));
     let (rr, rg, rb) = (covariance(0, 0), covariance(0, 1), covariance(0, 2));
     let (gg, gb, bb) = (covariance(1, 1), covariance(1, 2), covariance(2, 2));
-    // The row of the channel that varies most; of one colour, the axis is zero and so are all
+    // The row of the channel that varies most; for a single colour the axis is zero, and so are all
     // distances along it.
     let largest = |r: &Lane, g: &Lane, b: &Lane| -> Lane {
         from_fn(|l| {
@@ -141,7 +141,7 @@ fn outermost(block: &Block) -> Ends {
         })
     };
     let mut axis = [largest(&rr, &rg, &rb), largest(&rg, &gg, &gb), largest(&rb, &gb, &bb)];
-    // Keeps numbers small, and divisions by zero away.
+    // Keeps numbers small, and avoids divisions by zero.
     let scale: Lane = from_fn(|l| 1.0 / (rr[l] + gg[l] + bb[l] + 1e-6));
     for _ in 0..AXIS_ROUNDS {
         let [x, y, z] = axis.map(|lane| from_fn::<f32, LANES, _>(|l| lane[l] * scale[l]));
@@ -162,7 +162,7 @@ fn outermost(block: &Block) -> Ends {
         .map(|along| from_fn(|c| from_fn(|l| rounded(mean[c][l] + axis[c][l] * along[l] * per_length[l], TOPS[c]))))
 }
 
-/// Of each texel the step that is nearest; and the squares of what is left, summed.
+/// For each texel the nearest step; and the sum of squared errors.
 fn nearest(block: &Block, ends: &Ends) -> (Steps, Lane) {
     let start: [Lane; 3] = from_fn(|c| ends[0][c].map(|value| value * (255.0 / TOPS[c])));
     let way: [Lane; 3] = from_fn(|c| from_fn(|l| ends[1][c][l] * (255.0 / TOPS[c]) - start[c][l]));
@@ -221,20 +221,21 @@ fn total(value: impl Fn(usize, usize) -> f32) -> Lane {
     sums
 }
 
-/// A channel from 0 to 255 in units of which 255 has `top`.
+/// Converts a channel from 0..255 to 0..`top`, rounded.
 #[inline(always)]
 fn rounded(channel: f32, top: f32) -> f32 {
     whole(within(channel * (top / 255.0), top))
 }
 
-/// From 0 to `top`; comparisons that vectors have, unlike `clamp`'s. Not a number is 0.
+/// Clamps to 0..`top`, with comparisons that vectorize, unlike `clamp`. NaN becomes 0.
 #[inline(always)]
 fn within(value: f32, top: f32) -> f32 {
     let value = if value > 0.0 { value } else { 0.0 };
     if value < top { value } else { top }
 }
 
-/// The nearest whole number (the even one of two) of a small one: the sum has no bits for the rest.
+/// Rounds a small number to the nearest integer (ties to even): the sum has no bits for the
+/// fraction.
 #[inline(always)]
 fn whole(value: f32) -> f32 {
     const ONES: f32 = 12_582_912.0; // 1.5 * 2^23
@@ -246,7 +247,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The colours of a block, as the specification has them.
+    /// The colours of a block, as specified.
     fn decoded(block: &[u8]) -> [[f64; 3]; TEXELS] {
         let number = |at: usize| u16::from_le_bytes([block[at], block[at + 1]]);
         let [a, b] = [number(0), number(2)].map(|c| {
@@ -296,8 +297,8 @@ mod tests {
 
     #[test]
     fn sides_that_are_no_multiple_of_a_block_keep_their_last_texels() {
-        // What a block holds beyond the picture must not spoil what it holds within: two columns
-        // and two rows, of a colour of their own, fit as well as any flat colour does.
+        // Texels beyond the picture must not affect those within: two columns and two rows of a
+        // separate colour are encoded as well as any flat colour.
         for side in [6, 66] {
             let rgba = picture(side, |x, y| if x >= side - 2 || y >= side - 2 { [255, 0, 0] } else { [0, 0, 255] });
             assert!(worst(&rgba, &round_trip(&rgba, side)) < 1e-3, "{side}");

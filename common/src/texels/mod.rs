@@ -1,5 +1,4 @@
-//! How the colour tiles of a run's pool are stored: the format of their texels, and where each mip
-//! level lies.
+//! Formats of the colour tiles in a run's pool: the format of texels, and the layout of mip levels.
 //!
 //! ```text
 //!  mip 0: 264 x 264            mip 1: 132 x 132   mip 2: 66 x 66
@@ -9,8 +8,7 @@
 //! ```
 //!
 //! Levels lie back to back, row 0 in the north. Blocks of a compressed format are 4 x 4 texels;
-//! what the blocks at the edge hold beyond the picture repeats its last texels and is never
-//! sampled.
+//! beyond the picture, blocks at the edge repeat its last texels, which are never sampled.
 
 mod compress;
 
@@ -23,18 +21,18 @@ use std::fmt;
 /// Side of a block of a compressed format, texels.
 pub const BLOCK_SIDE: u32 = 4;
 
-/// How the pool of colour tiles holds their texels; one for a whole run.
+/// Format of the texels in the pool of colour tiles; the same for a whole run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TexelFormat {
-    /// Four bytes a texel, as they were decoded.
+    /// Four bytes per texel.
     #[default]
     Rgba8,
-    /// BC1: half a byte a texel, with some loss. Only devices sample it.
+    /// BC1: half a byte per texel, lossy. Only graphics devices sample it.
     Bc1,
 }
 
-/// Where a mip level lies in a tile.
+/// The place of a mip level in a tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MipPlace {
     /// Its side, texels.
@@ -46,7 +44,7 @@ pub struct MipPlace {
 }
 
 impl TexelFormat {
-    /// As reports name it.
+    /// Its name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -55,13 +53,13 @@ impl TexelFormat {
         }
     }
 
-    /// Whether texels come in blocks, which only a device can read.
+    /// Whether texels are stored in compressed blocks, which only a device can sample.
     #[must_use]
     pub const fn is_compressed(self) -> bool {
         matches!(self, Self::Bc1)
     }
 
-    /// Bytes of what cannot be divided: a texel, or a block.
+    /// Bytes of the smallest unit: a texel, or a block.
     #[must_use]
     pub const fn unit_bytes(self) -> u64 {
         match self {

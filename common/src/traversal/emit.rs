@@ -1,11 +1,11 @@
-//! The found nodes as the flat tree of [`crate::tree`].
+//! Writes the found nodes as the flat tree of [`crate::tree`].
 
 use super::{Found, HeightRanges, Search, Traversal, TreeStats};
 use crate::database::Layer;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF, TreeNode};
 use bytemuck::Zeroable;
 
-/// A node that is written, with its children still to be written.
+/// A written node whose children are still to be written.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pending {
     found: u32,
@@ -31,7 +31,7 @@ impl Traversal {
                 continue;
             }
             let color_bound = parent.bound + search.level.color_minus_elevation() + search.coarser;
-            // Where colour ends above elevation, it is fine enough: there is no finer one.
+            // Where colour ends above elevation it counts as fine enough: there is no finer colour.
             let is_color_fine =
                 f64::from(parent.id.q()) <= color_bound || !search.has_children(Layer::Color, parent.id);
             let node = &mut out[pending.out as usize];

@@ -1,22 +1,21 @@
-//! The search of the quad tree, coarse to fine, for what the views of a frame see (design §3, §4):
-//! the truncated quad tree.
+//! The coarse-to-fine search of the quad tree for what the views of a frame see. Its result is the
+//! truncated quad tree.
 //!
 //! 1. **Elevation.** From the root down, breadth first: a node whose box may be in the frustum of a
 //!    view is split while its level is above the elevation level's lower bound over its box.
 //! 2. **Restriction.** Elevation leaves that are coarser than an edge neighbour by more than one
-//!    level are split until none is.
+//!    level are split until there are no more of them.
 //! 3. **Colour.** Below each elevation leaf, nodes are split while their level is above the colour
 //!    level's bound.
-//! 4. **Output.** Nodes of which nothing turned out to be visible are left out; the rest is written
-//!    depth first, the children of a node nearest to the eye first, which for a grid is truly front
-//!    to back.
+//! 4. **Output.** Nodes without any visible part are left out; the rest is written depth first, the
+//!    children of a node nearest to the eye first, which for a grid is exact front-to-back order.
 //!
-//! Where levels are sparse, a node is split only when its children have tiles of the layer that it
-//! is split for. Elevation ends so that the tree can be restricted: all around a node that has
-//! children, there are nodes of its level.
+//! Where levels are sparse, a node is split only when its children have tiles of the layer for
+//! which it is split. Sparse elevation is built so that the tree can be restricted: a node that has
+//! children is surrounded by nodes of its level.
 //!
-//! A tree that would not fit is searched again with both wanted levels one coarser, and again until
-//! it fits: it stays restricted and complete, only coarser. Everything is allocated once, in
+//! If a tree does not fit, the search is repeated with both wanted levels one level coarser, until
+//! it fits: the tree stays restricted and complete, but is coarser. All memory is allocated in
 //! [`Traversal::new`].
 
 mod emit;
@@ -34,17 +33,17 @@ use crate::tree::TreeNode;
 use crate::world::World;
 use std::num::NonZeroU32;
 
-/// How large a tree may become.
+/// The size limits of a tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TreeLimits {
-    /// Nodes: what one half of the ping-pong buffer holds.
+    /// Nodes: the capacity of one half of the ping-pong buffer.
     pub nodes: u32,
-    /// Elevation leaves: what the elevation ring holds, or the preparer could never hand the frame
-    /// over.
+    /// Elevation leaves: the capacity of the elevation ring, without which the preparer could never
+    /// hand the frame over.
     pub elevation_leaves: u32,
 }
 
-/// What a search found.
+/// The result of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TreeStats {
     /// Nodes written.
@@ -84,16 +83,16 @@ pub struct Traversal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Full;
 
-/// What a view can see.
+/// The visible region of a view.
 #[derive(Clone, Copy)]
 struct ViewSight {
     frustum: Frustum,
-    /// For an eye beside the world, which sees the walls under the world's border: the lowest
-    /// ground, metres.
+    /// For an eye beside the world, which sees the skirts at the world's border: the lowest ground,
+    /// metres.
     skirt_low_m: Option<f64>,
 }
 
-/// What one search of one frame reads.
+/// Inputs of the search of a frame.
 struct Search<'a, R> {
     surface: Surface,
     sights: [Option<ViewSight>; MAX_VIEWS],
@@ -115,8 +114,8 @@ impl<'a, R: HeightRanges> Search<'a, R> {
         Self { surface, sights, level, ranges, coarser: 0.0 }
     }
 
-    /// Whether the node may be seen in any of the views, or the wall under it where it lies on the
-    /// world's border. (How fine it has to be is a matter of its ground alone.)
+    /// Whether a node may be seen in any of the views, or its skirt if it lies on the world's
+    /// border. (Its level depends only on its ground.)
     fn may_see(&self, bounds: &WorldBox) -> bool {
         let is_on_border = self.surface.reaches_border(bounds);
         self.sights.iter().flatten().any(|sight| {
@@ -144,9 +143,9 @@ impl Traversal {
         }
     }
 
-    /// Searches the tree for views with valid cameras and writes it to the front of `out`: what any
-    /// of them may see, as fine as any of them wants. The level functions are those of the same
-    /// views. Neither blocks nor allocates.
+    /// Searches the tree for views with valid cameras and writes it to the front of `out`:
+    /// everything that any view may see, at the finest level that any of them wants. The level
+    /// functions must be those of the same views. Neither blocks nor allocates.
     pub fn build(
         &mut self,
         views: &Views,
@@ -156,7 +155,7 @@ impl Traversal {
     ) -> TreeStats {
         let mut search = Search::new(views, level, ranges, &self.world);
         let mut is_cut_short = false;
-        // Wanted levels span some 80 powers of two at most, then every tree is its root.
+        // Wanted levels span at most some 80 powers of two; then the tree is only its root.
         while search.coarser < 128.0 {
             if self.search(&search, out.len()).is_ok() {
                 break;
@@ -193,7 +192,7 @@ impl Traversal {
         if leaves > self.limits.elevation_leaves as usize { Err(Full) } else { Ok(()) }
     }
 
-    /// Adds the node when it may be visible and gives its index.
+    /// Adds the node if it may be visible, and returns its index.
     fn add<R: HeightRanges>(
         &mut self,
         search: &Search<'_, R>,
@@ -228,9 +227,9 @@ impl Traversal {
         Ok(())
     }
 
-    /// Splits leaves until edge neighbours differ by one level at most. Each leaf of level q asks
-    /// for the four nodes of level q + 1 across its edges; those that a split brings into being ask
-    /// in their turn, as they come later.
+    /// Splits leaves until edge neighbours differ by at most one level. Each leaf of level q
+    /// requires the four nodes of level q + 1 across its edges; leaves that a split creates come
+    /// later in the list, and are handled in turn.
     fn restrict<R: HeightRanges>(&mut self, search: &Search<'_, R>, capacity: usize) -> Result<(), Full> {
         let mut at = 0;
         while at < self.found.len() {
@@ -261,8 +260,8 @@ impl Traversal {
                     break found as usize;
                 }
             };
-            // Sparse levels end so that a neighbour is never missing; a damaged index may say
-            // otherwise.
+            // Sparse levels are built so that a neighbour is never missing; but the index may be
+            // damaged.
             if self.found[covering].is_split || !search.has_children(Layer::Elevation, self.found[covering].id) {
                 return Ok(());
             }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraFields};
 use crate::level::Measure;
 use crate::tree::{COLOR_FROM_ANCESTOR, COLOR_LEAF, ELEVATION_LEAF};
 use crate::world::WorldFields;
@@ -66,7 +66,7 @@ fn case() -> impl Strategy<Value = Case> {
         |(extent, relief_m, (eye, angles, vfov_rad), measure, r)| {
             let world = world(extent, 8);
             let [ex, ey] = world.extent_m();
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: [eye[0] * ex, eye[1] * ey, eye[2] * 4000.0],
                 heading_rad: angles[0],
                 pitch_rad: -0.6 + 0.4 * angles[1],
@@ -75,7 +75,8 @@ fn case() -> impl Strategy<Value = Case> {
                 width: 320,
                 height: 200,
                 timestamp_nanos: 0,
-            };
+            })
+            .expect("valid");
             Case { world, relief_m, camera, measure, r_px: r.map(f64::exp2) }
         },
     )
@@ -242,10 +243,10 @@ proptest! {
         // Coarser facets make leaves as large as the small world.
         r in prop::array::uniform2(-1.0f64..5.0),
     ) {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [x * 10240.0, y * 10240.0, z], heading_rad: heading, pitch_rad: pitch, roll_rad: 0.0,
             vfov_rad: 0.5, width: 320, height: 200, timestamp_nanos: 0,
-        };
+        }).expect("valid");
         let small = Case { world: world([1024, 1024], 8), relief_m: 500.0, camera, measure: Measure::Area, r_px: r.map(f64::exp2) };
         let large = Case { world: world([16384, 9000], 12), ..small.clone() };
         let (a, b) = (small.tree(), large.tree());
@@ -273,7 +274,7 @@ proptest! {
 
 #[test]
 fn a_camera_that_sees_no_terrain_gives_an_empty_tree() {
-    let camera = Camera {
+    let camera = Camera::new(CameraFields {
         eye_in_world: [500.0, 500.0, 5000.0],
         heading_rad: 0.0,
         pitch_rad: 1.0,
@@ -282,7 +283,8 @@ fn a_camera_that_sees_no_terrain_gives_an_empty_tree() {
         width: 320,
         height: 200,
         timestamp_nanos: 0,
-    };
+    })
+    .expect("valid");
     let case = Case { world: world([100, 100], 8), relief_m: 100.0, camera, measure: Measure::Area, r_px: [8.0, 1.0] };
     assert_eq!(case.build(TreeLimits { nodes: 100, elevation_leaves: 100 }), (vec![], TreeStats::default()));
 }

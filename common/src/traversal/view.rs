@@ -1,4 +1,4 @@
-//! What may be seen of a node: its box, and the view frustum.
+//! Visibility of nodes: bounding boxes and the view frustum.
 
 use crate::camera::Camera;
 use crate::database::{Layer, NodeRanges};
@@ -12,8 +12,8 @@ pub trait HeightRanges {
     /// The range of a node, `None` when the node does not exist.
     fn range(&self, node: NodeId) -> Option<[f32; 2]>;
 
-    /// Whether the children of a node have tiles of a layer: all that exist, or none. Asked for
-    /// layers and levels of which a world has tiles at all; in worlds without sparse levels they
+    /// Whether the children of a node have tiles of a layer: all existing ones, or none. Only
+    /// called for layers and levels of which the world has tiles; without sparse levels, they
     /// always have.
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
         let _ = (layer, node);
@@ -51,23 +51,25 @@ pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, no
     Some(world.surface().node_bounds(node, heights))
 }
 
-/// Boxes this far outside of the frustum, metres, still count as inside: the planes are rounded.
+/// Boxes up to this far outside of the frustum, metres, count as inside, because planes are
+/// rounded.
 const TOLERANCE_M: f64 = 1e-5;
 
-/// A unit vector this far on the wrong side of a plane through the eye lies in it.
+/// A unit vector up to this far on the wrong side of a plane through the eye counts as in the
+/// plane.
 const ROUNDING: f64 = 1e-12;
 
-/// Planes at most: of the sides and the eye 5, of the box's axes 3, of the silhouettes along them 2
-/// each.
+/// Maximum number of planes: 5 of the sides and the eye, 3 of the box's axes, and 2 silhouettes
+/// along each axis.
 const MAX_NORMALS: usize = 14;
 
-/// The view frustum, a pyramid without end, as half spaces that hold it: it is seen from a box's
-/// side as well.
+/// The view frustum, an infinite pyramid, as half spaces that contain it; including those that
+/// separate boxes from it.
 ///
-/// Its own planes alone would keep boxes larger than the pyramid is wide, beside it. A box and the
-/// pyramid are apart exactly when one of these planes lies between them (separating axes): the
-/// planes of the pyramid, those of the box, and those along an edge of each; all of them go through
-/// the eye.
+/// The pyramid's own planes alone would not reject boxes beside it that are larger than the pyramid
+/// is wide. By the separating axis theorem, a box and the pyramid are disjoint exactly when one of
+/// these planes separates them: the planes of the pyramid, those of the box, and those along an
+/// edge of each; all of them pass through the eye.
 #[derive(Debug, Clone, Copy)]
 pub struct Frustum {
     eye: DVec3,
@@ -84,13 +86,13 @@ impl Frustum {
             frustum.push(normal);
         }
         frustum.push(camera.axes_in_world()[2]);
-        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
         let edges = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
             .map(|(x, y)| camera.ray_in_world(x, y).normalize());
-        // Which normals have the whole pyramid on their side.
+        // Keep the normals that have the whole pyramid on their side.
         let holds_all = |normal: &DVec3| edges.iter().all(|edge| normal.dot(*edge) >= -ROUNDING);
         for axis in DVec3::AXES {
-            // Axes that nearly are an edge of the pyramid have no plane along both.
+            // An axis that is nearly parallel to an edge of the pyramid has no plane along both.
             let along_edges = edges.iter().filter_map(|edge| edge.cross(axis).try_normalize());
             for normal in along_edges.chain([axis]).flat_map(|normal| [normal, -normal]).filter(holds_all) {
                 frustum.push(normal);
@@ -99,7 +101,7 @@ impl Frustum {
         frustum
     }
 
-    /// Leaving one out only makes the test less sharp.
+    /// Omitting a plane only makes the test less precise.
     fn push(&mut self, normal: DVec3) {
         if let Some(place) = self.normals.get_mut(self.normal_count) {
             *place = normal;
@@ -107,11 +109,11 @@ impl Frustum {
         }
     }
 
-    /// Whether any of the box is inside, or so near to it that rounding decides.
+    /// Whether any part of the box is inside, or so close that rounding decides.
     #[must_use]
     pub fn may_see(&self, bounds: &WorldBox) -> bool {
         let bounds = bounds.seen_from(self.eye);
-        // The corner that lies farthest along the normal is inside of the plane.
+        // The corner that is farthest along the normal is inside the plane.
         self.normals[..self.normal_count].iter().all(|normal| bounds.most_along(*normal) >= -TOLERANCE_M)
     }
 }
@@ -119,6 +121,7 @@ impl Frustum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraFields;
     use proptest::prelude::*;
 
     proptest! {
@@ -132,10 +135,10 @@ mod tests {
             log_size in prop::array::uniform3(-8.0f64..20.0),
             inside in prop::array::uniform3(0.0f64..=1.0),
         ) {
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: eye, heading_rad: angles[0], pitch_rad: angles[1], roll_rad: angles[2],
                 vfov_rad, width: 1280, height: 720, timestamp_nanos: 0,
-            };
+            }).expect("valid");
             let visible = camera.eye() + camera.ray_in_world(picture[0] * 1280.0, picture[1] * 720.0) * log_depth.exp2();
             let size = DVec3::from_array(log_size.map(f64::exp2));
             let min = visible - size * DVec3::from_array(inside);
@@ -146,7 +149,7 @@ mod tests {
 
     #[test]
     fn boxes_beside_and_behind_are_culled() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0; 3],
             heading_rad: 0.0,
             pitch_rad: 0.0,
@@ -155,7 +158,8 @@ mod tests {
             width: 100,
             height: 100,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let frustum = Frustum::new(&camera);
         let at = |x, y, z| WorldBox { min: DVec3::new(x, y, z) - 1.0, max: DVec3::new(x, y, z) + 1.0 };
         assert!(frustum.may_see(&at(0.0, 50.0, 0.0)));
@@ -169,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_large_box_beside_a_narrow_view_is_culled() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0, 0.0, 500.0],
             heading_rad: 0.3,
             pitch_rad: -1.2,
@@ -178,7 +182,8 @@ mod tests {
             width: 100,
             height: 100,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let frustum = Frustum::new(&camera);
         // The view goes below the ground some 200 m away; no plane of it has all of these boxes
         // outside.

@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use terravision_common::database::{
     ArchiveRecord, Body, COLOR_FILE, ColorLayer, Crs, Database, ELEVATION_FILE, ElevationLayer, FORMAT_VERSION,
-    MANIFEST_FILE, Manifest, NODES_FILE, NodeRanges, TileError, TileScratch, TileSource, color_tile_bytes,
+    MANIFEST_FILE, ManifestFields, NODES_FILE, NodeRanges, TileError, TileScratch, TileSource, color_tile_bytes,
     encode_elevation_tile, index_crc32, seal_color_tile, tile_coord,
 };
 use terravision_common::node::NodeId;
@@ -82,7 +82,7 @@ pub fn write_database(folder: &Path) {
     });
     let ranges = (0..3).map(|q| vec![[90.0, 120.0]; world.nodes_at(q).map(|n| n as usize).iter().product()]).collect();
     let nodes = NodeRanges::from_parts(&world, ranges).unwrap().write(&folder.join(NODES_FILE)).unwrap();
-    let manifest = Manifest {
+    let manifest = ManifestFields {
         format: String::new(),
         format_version: FORMAT_VERSION,
         features: Vec::new(),

@@ -1,6 +1,6 @@
-//! JPEG pictures put together from blocks that were encoded before: what differs between two uses
-//! of a block is its mean alone, so a picture costs some copied words per block (ITU-T T.81, annex
-//! F; sequential, Huffman, three components, no subsampling).
+//! Assembles JPEG pictures from pre-encoded blocks: two uses of a block differ only in its mean, so
+//! a picture costs a few copied words per block (ITU-T T.81, annex F; sequential, Huffman, three
+//! components, no subsampling).
 
 use crate::archive;
 use std::io;
@@ -21,10 +21,10 @@ const NO_MORE: u8 = 0;
 /// The code of each symbol, and its length.
 type Codes = Vec<(u32, u32)>;
 
-/// All of a block but its mean, as bits: in words of up to 32, with how many each has.
+/// The bits of a block without its mean: words of up to 32 bits, with their lengths.
 pub(super) type Packed = Vec<(u32, u32)>;
 
-/// What pictures of one size begin with, and the codes that they are written in.
+/// The beginning of pictures of one size, and their codes.
 #[derive(Debug, Clone)]
 pub(super) struct Frame {
     head: Vec<u8>,
@@ -32,7 +32,7 @@ pub(super) struct Frame {
     /// For brightness, and for both colour differences.
     means: [Codes; 2],
     details: [Codes; 2],
-    /// What a step of the mean is, in brightness times 8.
+    /// The quantization step of the mean, in brightness times 8.
     mean_steps: [i32; 2],
 }
 
@@ -68,7 +68,7 @@ fn magnitude(value: i32) -> (u32, u32) {
 }
 
 impl Frame {
-    /// For pictures of `side`² texels. Tables are those that the encoder of other tiles takes.
+    /// A frame for pictures of `side`² texels, with the tables of the encoder of other tiles.
     pub(super) fn new(side: u32, quality: u8) -> io::Result<Self> {
         let model = archive::encode_color_tile(&vec![[0; 3]; (side * side) as usize], side as u16, quality)?;
         let strange = || io::Error::other("the JPEG encoder writes something unexpected");
@@ -140,7 +140,7 @@ impl Frame {
         if details.len() < COEFFICIENTS - 1 || zeros > 0 {
             put(NO_MORE, (0, 0));
         }
-        // Few long words are quicker to copy than many short ones.
+        // A few long words are faster to copy than many short ones.
         let mut words = Packed::new();
         for (bits, count) in packed {
             match words.last_mut() {

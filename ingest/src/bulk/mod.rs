@@ -1,12 +1,11 @@
-//! Terrain that takes many bytes and little time, for load tests: gigabytes of tiles of which no
-//! two are equal. It looks like hills under a grainy film; it is there to be read, cached and
-//! thrown out, not to be looked at.
+//! Terrain for load tests that takes many bytes and little time: gigabytes of tiles, no two of them
+//! equal. It looks like hills under a grainy film; its purpose is to be read, cached and evicted.
 //!
 //! Heights are value noise of five wavelengths, from one table of random numbers: the same function
 //! of position on every level. Colours are a tone, value noise too, one for each block of 8 x 8
-//! texels, and grain, which is one of some thousand blocks that are made and encoded once. Which
-//! one it is is a hash of the block's place, the same for all tiles that hold it. Each level has
-//! grain as fine as its own texels: what a half-band filter makes of the finer level's is nothing.
+//! texels, and grain, which is one of some thousand blocks that are made and encoded once. The
+//! index of the block is a hash of its position, the same for all tiles that contain it. The grain
+//! of each level is as fine as its texels: a half-band filter removes that of the finer level.
 
 mod jpeg;
 
@@ -25,8 +24,8 @@ const MEAN_M: f32 = 700.0;
 const TONES: [(f64, f32); 3] = [(700.0, 40.0), (61.0, 25.0), (11.0, 20.0)];
 /// Blocks of grain, a power of two.
 const BLOCKS: u32 = 4096;
-/// Coefficients of a block that are not zero by rule, of brightness and of colour differences, and
-/// the largest of them. They give tiles of about 60 kB.
+/// Number of non-zero coefficients of a block, of brightness and of colour differences, and the
+/// largest of them. They give tiles of about 60 kB.
 const COEFFICIENTS: [i64; 2] = [50, 29];
 const MOST: f32 = 3.5;
 
@@ -61,7 +60,7 @@ impl Bulk {
     /// Value noise from -1 to 1, of wavelength 1.
     fn noise(&self, x: f64, y: f64) -> f32 {
         let cell = |v: f64| {
-            // Positions are not negative, but for a border's width.
+            // Positions are not negative, except within a border's width.
             let v = v + TABLE as f64;
             let whole = v as usize;
             (whole, (v - whole as f64) as f32)

@@ -16,19 +16,19 @@ use terravision_common::database::{HEIGHT_STEPS_PER_M, Voids};
 pub(super) struct Elevation {
     /// All levels, without voids.
     pub(super) levels: Vec<Level<f32>>,
-    /// What the finest had.
+    /// Summary of the finest level.
     pub(super) summary: sample::elevation::Summary,
-    /// The shares of all levels' posts; none when the finest had no voids.
+    /// The shares of all levels' posts; empty when the finest level has no voids.
     pub(super) validity: Vec<Level<validity::Shares>>,
     /// Posts of the finest level that have no ground.
     pub(super) holes: u64,
 }
 
-/// What a summit may lose before it is told, metres.
+/// A loss at a summit is reported from this on, metres.
 const TOLD_LOSS_M: f32 = 3.0;
 
-/// Lowest and highest sample of the sources, when the world's are others; a summit that was lost is
-/// told.
+/// Lowest and highest sample of the sources, if those of the world differ. Reports a summit that
+/// was cut off.
 pub(super) fn told_source_range(
     summary: &sample::elevation::Summary,
     plan: &Plan,
@@ -57,7 +57,7 @@ pub(super) fn levels(
 ) -> Result<Elevation, IngestError> {
     let (finest, summary) = sample::elevation::sample(plan, target, sources, folder, work)?;
     if summary.voids == finest.size().iter().product::<u64>() {
-        let file = &sources[0].0.path;
+        let file = sources[0].0.path();
         return Err(IngestError::source(file, "has no elevation data: every sample is \"no data\""));
     }
     let coarser_levels = plan.world.finest_elevation_level() + 1..plan.world.levels();
@@ -85,7 +85,8 @@ pub(super) fn levels(
     Ok(Elevation { levels, summary, validity, holes })
 }
 
-/// Fills the voids of all levels, the coarsest first; `middle` is for one that has nothing else.
+/// Fills the voids of all levels, the coarsest first; `middle` is used for a level without any
+/// data.
 fn filled(levels: Vec<Level<f32>>, middle: f32, folder: &Path, work: &Work) -> Result<Vec<Level<f32>>, IngestError> {
     let mut filled: Vec<Level<f32>> = Vec::with_capacity(levels.len());
     for level in levels.into_iter().rev() {

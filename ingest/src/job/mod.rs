@@ -1,4 +1,4 @@
-//! The whole of an ingest, from files to a database.
+//! A complete ingest, from files to a database.
 
 mod elevation;
 mod output;
@@ -29,7 +29,7 @@ use terravision_common::database::{
 };
 use terravision_common::lonlat::LonLatTable;
 
-/// What is asked for, checked.
+/// A checked job.
 #[derive(Debug, Clone)]
 pub struct Job {
     /// Elevation sources, the topmost first.
@@ -44,15 +44,15 @@ pub struct Job {
     pub source_crs: Option<String>,
     /// The part of the data that becomes a world; all of it if `None`.
     pub region: Option<Region>,
-    /// What files may lead to.
+    /// Which other files and addresses files may refer to.
     pub access: Access,
-    /// What memory may be used, bytes.
+    /// Memory limit, bytes.
     pub memory_bytes: u64,
     /// Whether a finished database may be replaced.
     pub may_overwrite: bool,
-    /// What means "no data" in elevation.
+    /// Which values mean "no data" in elevation.
     pub nodata: NodataChoice,
-    /// Metres in the unit of elevation, when the user says.
+    /// Metres per unit of elevation, if the user set the unit.
     pub elevation_unit_m: Option<f64>,
     /// Bands for red, green and blue.
     pub bands: Option<[usize; 3]>,
@@ -62,14 +62,14 @@ pub struct Job {
     pub threads: usize,
     /// Tile sizes, spacing.
     pub plan: PlanOptions,
-    /// What becomes of ground without data.
+    /// How ground without data is handled.
     pub voids: Voids,
 }
 
-/// Memory that a working thread needs at most (a window of a source in samples and pixels), bytes.
+/// Upper bound of the memory of a working thread (a window of a source in samples and pixels),
+/// bytes.
 const THREAD_BYTES: u64 = 64 << 20;
-/// The least memory that an ingest can promise to stay under: program, libraries, one thread, a
-/// small cache.
+/// The smallest possible memory limit: program, libraries, one thread, a small cache.
 pub const LEAST_MEMORY_BYTES: u64 = 256 << 20;
 /// Memory per node of the tree for height ranges and the archives' directories, bytes.
 const NODE_BYTES: u64 = 100;
@@ -131,11 +131,10 @@ impl Job {
         Ok((elevation, color, target))
     }
 
-    /// Does it. `stop` ends it early; `note` hears what the user should know.
+    /// Runs the job. `stop` ends it early; `note` gets messages for the user.
     ///
     /// # Errors
-    /// [`IngestError`]. Nothing is left in the output then, except a finished database that was
-    /// there before.
+    /// [`IngestError`]. Then nothing is left in the output, except an earlier finished database.
     pub fn run(
         &self,
         stop: Arc<AtomicBool>,
@@ -149,7 +148,7 @@ impl Job {
         quieten_gdal(self.memory_bytes);
         let affordable = (self.memory_bytes / 2 / THREAD_BYTES).max(1) as usize;
         let work = Work::new(self.threads.min(affordable), stop, shows_progress, self.output.clone());
-        // First everything that needs no output: most mistakes show here.
+        // First everything that needs no output: most mistakes are found here.
         let (elevation, color, target) = self.sources(note)?;
         let plan = Plan::new(&target, &elevation, &color, self.plan, note)?;
         self.check_memory(&plan)?;
@@ -228,7 +227,7 @@ impl Job {
         drop(levels);
         let texels = plan.color_size(world.finest_color_level()).iter().product::<u64>();
         if !color.is_empty() && voids == texels {
-            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+            return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
         }
         if !color.is_empty() && voids > 0 {
             note(Note::Info(tint_note(voids as f64 / texels as f64)));
@@ -253,7 +252,7 @@ impl Job {
         }))
     }
 
-    /// The same where the finest levels are only made where the data are.
+    /// The same for worlds whose finest levels exist only where there are data.
     fn build_nested(
         &self,
         sources: &Sources<'_>,
@@ -276,7 +275,7 @@ impl Job {
             }
         }
         if !color.is_empty() && tint_m2 >= area_m2 {
-            return Err(IngestError::source(&color[0].0.path, "(colour) has no data where the elevation is"));
+            return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
         }
         if !color.is_empty() && tint_m2 > 0.0 {
             note(Note::Info(tint_note(tint_m2 / area_m2)));
@@ -326,7 +325,7 @@ impl Job {
         work: &Work,
     ) -> Result<(Vec<Level<Rgb>>, u64), IngestError> {
         let world = &plan.world;
-        // The finest level of at most a million posts tells the terrain's range.
+        // The terrain's range is taken from the finest level with at most a million posts.
         let is_small = |level: &Level<f32>| level.size().iter().product::<u64>() <= 1 << 20;
         let overview = elevation.iter().position(is_small).unwrap_or(elevation.len() - 1);
         let overview_m = plan.elevation.step * f64::from(1u32 << overview);
@@ -350,11 +349,11 @@ impl Job {
     }
 }
 
-/// What a tint has to know of the place.
+/// Properties of the place that a tint depends on.
 fn place_of<'a>(plan: &Plan, target: &'a TargetCrs) -> Place<'a> {
     let world = &plan.world;
     let middle = world.crs_middle().to_array();
-    Place { body: &target.body.name, latitude_deg: target.latitude_deg(middle) }
+    Place { body: &target.body().name, latitude_deg: target.latitude_deg(middle) }
 }
 
 fn tint_note(share: f64) -> String {
@@ -362,16 +361,17 @@ fn tint_note(share: f64) -> String {
     format!("colour has no data for {percent:.1} % of the world: a tint of the elevation is shown there")
 }
 
-/// GDAL's block cache within our memory, and its messages in our errors instead of on the terminal.
+/// Limits GDAL's block cache, and puts its messages into our errors instead of on the terminal.
 pub(crate) fn quieten_gdal(memory_bytes: u64) {
     gdal::config::set_error_handler(|_, _, _| {});
     let cache_mb = (memory_bytes / 4) >> 20;
     for (key, value) in [("GDAL_CACHEMAX", cache_mb.to_string()), ("GDAL_PAM_ENABLED", "NO".to_owned())] {
-        // An option that cannot be set costs memory or a file beside the source, not correctness.
+        // If an option cannot be set, it costs memory or a file beside the source, but not
+        // correctness.
         gdal::config::set_config_option(key, &value).ok();
     }
-    // A server that does not answer ends the work instead of holding it for ever; the user's own
-    // settings win.
+    // A server that does not answer ends the work instead of blocking it for ever; the user's own
+    // settings take precedence.
     for (key, value) in [
         ("GDAL_HTTP_CONNECTTIMEOUT", "20"),
         ("GDAL_HTTP_LOW_SPEED_TIME", "30"),
@@ -384,8 +384,8 @@ pub(crate) fn quieten_gdal(memory_bytes: u64) {
     }
 }
 
-/// Makes a database whose three files (elevation, colour, ranges) `make` writes under the names
-/// that it is given.
+/// Creates a database whose three files (elevation, colour, ranges) `make` writes to the given
+/// paths.
 pub(crate) fn finish_database(
     folder: &Path,
     may_overwrite: bool,
@@ -398,7 +398,7 @@ pub(crate) fn finish_database(
     Ok(manifest)
 }
 
-/// The manifest of a database that was made from nothing.
+/// The manifest of a database without sources.
 pub(crate) fn record_of(
     name: &str,
     plan: &Plan,
@@ -425,10 +425,10 @@ pub(crate) fn record_of(
     })
 }
 
-/// What longitudes and latitudes need to come into the world, told if there is anything.
+/// The table for converting longitudes and latitudes to the world; reports if there is one.
 fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
     let table = crate::lonlat::table(target, &plan.world)?;
-    let name = &target.crs.name;
+    let name = &target.crs().name;
     let without = match table.shift_m {
         shift if shift >= 10.0 => {
             format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")

@@ -11,8 +11,8 @@ use terravision_common::database::{COLOR_FILE, ELEVATION_FILE, MANIFEST_FILE, Ma
 const FILES: [&str; 4] = [MANIFEST_FILE, ELEVATION_FILE, COLOR_FILE, NODES_FILE];
 const PART: &str = ".part";
 
-/// The folder of a database that is being made. Dropped before [`Output::finish`] it leaves what
-/// was there before.
+/// The folder of a database that is being made. If dropped before [`Output::finish`], the previous
+/// content remains.
 #[derive(Debug)]
 pub(super) struct Output {
     folder: PathBuf,
@@ -23,7 +23,7 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Takes the folder: creates it, or checks that what is in it may be replaced.
+    /// Creates the folder, or checks that its content may be replaced.
     pub(super) fn begin(folder: &Path, may_overwrite: bool) -> Result<Self, IngestError> {
         let fail = |source| IngestError::Place { source, path: folder.to_owned() };
         if folder.join(MANIFEST_FILE).exists() && !may_overwrite {
@@ -86,11 +86,12 @@ impl Output {
             move |source| IngestError::Output { source, path }
         };
         let path = self.part(MANIFEST_FILE);
-        let text = manifest.to_text().map_err(|e| at(&path)(io::Error::other(e)))?;
+        let text = manifest.fields().to_text().map_err(|e| at(&path)(io::Error::other(e)))?;
         let mut file = File::create(&path).map_err(at(&path))?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(at(&path))?;
         work.check()?;
-        // From here on it is quick, and an old database stops being one before its files change.
+        // From here on it is quick; the manifest of an old database is removed before its other
+        // files change.
         let old = self.folder.join(MANIFEST_FILE);
         match fs::remove_file(&old) {
             Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(at(&old)(e)),
@@ -107,7 +108,7 @@ impl Output {
 
     fn remove_parts(&self) {
         for name in FILES {
-            // What is not there need not be removed.
+            // A missing file need not be removed.
             fs::remove_file(self.part(name)).ok();
         }
     }
@@ -118,7 +119,7 @@ impl Drop for Output {
         if !self.is_finished {
             self.remove_parts();
             if self.is_new {
-                // Fails, as it should, when someone else has put something there.
+                // Fails, as it should, if another program has put files there.
                 fs::remove_dir(&self.folder).ok();
             }
         }

@@ -1,4 +1,4 @@
-//! What a database says about itself: the manifest, and the metadata of its archives.
+//! The manifest of a database, and the metadata of its archives.
 
 use crate::archive::ArchiveInfo;
 use crate::plan::Plan;
@@ -9,12 +9,12 @@ use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
     ArchiveRecord, ColorLayer, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FORMAT_VERSION, Manifest,
-    NodesRecord, Source, Voids, VoidsRecord,
+    ManifestFields, NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
 use terravision_common::world::World;
 
-/// What a manifest is made of.
+/// Inputs of a manifest.
 pub(super) struct Parts<'a> {
     pub(super) name: String,
     pub(super) plan: &'a Plan,
@@ -24,7 +24,7 @@ pub(super) struct Parts<'a> {
     pub(super) range: [f32; 2],
     pub(super) source_range: Option<[f32; 2]>,
     pub(super) void_areas_m2: [f64; 2],
-    /// What became of the elevation's voids; none where it has none.
+    /// How the elevation's voids were handled; `None` without voids.
     pub(super) voids: Option<VoidsRecord>,
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
@@ -34,7 +34,7 @@ pub(super) struct Parts<'a> {
     pub(super) lonlat: Option<LonLatTable>,
 }
 
-/// What an ingest says of ground without data: area of it and of holes, km², and its share of the
+/// The message about ground without data: its area and that of holes, km², and its share of the
 /// world.
 pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f64) -> String {
     let became = match mode {
@@ -52,7 +52,7 @@ pub(super) fn about_voids(mode: Voids, [void_km2, hole_km2]: [f64; 2], share: f6
     format!("elevation has no data for {void_km2:.3} km² ({:.1} %): {became}", 100.0 * share)
 }
 
-/// What a program has to know to read the database.
+/// The features that a program has to know to read the database.
 fn features(has_validity: bool, is_sparse: bool) -> Vec<String> {
     let all = [(FEATURE_VALIDITY, has_validity), (FEATURE_SPARSE_LEVELS, is_sparse)];
     all.into_iter().filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect()
@@ -62,24 +62,24 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
     let Parts { plan, target, .. } = parts;
     let source = |raster: &Raster, is_exact: bool| Source {
         file: raster.file_name(),
-        size: raster.size,
-        crs: raster.crs_name.clone(),
-        data_type: raster.data_type.clone(),
-        nodata: raster.bands[0].nodata.map(|v| v.to_string()),
+        size: raster.size(),
+        crs: raster.crs_name().to_owned(),
+        data_type: raster.data_type().to_owned(),
+        nodata: raster.bands()[0].nodata.map(|v| v.to_string()),
         is_exact,
     };
     let elevation = parts.elevation.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.elevation, target, r)));
     let color = parts.color.iter().map(|(r, _)| source(r, Plan::is_exact(&plan.color, target, r)));
-    Manifest {
+    let fields = ManifestFields {
         format: String::new(),
         format_version: FORMAT_VERSION,
         features: features(parts.voids.is_some(), parts.complete_level.is_some()),
         complete_level: parts.complete_level,
         written_by: concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")).to_owned(),
         name: parts.name,
-        crs: target.crs.clone(),
+        crs: target.crs().clone(),
         lonlat: parts.lonlat,
-        body: target.body.clone(),
+        body: target.body().clone(),
         world: *plan.world.fields(),
         vertical_unit: "metre".to_owned(),
         elevation: ElevationLayer {
@@ -102,7 +102,8 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
         },
         nodes: parts.nodes,
         checksum: String::new(),
-    }
+    };
+    Manifest::new(fields).expect("the world of a plan is valid, and these are features that we read")
 }
 
 fn elevation_encoding(has_validity: bool) -> &'static str {
@@ -121,7 +122,8 @@ pub(super) fn bounds_deg(world: &World, srs: &SpatialRef, crosses: bool) -> Opti
         (0..side * side).map(|k| (x0 + w * along(k % side), y0 + h * along(k / side))).unzip();
     // Points that have no longitude and latitude come back infinite and are left out.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
-    // Far longitudes on both sides and none between: they are one side.
+    // If there are far longitudes on both sides and none in between, the world crosses the date
+    // line.
     let is_split = x.iter().any(|x| *x > 90.0) && x.iter().any(|x| *x < -90.0) && !x.iter().any(|x| x.abs() <= 90.0);
     if crosses && is_split {
         x.iter_mut().filter(|x| **x < 0.0).for_each(|x| *x += 360.0);
@@ -158,7 +160,7 @@ pub(super) fn archive_info(
             "generator": concat!("terravision-ingest ", env!("CARGO_PKG_VERSION")),
             // Zooms and rows count as in web maps, but the root is a square of this CRS, not the
             // globe.
-            "terravision": { "layer": layer, "crs": target.crs, "world": plan.world, "payload": payload },
+            "terravision": { "layer": layer, "crs": target.crs(), "world": plan.world, "payload": payload },
         })
         .to_string(),
     };

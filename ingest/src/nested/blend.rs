@@ -1,16 +1,16 @@
-//! Finer heights passing over into coarser ones: no step where two sources meet.
+//! Blends finer heights into coarser ones, so that there is no step where two sources meet.
 
 use crate::store::Rect;
 
-/// Over how many posts finer heights pass over into coarser ones, inside of the finer.
+/// Width of the blend in posts, inside of the finer data.
 pub(super) const BLEND: usize = 16;
 
-/// A post of a block: its height, and whether that comes from a source as fine as the level.
-pub(super) type Post = Option<(bool, f32)>;
+/// A post of a block: whether it comes from a source as fine as the level, and its height.
+pub(super) type SourcePost = Option<(bool, f32)>;
 
 /// The share of the finer height at each post of the middle of a block that is `BLEND` wider on
 /// each side: 1 for posts that are far from coarser ones, less towards them.
-pub(super) fn shares(posts: &[Post], around: Rect) -> Vec<f32> {
+pub(super) fn shares(posts: &[SourcePost], around: Rect) -> Vec<f32> {
     let [width, height] = around.size;
     let is_coarse = |k: usize| posts[k].is_some_and(|(is_fine, _)| !is_fine);
     let most = BLEND + 1;
@@ -52,7 +52,7 @@ mod tests {
     fn shares_rise_from_the_coarse_side_and_voids_are_no_side() {
         let side = 64 + 2 * BLEND;
         let around = Rect::new([0, 0], [side; 2]);
-        let posts: Vec<Post> =
+        let posts: Vec<SourcePost> =
             (0..side * side).map(|k| (k % side < 70 || k / side > 40).then_some((k % side >= 40, 0.0))).collect();
         let shares = shares(&posts, around);
         let row = |j: usize| &shares[j * 64..(j + 1) * 64];

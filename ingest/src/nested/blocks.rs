@@ -1,4 +1,4 @@
-//! Blocks of levels that are only made where something needs them.
+//! Blocks of levels, which are made only where needed.
 
 use crate::store::{Level, Rect};
 use std::collections::BTreeSet;
@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 /// The side of blocks, samples.
 pub(super) const BLOCK: usize = 256;
 
-/// Which blocks of a level of `[columns, rows]` samples a rectangle meets, by number.
+/// The numbers of the blocks of a level of `[columns, rows]` samples that a rectangle touches.
 pub(super) fn meeting(size: [u64; 2], rect: Rect) -> Vec<usize> {
     let columns = size[0].div_ceil(BLOCK as u64) as usize;
     let range = |axis: usize| {
@@ -18,8 +18,8 @@ pub(super) fn meeting(size: [u64; 2], rect: Rect) -> Vec<usize> {
     y.flat_map(|row| x.clone().map(move |column| row * columns + column)).collect()
 }
 
-/// Samples of a coarse level that lie beyond the world's extent, where no source need be, are those
-/// of its border: `last` is the last column and row inside.
+/// Repeats the border for samples of a coarse level beyond the world's extent, where there may be
+/// no source: `last` is the last column and row inside.
 pub(super) fn repeat_border<T: Copy>(samples: &mut [Option<T>], rect: Rect, last: [i64; 2]) {
     let [width, height] = rect.size;
     let inside = [0, 1].map(|axis| last[axis] - rect.origin[axis]);
@@ -51,7 +51,7 @@ impl<T> Default for Pyramid<T> {
     }
 }
 
-/// The rectangle of samples whose positions a source may cover; `None` when it is elsewhere.
+/// The rectangle of samples that a source may cover; `None` when it covers none.
 pub(super) fn samples_of(bounds: &crate::plan::Bounds, lattice: &crate::plan::Lattice, size: [u64; 2]) -> Option<Rect> {
     let mut rect = Rect::new([0; 2], [0; 2]);
     for (axis, count) in size.into_iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Colour levels where pictures are finer than the rest, and a tint as fine as the elevation
-//! elsewhere.
+//! Colour levels where images are finer than the rest; elsewhere, a tint at the resolution of the
+//! elevation.
 
 use super::blocks::{BLOCK, meeting, repeat_border, samples_of};
 use super::elevation::ElevationLevels;
@@ -23,11 +23,11 @@ use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 use terravision_common::world::COLOR_BORDER;
 
-/// How far around the nodes of a level texels are made, too: tiles have a border, and the next
-/// level's filter reads them.
+/// Margin of texels around the nodes of a level: tiles have a border, and the filter of the next
+/// level reads them.
 const MARGIN: usize = COLOR_BORDER as usize + REACH;
 
-/// What the steps share.
+/// Inputs of all steps.
 pub(super) struct Color<'a> {
     pub(super) plan: &'a Plan,
     pub(super) target: &'a TargetCrs,
@@ -48,7 +48,7 @@ pub(super) struct ColorLevels {
 /// A texel's source and colour, if it has one.
 type Texel = Option<(u32, [f32; 3])>;
 
-/// Texels with a source by node: of blocks, which nodes may share.
+/// Number of texels with a source, by node; nodes may share blocks.
 type Known = BTreeMap<NodeId, u64>;
 
 impl Color<'_> {
@@ -102,8 +102,8 @@ impl Color<'_> {
         if level >= world.levels() {
             return Vec::new();
         }
-        // With tiles of fewer texels than posts a colour node of this level has finer elevation
-        // than this; it exists then, too.
+        // If tiles have fewer texels than posts, a colour node of this level has finer elevation;
+        // then it exists too.
         let nodes = self.elevation.nodes.of_level(level.max(world.finest_elevation_level()));
         nodes.into_iter().filter(|node| node.q() <= q).map(|node| node.ancestor(q)).collect()
     }
@@ -113,7 +113,7 @@ impl Color<'_> {
         nodes.meeting(q, rect, self.side()).all(|node| nodes.has_children(node))
     }
 
-    /// Blocks where pictures lie that are as fine as the level.
+    /// Blocks with images that are as fine as the level.
     fn blocks_with_data(&self, q: u8, level: &Level<Rgb>, nodes: &Nodes) -> BTreeSet<usize> {
         let lattice = self.lattice(q);
         let natives = self.plan.color_levels.iter().zip(&self.plan.color_bounds);
@@ -191,7 +191,7 @@ impl Color<'_> {
     ) -> Result<Vec<Texel>, IngestError> {
         let world = &self.plan.world;
         let [nz, nc] = [world.elevation_tile(), world.color_tile()].map(i64::from);
-        // Of texels that lie inside with all of their area.
+        // For texels that lie inside with all of their area.
         let last = world.extent().map(|extent| i64::from(extent) * nc / (nz << q) - 1);
         let around = block.grown(1);
         let mut texels: Vec<Texel> = set.sample::<3>(around)?.into_iter().map(Sampled::known).collect();
@@ -212,7 +212,7 @@ impl Color<'_> {
             let ratio = texel / world.elevation_spacing_m(level);
             let first = block.origin.map(|v| (v as f64 * ratio).floor() as i64);
             let size = block.size.map(|n| (n as f64 * ratio).ceil() as usize + 1);
-            // What the shading looks at, too.
+            // Including the samples that shading uses.
             Rect::new(first, size).grown(4)
         };
         let side = world.elevation_tile() as usize;
@@ -223,7 +223,7 @@ impl Color<'_> {
         self.tint.block_of(posts, world.elevation_spacing_m(level), texel, block).map_err(self.fail())
     }
 
-    /// Texels of nodes that the level below has are filtered from there.
+    /// Filters the texels of nodes that exist on the level below from that level.
     fn filter(&self, q: u8, finer: &Level<Rgb>, level: &Level<Rgb>, nodes: &Nodes) -> Result<(), IngestError> {
         let side = self.side();
         let split: Vec<NodeId> = nodes.of_level(q).into_iter().filter(|node| nodes.has_children(*node)).collect();

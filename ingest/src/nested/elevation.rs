@@ -1,6 +1,6 @@
 //! Elevation levels where sources of different spacings have data.
 
-use super::blend::{BLEND, Post, shares};
+use super::blend::{BLEND, SourcePost, shares};
 use super::blocks::{BLOCK, Pyramid, meeting, repeat_border, samples_of};
 use super::nodes::Nodes;
 use crate::IngestError;
@@ -21,11 +21,11 @@ use std::sync::Mutex;
 use terravision_common::database::Layer;
 use terravision_common::node::NodeId;
 
-/// How far around the nodes of a level posts are made, too: the next level's filter reads them.
+/// Margin of posts around the nodes of a level, because the filter of the next level reads them.
 const MARGIN: usize = REACH + 1;
 
-/// What the steps share.
-pub(super) struct Elevation<'a> {
+/// Inputs of all steps.
+pub(super) struct NestedElevation<'a> {
     pub(super) plan: &'a Plan,
     pub(super) target: &'a TargetCrs,
     pub(super) sources: &'a [(Raster, ElevationValues)],
@@ -41,7 +41,7 @@ pub(super) struct ElevationLevels {
     pub(super) void_area_m2: f64,
 }
 
-impl Elevation<'_> {
+impl NestedElevation<'_> {
     fn fail(&self) -> impl Fn(std::io::Error) -> IngestError + Copy + '_ {
         |source| IngestError::Output { source, path: self.folder.to_owned() }
     }
@@ -55,7 +55,7 @@ impl Elevation<'_> {
         Lattice { step: self.plan.elevation.step * f64::from(1u32 << (q - finest)), ..self.plan.elevation }
     }
 
-    /// Samples all levels. `wanted` are nodes that have to exist whatever the data: finer colour
+    /// Samples all levels. `wanted` are nodes that have to exist in any case, because finer colour
     /// lies below them.
     pub(super) fn levels(&self, wanted: &[NodeId]) -> Result<ElevationLevels, IngestError> {
         let world = &self.plan.world;
@@ -88,19 +88,19 @@ impl Elevation<'_> {
         let summary = Summary { voids, range, source_range };
         if range[0] > range[1] {
             let reason = "has no elevation data: every sample is \"no data\"";
-            return Err(IngestError::source(&self.sources[0].0.path, reason));
+            return Err(IngestError::source(self.sources[0].0.path(), reason));
         }
         let levels = if voids > 0 { self.fill(pyramid, range)? } else { pyramid.levels };
         Ok(ElevationLevels { levels, nodes, summary, void_area_m2 })
     }
 
-    /// Whether the level below has all that a block needs.
+    /// Whether the level below has all posts that a block needs.
     fn is_covered(&self, q: u8, level: &Level<f32>, nodes: &Nodes, block: usize) -> bool {
         let rect = level.blocks(BLOCK).rect(block);
         nodes.meeting(q, rect, self.side()).all(|node| nodes.has_children(node))
     }
 
-    /// Blocks where sources lie that are as fine as the level.
+    /// Blocks with sources that are as fine as the level.
     fn blocks_with_data(&self, q: u8, level: &Level<f32>, nodes: &Nodes) -> Vec<usize> {
         let lattice = self.lattice(q);
         let natives = self.plan.elevation_levels.iter().zip(&self.plan.elevation_bounds);
@@ -147,7 +147,7 @@ impl Elevation<'_> {
                 for k in (0..block.area()).filter(|k| is_fine[*k]) {
                     let at = [k % block.size[0], k / block.size[0]];
                     let at = [0, 1].map(|a| block.origin[a] + at[a] as i64);
-                    // A post on a border is of the nodes on both sides.
+                    // A post on a border belongs to the nodes on both sides.
                     let [x, y] = at.map(|v| [v.div_euclid(side), (v - 1).div_euclid(side)]);
                     for (m, n) in [(x[0], y[0]), (x[1], y[0]), (x[0], y[1]), (x[1], y[1])] {
                         nodes.extend(u32::try_from(m).ok().zip(u32::try_from(n).ok()));
@@ -176,7 +176,7 @@ impl Elevation<'_> {
     ) -> Result<(Vec<f32>, Vec<bool>), IngestError> {
         let around = block.grown(BLEND);
         let is_fine_source = |source: u32| self.plan.elevation_levels[source as usize] <= q;
-        let mut posts: Vec<Post> = set
+        let mut posts: Vec<SourcePost> = set
             .sample::<1>(around)?
             .into_iter()
             .map(|post| post.known().map(|(source, [height])| (is_fine_source(source), height)))
@@ -201,7 +201,7 @@ impl Elevation<'_> {
         Ok((heights, is_fine))
     }
 
-    /// Posts over nodes that the level below has are filtered from there.
+    /// Filters the posts of nodes that exist on the level below from that level.
     fn filter(
         &self,
         q: u8,
@@ -252,7 +252,7 @@ impl Elevation<'_> {
         out
     }
 
-    /// Lowest and highest post, area and number of voids, where no finer level is.
+    /// Lowest and highest post, area and number of voids, where there is no finer level.
     fn summary(&self, levels: &[Level<f32>], nodes: &Nodes) -> Result<([f32; 2], f64, u64), IngestError> {
         let finest = self.plan.world.finest_elevation_level();
         let side = self.side();

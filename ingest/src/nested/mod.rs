@@ -1,4 +1,4 @@
-//! Worlds of several spacings: the finest levels are only made where the data are as fine.
+//! Worlds of several spacings: the finest levels exist only where the data are as fine.
 //!
 //! ```text
 //!   level 0   ▓▓▓▓                 1 m, where the 1 m data are
@@ -7,10 +7,10 @@
 //!   level 5 ▓▓▓▓▓▓▓▓▓▓▓▓▓▓▓▓       30 m, everywhere
 //! ```
 //!
-//! A source's own level is the one whose spacing is nearest to its own (but at most 7 % coarser).
-//! At each level, from the finest up, blocks are sampled where sources of this level lie, or where
-//! nodes lie that have none below; what has nodes below is filtered from them. Finer heights pass
-//! over into coarser ones within some posts ([`blend`]).
+//! A source's level is the one with the closest spacing (but at most 7 % coarser). At each level,
+//! from the finest up, blocks are sampled where there are sources of this level, or nodes without
+//! children; nodes with children are filtered from these. Finer heights are blended into coarser
+//! ones within some posts ([`blend`]).
 
 mod blend;
 mod blocks;
@@ -59,10 +59,10 @@ impl Sources<'_> {
     /// Makes all levels.
     pub(crate) fn levels(&self, note: &mut dyn FnMut(Note)) -> Result<Nested, IngestError> {
         let Self { plan, target, folder, work, .. } = *self;
-        let elevation = elevation::Elevation { plan, target, sources: self.elevation, folder, work };
+        let elevation = elevation::NestedElevation { plan, target, sources: self.elevation, folder, work };
         let elevation = elevation.levels(&self.nodes_above_color())?;
         let fail = |source| IngestError::Output { source, path: folder.to_owned() };
-        // The level of at most a million posts that is everywhere tells the terrain's range.
+        // The terrain's range is taken from the finest complete level with at most a million posts.
         let world = &plan.world;
         let finest = world.finest_elevation_level();
         let is_whole = |q: u8| {
@@ -92,7 +92,7 @@ impl Sources<'_> {
         })
     }
 
-    /// Elevation nodes that finer colour lies below: it may not be far below.
+    /// Elevation nodes that must exist because finer colour lies below them.
     fn nodes_above_color(&self) -> Vec<NodeId> {
         let world = &self.plan.world;
         let nodes = Nodes::new(world, Layer::Elevation);

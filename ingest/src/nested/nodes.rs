@@ -51,7 +51,7 @@ impl Nodes {
         self.levels.iter().map(HashSet::len).sum()
     }
 
-    /// Whether all nodes exist that the world has a place for.
+    /// Whether all nodes of the world exist.
     pub(crate) fn is_whole(&self) -> bool {
         (self.finest()..self.world.levels()).all(|q| {
             let all: u64 = self.world.nodes_at(q).map(u64::from).iter().product();
@@ -59,9 +59,9 @@ impl Nodes {
         })
     }
 
-    /// Adds what a level needs besides the nodes with data: the parents of the level below; around
-    /// the parents, where it is elevation, their neighbours, so that levels of neighbouring leaves
-    /// never differ by more than one; all siblings.
+    /// Adds the nodes that a level needs besides those with data: parents of the level below; for
+    /// elevation, the neighbours of these parents, so that levels of neighbouring leaves never
+    /// differ by more than one; and all siblings.
     pub(crate) fn close(&mut self, q: u8) {
         let world = self.world;
         if q > self.finest() {
@@ -87,7 +87,8 @@ impl Nodes {
         }
     }
 
-    /// Nodes of level `q` that a rectangle of samples meets, when a node has `side` of them.
+    /// Nodes of level `q` that a rectangle of samples touches, if a node has `side` samples along a
+    /// side.
     pub(crate) fn meeting(&self, q: u8, rect: Rect, side: usize) -> impl Iterator<Item = NodeId> + use<> {
         let counts = self.world.nodes_at(q);
         let [x, y] = [0, 1].map(|axis| {

@@ -1,4 +1,4 @@
-//! What a source is in the database's CRS: where it lies, and how large its pixels are.
+//! The footprint of a source in the database's CRS, and the size of its pixels.
 
 use super::lattice::Bounds;
 use crate::IngestError;
@@ -6,7 +6,7 @@ use crate::source::raster::traditional;
 use crate::source::{Raster, TargetCrs};
 use gdal::spatial_ref::CoordTransform;
 
-/// What a source is in the database's CRS.
+/// The footprint of a source in the database's CRS.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint {
     /// Least easting and northing of its pixel centres.
@@ -36,8 +36,8 @@ fn pixel_at(raster: &Raster, target: &TargetCrs, point: [f64; 2]) -> Option<[f64
             .transform_coords(&mut x, &mut y, &mut [])
             .ok()?;
     }
-    let pixel = raster.affine.inverse()?.apply(x[0], y[0]);
-    (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size[a] as f64).then_some(pixel)
+    let pixel = raster.affine().inverse()?.apply(x[0], y[0]);
+    (0..2).all(|a| pixel[a] >= 0.0 && pixel[a] < raster.size()[a] as f64).then_some(pixel)
 }
 
 /// What a source is in the database's CRS; its pixels are measured at `focus`, if that is in it,
@@ -51,7 +51,7 @@ pub(super) fn footprint(
     let count = x.len();
     let asked = focus.and_then(|focus| pixel_at(raster, target, focus));
     for [c, r] in measuring_places(raster, asked) {
-        for [mx, my] in [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine.apply(c, r)) {
+        for [mx, my] in [[c, r], [c + 1.0, r], [c, r + 1.0]].map(|[c, r]| raster.affine().apply(c, r)) {
             x.push(mx);
             y.push(my);
         }
@@ -60,10 +60,10 @@ pub(super) fn footprint(
     let mut seam = (Vec::new(), Vec::new());
     if !is_same {
         let transform = CoordTransform::new(&traditional(raster.srs()?), &target.srs()?).map_err(|e| {
-            let reason = format!("cannot be brought to {}: {}", target.crs.name, crate::error::gdal_message(&e));
-            IngestError::source(&raster.path, reason)
+            let reason = format!("cannot be brought to {}: {}", target.crs().name, crate::error::gdal_message(&e));
+            IngestError::source(raster.path(), reason)
         })?;
-        // What cannot be transformed comes back infinite and is left out below.
+        // Points that cannot be transformed come back infinite and are left out below.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
         seam = at_seam(raster, &transform);
     }
@@ -83,13 +83,13 @@ pub(super) fn footprint(
         }
     }
     if low[0] > high[0] || !(spacing.is_finite() && spacing > 1e-6) {
-        return Err(IngestError::source(&raster.path, format!("has no place in {}", target.crs.name)));
+        return Err(IngestError::source(raster.path(), format!("has no place in {}", target.crs().name)));
     }
     let focus = [x[place], y[place]];
-    let [_, dx, _, _, _, dy] = raster.affine.0;
+    let [_, dx, _, _, _, dy] = raster.affine().0;
     let is_square = (dx.abs() / dy.abs() - 1.0).abs() < 1e-6;
-    let is_lattice = is_same && is_square && raster.affine.is_axis_parallel();
-    if let Some(crop) = &raster.crop {
+    let is_lattice = is_same && is_square && raster.affine().is_axis_parallel();
+    if let Some(crop) = raster.crop() {
         crop.cut(&mut low, &mut high, spacing, is_lattice);
     }
     Ok(Footprint { low, high, spacing, focus, is_lattice })
@@ -99,15 +99,19 @@ pub(super) fn footprint(
 /// around the body: a grid of few points misses the ends of the plane.
 fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) {
     let none = (Vec::new(), Vec::new());
-    let width = raster.size[0];
-    if !raster.is_geographic || !raster.affine.is_axis_parallel() || raster.affine.0[1].abs() * (width as f64) < 180.0 {
+    let width = raster.size()[0];
+    if !raster.is_geographic()
+        || !raster.affine().is_axis_parallel()
+        || raster.affine().0[1].abs() * (width as f64) < 180.0
+    {
         return none;
     }
-    let row = (raster.size[1] / 2) as f64 + 0.5;
+    let row = (raster.size()[1] / 2) as f64 + 0.5;
     let of = |columns: &mut dyn Iterator<Item = usize>| {
-        let places = columns.map(|column| raster.affine.apply(column as f64 + 0.5, row));
+        let places = columns.map(|column| raster.affine().apply(column as f64 + 0.5, row));
         let (mut x, mut y): (Vec<f64>, Vec<f64>) = places.map(|[x, y]| (x, y)).unzip();
-        // What has no place comes back infinite: it is not a jump, and the caller leaves it out.
+        // Points that cannot be transformed come back infinite: this is not a jump, and the caller
+        // leaves them out.
         transform.transform_coords(&mut x, &mut y, &mut []).ok();
         (x, y)
     };
@@ -119,17 +123,17 @@ fn at_seam(raster: &Raster, transform: &CoordTransform) -> (Vec<f64>, Vec<f64>) 
     jump.map_or(none, |at| of(&mut (at * step..=((at + 1) * step).min(width - 1))))
 }
 
-/// Where a source's pixels are measured: where it is asked for, else in its middle, and in case
-/// that this is where its plane is cut open (the far side of a globe from 0 to 360 degrees),
-/// elsewhere along its middle row.
+/// Where the pixels of a source are measured: at the requested place, otherwise in its middle; or,
+/// in case its plane is cut open there (the far side of a globe from 0 to 360 degrees), elsewhere
+/// along its middle row.
 fn measuring_places(raster: &Raster, asked: Option<[f64; 2]>) -> Vec<[f64; 2]> {
-    let [width, height] = raster.size.map(|v| v as f64);
+    let [width, height] = raster.size().map(|v| v as f64);
     let shares = if asked.is_some() { &[][..] } else { &[0.5, 0.25, 0.75, 0.375, 0.625][..] };
     asked.into_iter().chain(shares.iter().map(|share| [share * width, 0.5 * height])).collect()
 }
 
-/// The first place, unless its spacing is more than twice or less than half the usual one: then a
-/// place that has that.
+/// The first place, unless its spacing is more than twice or less than half the usual one; then a
+/// place with the usual one.
 fn typical(places: impl Iterator<Item = usize>, spacing_at: impl Fn(usize) -> f64) -> Option<usize> {
     let mut measured: Vec<(usize, f64)> = places.map(|place| (place, spacing_at(place))).collect();
     let first = *measured.first()?;

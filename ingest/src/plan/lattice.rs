@@ -1,4 +1,4 @@
-//! Samples of the world's CRS, and where sources lie among them.
+//! The lattice of samples in the world's CRS, and the bounds of sources.
 
 use crate::store::Rect;
 

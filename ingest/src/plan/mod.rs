@@ -1,8 +1,8 @@
 //! The world's geometry: where posts and texels of the finest levels lie.
 //!
-//! A single source that is already in the database's CRS, with square pixels along the axes, gives
-//! the lattice: its pixel centres become posts, so its heights are copied. Else posts lie on
-//! multiples of the spacing, which is the ground size of the finest source's pixels.
+//! A single source that is already in the database's CRS, with square pixels along the axes,
+//! defines the lattice: its pixel centres become posts, so its heights are copied. Otherwise posts
+//! lie on multiples of the spacing, which is the ground size of the finest source's pixels.
 
 mod footprint;
 mod lattice;
@@ -16,7 +16,7 @@ use footprint::{Footprint, footprint};
 use nesting::{is_nested, own_level};
 use terravision_common::world::{World, WorldFields};
 
-/// Tile sizes and wishes of the user.
+/// Tile sizes, and options of the user.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanOptions {
     /// Nz.
@@ -33,7 +33,7 @@ impl Default for PlanOptions {
     }
 }
 
-/// Where everything will be.
+/// The plan of a world.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The geometry.
@@ -50,11 +50,11 @@ pub struct Plan {
     pub elevation_levels: Vec<u8>,
     /// The level that is about as fine as each colour source.
     pub color_levels: Vec<u8>,
-    /// Whether the finest levels are only made where the data are.
+    /// Whether the finest levels exist only where there are data.
     pub is_nested: bool,
 }
 
-/// Rounds to three digits: a spacing that people can say.
+/// Rounds a spacing to three digits.
 fn round_spacing(spacing: f64) -> f64 {
     let unit = 10f64.powf(spacing.log10().floor() - 2.0);
     let rounded = (spacing / unit).round() * unit;
@@ -95,7 +95,7 @@ struct Posts {
     intervals: [u64; 2],
 }
 
-/// Fails when no picture lies over the elevation, and tells which do not.
+/// Fails when no image overlaps the elevation, and reports those that do not.
 fn check_overlap(
     color: &[Raster],
     prints: &[Footprint],
@@ -106,12 +106,12 @@ fn check_overlap(
     let beside: Vec<&Raster> =
         color.iter().zip(prints).filter(|(_, print)| !overlaps(print)).map(|(raster, _)| raster).collect();
     if let Some(first) = beside.first().filter(|_| beside.len() == color.len()) {
-        return Err(IngestError::source(&first.path, "(colour) does not overlap the elevation"));
+        return Err(IngestError::source(first.path(), "(colour) does not overlap the elevation"));
     }
     for raster in beside {
         note(Note::Warning(format!(
             "{} (colour) does not overlap the elevation: it is left out",
-            raster.path.display()
+            raster.path().display()
         )));
     }
     Ok(())
@@ -250,7 +250,8 @@ impl Plan {
         elevation.saturating_add(color).saturating_mul(4) / 3
     }
 
-    /// Tiles of both layers, about, when the finest levels are only made where the data are.
+    /// Approximate number of tiles of both layers, when the finest levels exist only where there
+    /// are data.
     #[must_use]
     pub fn nested_nodes(&self) -> u64 {
         // Half a tile more on each side, and the rim of coarser nodes around.
@@ -265,14 +266,14 @@ impl Plan {
     /// Whether a source's samples are copied, not resampled, to a finest level.
     #[must_use]
     pub fn is_exact(lattice: &Lattice, target: &TargetCrs, raster: &Raster) -> bool {
-        let [x0, dx, _, y0, _, dy] = raster.affine.0;
+        let [x0, dx, _, y0, _, dy] = raster.affine().0;
         let is_same = |d: f64| (d.abs() / lattice.step - 1.0).abs() < 1e-6;
         let is_on = |edge: f64, d: f64, first: f64| {
             let offset = (edge + 0.5 * d - first) / lattice.step;
             (offset - offset.round()).abs() < 1e-3
         };
         target.is_of(raster)
-            && raster.affine.is_axis_parallel()
+            && raster.affine().is_axis_parallel()
             && is_same(dx)
             && is_same(dy)
             && is_on(x0, dx, lattice.first[0])
@@ -280,7 +281,7 @@ impl Plan {
     }
 }
 
-/// Samples of a source, about, columns and rows.
+/// Approximate number of samples of a source, columns and rows.
 fn samples(bounds: &Bounds) -> [f64; 2] {
     [0, 1].map(|a| (bounds.high[a] - bounds.low[a]) / bounds.pixel + 1.0)
 }

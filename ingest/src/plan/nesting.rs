@@ -1,14 +1,14 @@
-//! Whether the finest levels are only made where the data are.
+//! Whether the finest levels exist only where there are data.
 
 use super::footprint::Footprint;
 use terravision_common::world::World;
 
 /// Below this share of the world, data that are finer than the rest get levels of their own.
 const MOST_NESTED: f64 = 0.75;
-/// Places along a side at which it is looked which sources cover the world.
+/// Number of places along a side at which the coverage of sources is tested.
 const PROBES: usize = 64;
 
-/// The level for a source whose spacing is so many times that of the finest level: at most 7 %
+/// The level for a source whose spacing is `ratio` times that of the finest level: at most 7 %
 /// coarser than the source.
 pub(super) fn own_level(world: &World, ratio: f64, finest: u8) -> u8 {
     let above = (ratio.log2() + 0.1).floor().max(0.0) as u8;
@@ -33,7 +33,7 @@ pub(super) fn is_nested(world: &World, elevation: (&[Footprint], &[u8]), color: 
     let is_mixed = |levels: &[u8], finest: u8| levels.iter().any(|level| *level > finest);
     let [z, c] = [world.finest_elevation_level(), world.finest_color_level()];
     let (fine_z, fine_c) = (finest_of(elevation, z), finest_of(color, c));
-    // Where no elevation is as fine as the finest level, colour that is much finer wants it.
+    // If no elevation is as fine as the finest level, that level exists for much finer colour.
     let wants: Vec<&Footprint> = if fine_z.is_empty() { fine_c.iter().collect() } else { fine_z.iter().collect() };
     let is_elevation_nested = is_mixed(elevation.1, z) && share(&wants) < MOST_NESTED;
     let is_above_tint = i32::from(c) < i32::from(z) + world.elevation_over_color_levels();

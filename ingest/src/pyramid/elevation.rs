@@ -1,13 +1,13 @@
 //! The next coarser elevation level: a low-pass filter on posts.
 //!
-//! Post i of the coarser level is on post 2i of the finer one. What is drawn between posts is
-//! linear, which is a second low-pass filter; so the posts are those whose *linear interpolation*
-//! comes nearest to the finer level in the sense of least squares (Unser, Aldroubi, Eden: "The L2
-//! polynomial spline pyramid", IEEE PAMI 1993, degree 1). Against an interpolating half-band filter
-//! (`[-1, 0, 9, 16, 9, 0, -1]/32`) the error of height falls by a quarter at every level, as if
-//! posts were a third closer, and the picture gains 2 dB at equal cost (docs/quality.md). Where a
-//! post under it is void, `[1, 2, 1]/4` over the posts that are left. The border is repeated
-//! outwards.
+//! Post i of the coarser level is on post 2i of the finer one. Drawing interpolates linearly
+//! between posts, which is a second low-pass filter; so the posts are those whose *linear
+//! interpolation* is closest to the finer level in the sense of least squares (Unser, Aldroubi,
+//! Eden: "The L2 polynomial spline pyramid", IEEE PAMI 1993, degree 1). Against an interpolating
+//! half-band filter (`[-1, 0, 9, 16, 9, 0, -1]/32`) the error of height falls by a quarter at every
+//! level, as if posts were a third closer, and the picture gains 2 dB at equal cost
+//! (docs/quality.md). Where a post under the filter is void, `[1, 2, 1]/4` over the other posts is
+//! used. The border is repeated outwards.
 
 use super::BLOCK;
 use crate::IngestError;
@@ -16,11 +16,11 @@ use crate::store::{Level, Rect};
 use crate::work::Work;
 use std::path::Path;
 
-/// Distance that the filter reaches, posts of the finer level.
+/// Radius of the filter, posts of the finer level.
 pub(crate) const REACH: usize = 7;
 /// The filter by distance from its middle, 4096ths. It is the impulse response of `(1 + cos w) /
-/// (1.5 + 0.5 cos 2w)`, cut where it falls below 1/1000 and rounded so that the sum is 4096 (a
-/// plane stays), and with alternating signs 0 (what is finer than the coarser level can have goes).
+/// (1.5 + 0.5 cos 2w)`, cut where it falls below 1/1000 and rounded so that the sum is 4096 (planes
+/// are preserved), and with alternating signs 0 (frequencies beyond the coarser level are removed).
 const TAPS: [f32; REACH + 1] = [2904.0, 1201.0, -498.0, -206.0, 85.0, 35.0, -15.0, -6.0];
 
 /// The filter over posts `at(-7)` to `at(7)`.
@@ -54,8 +54,8 @@ pub fn coarser(finer: &Level<f32>, size: [u64; 2], folder: &Path, work: &Work) -
 /// Filters a block of the finer level, `REACH` posts wider than the coarser one on each side.
 pub(crate) fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) -> Vec<f32> {
     let height = fine.len() / width;
-    // Rows first: every row of the finer block, the columns of the coarser one. A void makes NaN of
-    // all it is in.
+    // Rows first: every row of the finer block, the columns of the coarser one. A void makes every
+    // sum with it NaN.
     let mut across = Vec::with_capacity(columns * height);
     for line in fine.chunks_exact(width) {
         across.extend((0..columns).map(|i| filtered(|d| line[(REACH + 2 * i).wrapping_add_signed(d)])));
@@ -71,8 +71,8 @@ pub(crate) fn filter(fine: &[f32], width: usize, [columns, rows]: [usize; 2]) ->
     out
 }
 
-/// `[1, 2, 1]` both ways over what is not void; void when nothing is left, or less than a lone
-/// centre weighs.
+/// `[1, 2, 1]` along both axes over posts that are not void; void if their weights are less than
+/// that of a single centre.
 fn filter_around_voids(fine: &[f32], width: usize, column: usize, row: usize) -> f32 {
     let (mut sum, mut known) = (0.0, 0.0);
     for (j, down) in [1.0f32, 2.0, 1.0].into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The coarser levels: filtered, never decimated (design §3), voids masked; and voids filled.
+//! The coarser levels: filtered, never decimated, with voids masked; and the filling of voids.
 
 pub mod color;
 pub mod elevation;

@@ -1,10 +1,10 @@
-//! Which posts were measured, which were made up, and where there is no ground: for all levels,
-//! from the finest's voids.
+//! Which posts were measured, which were made up, and which are holes: for all levels, from the
+//! voids of the finest one.
 //!
-//! Of each post `[ground, measured]`, 255ths (`terravision_common::validity`). On the finest level
-//! it is all or nothing. A coarser level is `[1, 2, 1]` filtered both ways: the narrowest filter
-//! that keeps a straight rim where it is, so that no rim moves by more than a fraction of the finer
-//! posts' distance from level to level.
+//! `[ground, measured]` of each post, in 255ths (`terravision_common::validity`). On the finest
+//! level they are 0 or 255. Coarser levels are filtered by `[1, 2, 1]` along both axes: the
+//! narrowest filter that keeps a straight rim in place, so that no rim moves by more than a
+//! fraction of the finer posts' distance from level to level.
 
 use super::BLOCK;
 use crate::IngestError;
@@ -26,10 +26,10 @@ const MEASURED: Shares = [255, 255];
 const MADE_UP: Shares = [255, 0];
 const HOLE: Shares = [0, 0];
 
-/// Beyond all files, while rims spread: no place for them, and a hole in the end.
+/// Beyond all files, while rims spread: rims do not spread there, and it becomes a hole.
 const BEYOND: Shares = [0, 255];
-/// Posts without a file that lie in less than so many columns or rows are no place beyond all files
-/// but a thread between two: sheets that meet may be off by a fraction of a pixel.
+/// Posts without a file in fewer than this many columns or rows are not beyond all files, but a gap
+/// between two files: adjacent sheets may be off by a fraction of a pixel.
 const THREAD: usize = 3;
 
 /// The finest level's shares, from its heights, which are NaN in voids; and how many posts are
@@ -91,11 +91,11 @@ pub(crate) fn finest(
     Ok((level, holes))
 }
 
-/// Which posts of a block lie beyond all files, threads left out; nothing when none does. `heights`
+/// Which posts of a block lie beyond all files, without narrow gaps; empty when none do. `heights`
 /// are those of the block and of `THREAD - 1` posts around.
 fn beyond(heights: &[f32], block: Rect) -> Vec<bool> {
     let shrunk = |size: [usize; 2]| size.map(|n| n + 1 - THREAD);
-    // Where a square of posts begins (all of it, then any of it) of which all, or any, are.
+    // First erosion (all posts of a square), then dilation (any post of a square).
     let squares = |is: &[bool], size: [usize; 2], all: bool| -> Vec<bool> {
         let [columns, rows] = shrunk(size);
         let square = |k: usize| {
@@ -114,12 +114,12 @@ fn beyond(heights: &[f32], block: Rect) -> Vec<bool> {
     squares(&squares(&is_outside, size, true), shrunk(size), false)
 }
 
-/// Makes holes of all that was made up and is joined to one of the corners, side by side; how many
-/// posts that are. The rim of a raster that was warped, rotated or cut along an outline has a
-/// corner; a gap in the data that happens to reach a side has none.
+/// Turns all made-up posts that are connected to one of the corners (by edges) into holes. Returns
+/// their number. The rim of a raster that was warped, rotated or cut along an outline contains a
+/// corner; a gap in the data that reaches a side does not.
 ///
-/// Block by block: what changes at a block's side makes its neighbour be looked at again, until
-/// nothing changes. What comes out does not depend on the order.
+/// Works block by block: if a block changes at a side, its neighbour is processed again, until
+/// nothing changes. The result does not depend on the order.
 fn clip(
     level: &Level<Shares>,
     blocks: Blocks,
@@ -147,7 +147,7 @@ fn clip(
     Ok(holes)
 }
 
-/// What became of a block.
+/// The result for a block.
 struct Spread {
     /// Posts that became holes.
     count: u64,
@@ -155,7 +155,7 @@ struct Spread {
     sides: [bool; 4],
 }
 
-/// Spreads holes within a block, from corners and from the holes around the block.
+/// Spreads holes within a block, from corners and from holes around the block.
 fn spread(level: &Level<Shares>, block: Rect, corners: &BTreeSet<Post>) -> io::Result<Spread> {
     let [columns, rows] = block.size;
     let around = block.grown(1);

@@ -1,9 +1,9 @@
-//! Voids filled from coarser levels, the coarsest first (push-pull: Gortler et al., The Lumigraph,
+//! Fills voids from coarser levels, the coarsest first (push-pull: Gortler et al., The Lumigraph,
 //! 1996).
 //!
 //! A void post is interpolated from the coarser level by the half-band filter's own `[-1, 9, 9,
-//! -1]/16`, then relaxed a few times towards the mean of its neighbours, so that no crease shows
-//! where the hole begins.
+//! -1]/16`, then relaxed a few times towards the mean of its neighbours, so that there is no
+//! visible crease at the rim of the void.
 
 use super::BLOCK;
 use crate::IngestError;
@@ -12,11 +12,11 @@ use crate::store::{Level, Rect};
 use crate::work::Work;
 use std::path::Path;
 
-/// Relaxations, and so how far around a block has to be known.
+/// Number of relaxations, and so the required margin around a block.
 const ROUNDS: usize = 6;
 
-/// Fills the coarsest level's voids with the mean of what it has, or with `otherwise` when it has
-/// nothing.
+/// Fills the voids of the coarsest level with the mean of its posts, or with `otherwise` if all are
+/// void.
 ///
 /// # Errors
 /// What the file system says.
@@ -30,7 +30,7 @@ pub fn fill_coarsest(level: &Level<f32>, otherwise: f32) -> std::io::Result<()> 
     level.write(all, &heights)
 }
 
-/// A level with its voids filled from the next coarser level, which has none; only of these of its
+/// A level with its voids filled from the next coarser level, which has no voids; only in these
 /// blocks.
 ///
 /// # Errors
@@ -43,7 +43,7 @@ pub fn fill(
     work: &Work,
 ) -> Result<Level<f32>, IngestError> {
     let fail = |source| IngestError::Output { source, path: folder.to_owned() };
-    // Into a new level: a block sees its neighbours with their voids, whichever is filled first.
+    // Written to a new level, so that a block sees its neighbours with their voids, in any order.
     let out = Level::create(folder, level.size()).map_err(fail)?;
     let blocks = level.blocks(BLOCK);
     work.each(
@@ -74,7 +74,7 @@ fn filled(
     let width = around.size[0];
     let is_void: Vec<bool> = heights.iter().map(|h| h.is_nan()).collect();
     let mut now = heights.to_vec();
-    // Posts beyond the level are copies of its border; they are filled as the border is.
+    // Posts beyond the level are copies of its border, and are filled in the same way.
     let inside = |k: usize| {
         [0, 1].map(|a| {
             let at = around.origin[a] + (if a == 0 { k % width } else { k / width }) as i64;

@@ -1,4 +1,4 @@
-//! The finest colour level: from its sources, and where they have nothing, a tint of the elevation.
+//! The finest colour level: from its sources; without data, a tint of the elevation.
 
 use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
@@ -15,9 +15,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A colour in whole numbers, rounded.
 pub(crate) fn eight_bits(color: [f32; 3]) -> Rgb {
-    // A cast cuts fractions off. In double precision the sum is exact, so that nothing just below a
-    // half is rounded up; and there is no call, as `round` is one where processors may lack SSE
-    // 4.1.
+    // A cast truncates. In double precision the sum is exact, so that values just below a half are
+    // not rounded up. `round` would be a function call on processors without SSE 4.1.
     color.map(|v| (f64::from(v.clamp(0.0, 255.0)) + 0.5) as u8)
 }
 

@@ -13,14 +13,14 @@ use std::path::Path;
 use std::sync::Mutex;
 use terravision_common::database::HEIGHT_STEPS_PER_M;
 
-/// What a level holds.
+/// Summary of a level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
     /// Posts without data.
     pub voids: u64,
     /// Lowest and highest height, metres.
     pub range: [f32; 2],
-    /// Lowest and highest sample of the sources where they were looked at, metres.
+    /// Lowest and highest sample of the sources where they were used, metres.
     pub source_range: [f32; 2],
 }
 
@@ -30,14 +30,13 @@ pub(crate) fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// Rounds a height to what tiles can hold.
+/// Rounds a height to the steps that tiles store.
 #[must_use]
 pub fn quantized(height: f32) -> f32 {
     (height * HEIGHT_STEPS_PER_M).round() / HEIGHT_STEPS_PER_M
 }
 
-/// A post that lies in no file: not a number either, but another one by its bits, which levels
-/// keep.
+/// A post that lies in no file: also NaN, but with different bits, which levels preserve.
 pub(crate) const OUTSIDE: f32 = f32::from_bits(f32::NAN.to_bits() | 1);
 
 /// Whether a post of the finest level that [`sample`] made lies in no file.
@@ -91,7 +90,7 @@ pub fn sample(
             if let Ok(mut all) = summary.lock() {
                 all.voids += part.voids;
                 all.range = union(all.range, part.range);
-                // What the thread has met in earlier blocks, too: a union does not mind.
+                // Includes earlier blocks of the thread, which does not matter for a union.
                 all.source_range = union(all.source_range, set.range());
             }
             level.write(block, &heights).map_err(fail)

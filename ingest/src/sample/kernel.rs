@@ -1,9 +1,9 @@
-//! The kernel that samples a piece of a source.
+//! The resampling kernel.
 //!
 //! Catmull-Rom cubic: it passes through the samples, so a source on its own lattice is copied.
 //! Where the target is coarser than the source the kernel is widened by the ratio, so that it
 //! averages (as GDAL's warper does). Where a sample under the kernel is void, a triangle (bilinear)
-//! kernel over what is left takes its place, and the result is void when more than half of that
+//! kernel over the other samples is used instead, and the result is void if more than half of that
 //! kernel's weight is.
 //!
 //! Heights whose spacing hardly changes are sampled by a sharper kernel, [`Kernel::of_heights`]
@@ -33,7 +33,7 @@ fn triangle(x: f64) -> f64 {
 pub struct Kernel {
     /// Source pixels per target sample along columns and rows.
     spacing: [f64; 2],
-    /// How many times the kernel is widened, at least 1.
+    /// The factor by which the kernel is widened, at least 1.
     scale: [f64; 2],
     is_sharp: bool,
     weights: [Vec<(usize, f64)>; 2],
@@ -41,7 +41,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// A kernel for so many source pixels per target sample along columns and rows.
+    /// A kernel for this many source pixels per target sample along columns and rows.
     #[must_use]
     pub fn new(spacing: [f64; 2]) -> Self {
         let scale = spacing.map(|s| s.max(1.0));
@@ -58,14 +58,14 @@ impl Kernel {
         }
     }
 
-    /// How far from a position it may look, pixels.
+    /// Its radius, pixels.
     #[must_use]
     pub fn reach(&self) -> [usize; 2] {
         let support = if self.is_sharp { sharp::SUPPORT } else { 2.0 };
         self.scale.map(|s| (support * s).ceil() as usize + 1)
     }
 
-    /// Least and greatest sample (of the first channel) that it has met near positions.
+    /// Smallest and largest sample (of the first channel) near the positions so far.
     #[must_use]
     pub fn range(&self) -> [f32; 2] {
         self.range
@@ -123,8 +123,8 @@ impl Kernel {
         self.weighted(window).or_else(|| self.sample_around_voids(window, position))
     }
 
-    /// The pixel that a position is on, when pixels are copied: so it is for most samples of a
-    /// source on its own lattice.
+    /// The pixel at a position, if pixels are copied: true for most samples of a source on its own
+    /// lattice.
     fn pixel_at<const C: usize>(&self, window: &Window<C>, position: [f64; 2]) -> Option<usize> {
         let mut place = [0; 2];
         for axis in 0..2 {
@@ -151,7 +151,7 @@ impl Kernel {
             let weights = sharp::weights(at - third);
             taps.extend((third as i64 - 2..).zip(weights).map(|(index, weight)| (place(index), weight)));
         }
-        // Near voids a narrower kernel does without them.
+        // Near voids, a narrower kernel avoids them.
         let mut value = self.weighted(window);
         if value.is_none() {
             self.all_taps(window, position, 2.0, cubic);
@@ -207,8 +207,8 @@ impl Kernel {
     }
 }
 
-/// A position so close to a pixel's centre is on it: coordinates have gone through a projection's
-/// rounding.
+/// A position this close to a pixel's centre counts as on it, because of the rounding of
+/// projections.
 const SNAP_PX: f64 = 1e-4;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Where the samples of a target block lie in a source.
+//! Maps the samples of a target block to positions in a source.
 //!
 //! Transforming every sample is slow: positions are transformed on a coarse grid and interpolated
 //! between, as GDAL's approximate transformer does, where that is good to a hundredth of a pixel;
@@ -12,7 +12,7 @@ use gdal::spatial_ref::CoordTransform;
 
 /// Samples between two nodes of the coarse grid.
 const STEP: usize = 16;
-/// What interpolation may be off, pixels.
+/// Allowed error of interpolation, pixels.
 const TOLERANCE_PX: f64 = 0.01;
 
 /// Maps target samples into one source.
@@ -37,24 +37,24 @@ impl Mapper {
         } else {
             let (from, to) = (target.srs()?, raster.srs()?);
             let transform = CoordTransform::new(&from, &to).map_err(|e| {
-                let reason = format!("cannot be brought to {}: {}", target.crs.name, gdal_message(&e));
-                IngestError::source(&raster.path, reason)
+                let reason = format!("cannot be brought to {}: {}", target.crs().name, gdal_message(&e));
+                IngestError::source(raster.path(), reason)
             })?;
             Some(transform)
         };
         let inverse =
-            raster.affine.inverse().ok_or_else(|| IngestError::source(&raster.path, "has pixels without area"))?;
-        let size = raster.size.map(|v| v as f64);
-        let turn = 360.0 / raster.affine.0[1].abs();
-        let period = (raster.is_geographic && raster.affine.is_axis_parallel()).then_some(turn);
+            raster.affine().inverse().ok_or_else(|| IngestError::source(raster.path(), "has pixels without area"))?;
+        let size = raster.size().map(|v| v as f64);
+        let turn = 360.0 / raster.affine().0[1].abs();
+        let period = (raster.is_geographic() && raster.affine().is_axis_parallel()).then_some(turn);
         Ok(Self { transform, inverse: inverse.0, size, period })
     }
 
-    /// Pixel positions (centres whole) of points in the database's CRS; not finite where there is
-    /// none.
+    /// Pixel positions (centres whole) of points in the database's CRS; not finite where they
+    /// cannot be transformed.
     fn positions(&self, mut x: Vec<f64>, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         if let Some(transform) = &self.transform {
-            // Points that cannot be transformed come back infinite, which is all we need to know.
+            // Points that cannot be transformed come back infinite, which is sufficient here.
             transform.transform_coords(&mut x, &mut y, &mut []).ok();
         }
         let c = &self.inverse;
@@ -65,7 +65,7 @@ impl Mapper {
         (x, y)
     }
 
-    /// How many source pixels a step of a lattice is, along columns and rows, at a target point.
+    /// The size of a lattice step in source pixels, along columns and rows, at a target point.
     #[must_use]
     pub fn scale_at(&self, [x, y]: [f64; 2], step: f64) -> [f64; 2] {
         let (mut u, v) = self.positions(vec![x, x + step, x], vec![y, y, y + step]);
@@ -100,7 +100,7 @@ impl Mapper {
         self.positions(x, y)
     }
 
-    /// A position inside the source, brought there around the body if need be.
+    /// A position inside the source, shifted around the body if necessary.
     fn inside(&self, u: f64, v: f64) -> Option<[f64; 2]> {
         let mut u = u;
         if let Some(period) = self.period.filter(|_| u.is_finite()) {
@@ -121,7 +121,7 @@ impl Mapper {
         let nodes = (columns + 1) * (rows + 1);
         let mut points: Vec<[f64; 2]> =
             (0..nodes).map(|k| place((k % (columns + 1)) as f64 * dx, (k / (columns + 1)) as f64 * dy)).collect();
-        // The middles of cells tell how good interpolation is.
+        // Check interpolation at the middles of cells.
         points.extend(
             (0..columns * rows).map(|k| place(((k % columns) as f64 + 0.5) * dx, ((k / columns) as f64 + 0.5) * dy)),
         );

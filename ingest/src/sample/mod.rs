@@ -18,17 +18,17 @@ use mapper::Mapper;
 use neighbors::Neighbor;
 pub use source_set::SourceSet;
 
-/// The most source pixels that are in memory at a time, per thread.
+/// Maximum number of source pixels in memory at a time, per thread.
 const MAX_WINDOW_PIXELS: usize = 2 << 20;
 /// The side of blocks of the finest level.
 pub const BLOCK: usize = 256;
 
-/// What is known of a place.
+/// The result of sampling a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sampled<const C: usize> {
     /// It lies in none of the sources.
     Outside,
-    /// It lies in a source, and none has data there.
+    /// It lies in a source, but no source has data there.
     Void,
     /// The number of the first source that has data there, and its value.
     Value(u32, [f32; C]),
@@ -69,13 +69,13 @@ impl Sampler {
         Self { mapper, kernel, neighbors, limits }
     }
 
-    /// Least and greatest sample that was met so far.
+    /// Smallest and largest sample so far.
     #[must_use]
     pub fn range(&self) -> [f32; 2] {
         self.kernel.range()
     }
 
-    /// Where in the source the samples of a block lie, row by row; `None` outside of it.
+    /// Positions in the source of the samples of a block, row by row; `None` outside of it.
     #[must_use]
     pub fn positions(&self, lattice: &Lattice, block: Rect) -> Vec<Option<[f64; 2]>> {
         self.mapper.map(lattice, block)
@@ -96,7 +96,7 @@ impl Sampler {
         self.sample_part(positions, width, all, put, read)
     }
 
-    /// The same for a part of a block; parts that need too large a window are quartered.
+    /// The same for a part of a block; parts that need too large a window are split into quarters.
     fn sample_part<const C: usize>(
         &mut self,
         positions: &[Option<[f64; 2]>],

@@ -1,14 +1,14 @@
-//! Which files continue another one: sheets of one grid that lie side by side, or overlap.
+//! Files that continue another one: sheets on the same grid that are adjacent or overlap.
 //!
-//! A kernel that stands near the edge of a sheet needs samples beyond it. Where another file of the
-//! layer has them on the same grid (the same CRS, pixels of the same size, a whole number of pixels
-//! away), they are taken from there, as if the sheets were one raster. Else a terrace of the
-//! kernel's width would run along every sheet's border.
+//! Near the edge of a sheet, a kernel needs samples beyond it. If another file of the layer has
+//! them on the same grid (same CRS, same pixel size, offset by a whole number of pixels), they are
+//! taken from there, as if the sheets were one raster. Otherwise there would be a terrace of the
+//! kernel's width along every sheet's border.
 
 use crate::source::Raster;
 use crate::store::Rect;
 
-/// How far, in pixels, a file may be off the grid of another one: producers round the positions of
+/// Allowed offset from the grid of another file, pixels, because producers round the positions of
 /// corners.
 const TOLERANCE_PX: f64 = 0.1;
 
@@ -21,7 +21,7 @@ pub struct Neighbor {
     pub place: Rect,
 }
 
-/// The part of two rectangles that both have.
+/// The intersection of two rectangles.
 pub(super) fn common(a: Rect, b: Rect) -> Option<Rect> {
     let low = [0, 1].map(|k| a.origin[k].max(b.origin[k]));
     let high = [0, 1].map(|k| (a.origin[k] + a.size[k] as i64).min(b.origin[k] + b.size[k] as i64));
@@ -30,13 +30,13 @@ pub(super) fn common(a: Rect, b: Rect) -> Option<Rect> {
 
 /// Where pixel (0, 0) of `other` lies on the grid of `raster`; `None` when it is on another grid.
 fn offset(raster: &Raster, other: &Raster) -> Option<[i64; 2]> {
-    if raster.wkt != other.wkt {
+    if raster.wkt() != other.wkt() {
         return None;
     }
-    let inverse = raster.affine.inverse()?;
-    let size = other.size.map(|v| v as f64);
+    let inverse = raster.affine().inverse()?;
+    let size = other.size().map(|v| v as f64);
     let place = |x: f64, y: f64| {
-        let [x, y] = other.affine.apply(x, y);
+        let [x, y] = other.affine().apply(x, y);
         inverse.apply(x, y)
     };
     let first = place(0.0, 0.0).map(f64::round);
@@ -44,16 +44,16 @@ fn offset(raster: &Raster, other: &Raster) -> Option<[i64; 2]> {
         let found = place(x, y);
         (found[0] - first[0] - x).abs() < TOLERANCE_PX && (found[1] - first[1] - y).abs() < TOLERANCE_PX
     };
-    // Three corners: size, direction and place of its pixels are right.
+    // Three corners check size, direction and position of its pixels.
     let is_same = is_on(0.0, 0.0) && is_on(size[0], size[1]) && is_on(size[0], 0.0);
     (is_same && first.iter().all(|v| v.abs() < 1e12)).then(|| first.map(|v| v as i64))
 }
 
 /// Pixels around the body, for a raster in degrees that has a whole number of them.
 fn turn(raster: &Raster) -> Option<i64> {
-    let turn = 360.0 / raster.affine.0[1].abs();
+    let turn = 360.0 / raster.affine().0[1].abs();
     let is_whole =
-        raster.is_geographic && raster.affine.is_axis_parallel() && (turn - turn.round()).abs() < TOLERANCE_PX;
+        raster.is_geographic() && raster.affine().is_axis_parallel() && (turn - turn.round()).abs() < TOLERANCE_PX;
     is_whole.then_some(turn.round() as i64)
 }
 
@@ -61,13 +61,13 @@ fn turn(raster: &Raster) -> Option<i64> {
 /// order, itself among them.
 pub(super) fn neighbors<V>(sources: &[(Raster, V)], index: usize, reach: [usize; 2]) -> Vec<Neighbor> {
     let raster = &sources[index].0;
-    let own = Rect::new([0, 0], raster.size);
-    let around = Rect::new(reach.map(|v| -(v as i64)), [0, 1].map(|k| raster.size[k] + 2 * reach[k]));
+    let own = Rect::new([0, 0], raster.size());
+    let around = Rect::new(reach.map(|v| -(v as i64)), [0, 1].map(|k| raster.size()[k] + 2 * reach[k]));
     let shifts: Vec<i64> = turn(raster).map_or(vec![0], |turn| vec![0, -turn, turn]);
     let mut found = Vec::new();
     for (source, (other, _)) in sources.iter().enumerate() {
         let Some([x, y]) = (if source == index { Some([0, 0]) } else { offset(raster, other) }) else { continue };
-        let places = shifts.iter().map(|shift| Rect::new([x + shift, y], other.size));
+        let places = shifts.iter().map(|shift| Rect::new([x + shift, y], other.size()));
         found.extend(
             places
                 .filter(|place| (source == index && *place == own) || common(*place, around).is_some())
@@ -83,22 +83,8 @@ mod tests {
     use crate::source::Affine;
 
     fn raster(origin: [f64; 2], size: [usize; 2], pixel: f64, is_geographic: bool) -> (Raster, ()) {
-        let raster = Raster {
-            path: "a.tif".into(),
-            open_name: String::new(),
-            driver: "GTiff".into(),
-            first: [0, 0],
-            crop: None,
-            size,
-            affine: Affine([origin[0], pixel, 0.0, origin[1], 0.0, -pixel]),
-            wkt: "the same".to_owned(),
-            crs_name: String::new(),
-            epsg: None,
-            is_geographic,
-            bands: Vec::new(),
-            data_type: String::new(),
-        };
-        (raster, ())
+        let affine = Affine([origin[0], pixel, 0.0, origin[1], 0.0, -pixel]);
+        (Raster::without_file(size, affine, is_geographic), ())
     }
 
     #[test]

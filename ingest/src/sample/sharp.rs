@@ -1,19 +1,20 @@
 //! The sharp kernel: for heights whose spacing hardly changes.
 //!
-//! Lanczos' window of three lobes, corrected so that planes stay planes, and bounded by the four
-//! samples around: nothing rings over a step. A summit or a pit, a sample that is higher or lower
-//! than its eight neighbours, is given to the post nearest to it: between samples every kernel
-//! would cut it off. Measured against others in docs/ingest.md.
+//! A Lanczos kernel of three lobes, corrected so that planes stay planes, and bounded by the four
+//! samples around: no ringing at steps. A summit or a pit, a sample that is higher or lower than
+//! its eight neighbours, is assigned to the nearest post, because between samples every kernel
+//! would cut it off. Compared with other kernels in docs/ingest.md.
 
 use crate::source::window::Window;
 use std::ops::RangeInclusive;
 
-/// Source pixels per post for which spacing hardly changes. With more, the kernel has to average.
+/// Range of source pixels per post in which spacing hardly changes. With more, the kernel has to
+/// average.
 pub(super) const SPACINGS: RangeInclusive<f64> = 0.5..=1.5;
 /// Lobes of the kernel, and so how far it reaches.
 pub(super) const SUPPORT: f64 = 3.0;
-/// Half the distance of posts, and a tenth more: posts may be turned a little against the source's
-/// rows.
+/// Half the distance of posts plus a tenth of that, because posts may be slightly rotated against
+/// the source's rows.
 const NEAR: f64 = 0.55;
 
 /// Weights of the six samples around a position that is `t` (0 to 1) beyond the third of them:
@@ -45,8 +46,8 @@ pub(super) fn weights(t: f64) -> [f64; 6] {
     weights
 }
 
-/// A value within the range of the samples around its position, or the summit or pit that its post
-/// is nearest to.
+/// A value clamped to the range of the samples around its position, or the summit or pit that is
+/// assigned to its post.
 pub(super) fn bounded<const C: usize>(
     window: &Window<C>,
     position: [f64; 2],
@@ -87,8 +88,8 @@ enum Extreme {
     Pit,
 }
 
-/// Whether a sample is higher or lower than all of its eight neighbours; of those at least three
-/// are known. (Radar leaves voids beside the steepest summits.)
+/// Whether a sample is higher or lower than all of its eight neighbours, of which at least three
+/// must be known. (Radar leaves voids beside the steepest summits.)
 fn extreme<const C: usize>(window: &Window<C>, [x, y]: [i64; 2], channel: usize, sample: f32) -> Option<Extreme> {
     let (mut is_summit, mut is_pit, mut known) = (true, true, 0);
     for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)] {

@@ -1,5 +1,4 @@
-//! All sources of a layer as one thread samples them: which files are open, and what lies beyond
-//! the edge of one.
+//! All sources of a layer for one thread: open files, and samples beyond the edge of a file.
 
 use super::kernel::Kernel;
 use super::mapper::Mapper;
@@ -13,11 +12,11 @@ use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;
 use std::collections::VecDeque;
 
-/// Files that a thread may have open.
+/// Maximum number of open files per thread.
 const MAX_OPEN: usize = 24;
 
-/// Things by number that are made when they are needed first; when there are too many, the oldest
-/// goes.
+/// A cache of values by number, made when first needed; the oldest is dropped when there are too
+/// many.
 #[derive(Debug)]
 struct Kept<T> {
     items: Vec<Option<T>>,
@@ -37,7 +36,7 @@ impl<T> Kept<T> {
             self.items[index] = Some(make()?);
             self.order.push_back(index);
         }
-        // Just made, if it was not there.
+        // It was just made, if it was missing.
         self.items[index].as_mut().ok_or_else(|| IngestError::usage("a source was not opened"))
     }
 }
@@ -60,8 +59,8 @@ pub struct SourceSet<'a, V, R> {
 }
 
 impl<'a, V, R> SourceSet<'a, V, R> {
-    /// The sources, with their bounds, for samples on a lattice; `kernel` makes the kernel for so
-    /// many source pixels per sample.
+    /// The sources, with their bounds, for samples on a lattice; `kernel` makes the kernel for a
+    /// number of source pixels per sample.
     pub fn new(
         sources: &'a [(Raster, V)],
         bounds: &'a [Bounds],
@@ -75,8 +74,7 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         Self { sources, bounds, target, lattice, open, kernel, samplers, readers, range: [f32::MAX, f32::MIN] }
     }
 
-    /// Least and greatest sample of the sources that were met so far: where they have data and are
-    /// on top.
+    /// Smallest and largest sample of the sources so far, where they have data and are on top.
     #[must_use]
     pub fn range(&self) -> [f32; 2] {
         self.range
@@ -93,7 +91,7 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         self.sample_where(block, |_| true, |_| false)
     }
 
-    /// Samples a block from the sources that are `wanted`, where it is not `left_out`.
+    /// Samples a block from the `wanted` sources, except where it is `left_out`.
     ///
     /// # Errors
     /// [`IngestError::Source`] when a source cannot be read.
@@ -136,7 +134,7 @@ impl<'a, V, R> SourceSet<'a, V, R> {
         let sampler = samplers.get(index, || {
             let mapper = Mapper::new(target, &sources[index].0)?;
             let scale = mapper.scale_at(bounds[index].focus, lattice.step);
-            // A kernel may not need more than a window has.
+            // A kernel must not need more than a window has.
             let most = (MAX_WINDOW_PIXELS as f64).sqrt() / 8.0;
             let kernel = kernel(scale.map(|s| s.min(most)));
             let neighbors = neighbors(sources, index, kernel.reach());
@@ -209,8 +207,8 @@ fn read_window<const C: usize>(
     Ok(window)
 }
 
-/// The pixel that stands for one beyond all files: straight across the own border if there is one,
-/// else at the corner.
+/// The pixel that is repeated beyond all files: straight across the own border if it exists,
+/// otherwise at the corner.
 fn nearest_border(rect: Rect, own: Rect, place: [usize; 2], is_covered: &[bool]) -> Option<usize> {
     let clamped = [0, 1].map(|k| {
         let first = (own.origin[k] - rect.origin[k]).max(0);

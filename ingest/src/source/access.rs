@@ -1,10 +1,10 @@
-//! What a file may lead to.
+//! Which other files and addresses an input file may refer to.
 //!
-//! GDAL chooses a driver by what a file *contains*. Some contents are not a raster but a list of
-//! other files or addresses: a `dem.tif` that is a VRT reads any file of this machine, one that
-//! describes a map service sends requests. Such a driver is used only when the **name** asks for it
-//! (`.vrt`, `WMS:…`, `https://…`, `/vsi…/`), or with `--trust-vrt`. Three layers, so that nothing
-//! nested slips through:
+//! GDAL chooses a driver by the *content* of a file. Some contents are not a raster but a list of
+//! other files or addresses: a `dem.tif` that is a VRT can read any file of this machine, and one
+//! that describes a map service sends requests. Such a driver is used only when the **name** asks
+//! for it (`.vrt`, `WMS:…`, `https://…`, `/vsi…/`), or with `--trust-vrt`. Three layers, so that
+//! nothing nested slips through:
 //!
 //! 1. every dataset is opened with a list of drivers that has none of these ([`Access::drivers`]);
 //! 2. what lies beside a file and is opened with it (overviews, masks), what its tags name as
@@ -27,7 +27,7 @@ enum AskedBy {
     Ending,
     /// It has the address itself in it: `WMTS:…`.
     Address,
-    /// Not at all: lists of files take `--trust-vrt`.
+    /// Not by name: lists of files need `--trust-vrt`.
     Trust,
 }
 
@@ -92,7 +92,7 @@ const LABELS: [&str; 21] = [
     "GenBin",
 ];
 
-/// What the beginning of a file that leads elsewhere has in it, and what such a file is.
+/// Text at the beginning of files that refer to other files, and descriptions of these files.
 const MARKERS: [(&str, &str); 14] = [
     ("<VRTDataset", "a VRT (a list of other files)"),
     ("<GDALTileIndexDataset", "a tile index (a list of other files)"),
@@ -109,15 +109,15 @@ const MARKERS: [(&str, &str); 14] = [
     ("gdal_streamed_alg", "a GDALG pipeline (it names other files)"),
     ("\"refs\"", "a list of references to other files"),
 ];
-/// Bytes at a file's beginning that drivers are chosen by.
+/// Bytes at a file's beginning by which drivers are chosen.
 const HEAD_BYTES: u64 = 4 << 10;
-/// Bytes of a label that are looked at.
+/// Bytes of a label that are checked.
 const LABEL_BYTES: u64 = 1 << 20;
 
-/// What the user lets files do.
+/// What the user allows files to do.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Access {
-    /// `--trust-vrt`: files may lead anywhere.
+    /// `--trust-vrt`: files may refer to any file or address.
     pub trusts_links: bool,
 }
 
@@ -139,7 +139,7 @@ fn asked_for(name: &str) -> Option<&'static str> {
     services.map(|(driver, _)| driver).find(|driver| driver.eq_ignore_ascii_case(prefix))
 }
 
-/// Whether a name asks for a driver that reads lists of other files, which takes the user's word.
+/// Whether a name asks for a driver that reads lists of other files, which the user has to allow.
 pub(super) fn names_a_list(name: &str) -> bool {
     let prefix = name.split(':').next().unwrap_or_default();
     let prefix = if prefix.eq_ignore_ascii_case("derived_subdataset") { "DERIVED" } else { prefix };
@@ -149,7 +149,7 @@ pub(super) fn names_a_list(name: &str) -> bool {
 /// The beginning of a file; empty where it cannot be read.
 fn head(path: &Path, bytes: u64) -> Vec<u8> {
     let mut head = Vec::new();
-    // What cannot be read is told by GDAL, which tries next.
+    // GDAL, which reads it next, reports errors.
     File::open(path).and_then(|file| file.take(bytes).read_to_end(&mut head)).ok();
     head
 }
@@ -158,13 +158,13 @@ fn has(bytes: &[u8], word: &str) -> bool {
     bytes.windows(word.len()).any(|window| window.eq_ignore_ascii_case(word.as_bytes()))
 }
 
-/// What a file that leads elsewhere is; `None` for an ordinary one.
+/// A description of a file that refers to other files; `None` for an ordinary one.
 pub(super) fn leads_elsewhere(path: &Path) -> Option<&'static str> {
     let head = head(path, HEAD_BYTES);
     MARKERS.iter().find(|(word, _)| has(&head, word)).map(|(_, what)| *what)
 }
 
-/// A local file whose neighbours, which GDAL opens with it, lead elsewhere.
+/// Checks files beside a local file that GDAL opens together with it.
 pub(super) fn check_neighbors(path: &Path) -> Result<(), String> {
     let beside = |ending: &str| PathBuf::from(format!("{}{ending}", path.display()));
     let all = [beside(".ovr"), beside(".OVR"), beside(".msk"), beside(".MSK"), path.with_extension("ovr")];
@@ -180,8 +180,8 @@ pub(super) fn check_neighbors(path: &Path) -> Result<(), String> {
 }
 
 impl Access {
-    /// The drivers that may open a name: all but those that lead elsewhere, and the one that the
-    /// name asks for.
+    /// The drivers that may open a name: all except those that read other files, plus the one that
+    /// the name asks for.
     fn drivers(self, name: &str) -> Option<Vec<String>> {
         if self.trusts_links {
             return None;
@@ -206,7 +206,7 @@ impl Access {
         Dataset::open_ex(name, options)
     }
 
-    /// Looks at a name before GDAL does. A message continues the sentence that begins with the
+    /// Checks a name before GDAL opens it. A message continues the sentence that begins with the
     /// name.
     pub(super) fn check_before(self, name: &str) -> Result<(), String> {
         if self.trusts_links {
@@ -227,7 +227,7 @@ impl Access {
         if path.is_file() { check_neighbors(path) } else { Ok(()) }
     }
 
-    /// Looks at a dataset that has been opened: does it name other files?
+    /// Checks whether an opened dataset names other files.
     pub(super) fn check_after(self, name: &str, dataset: &Dataset) -> Result<(), String> {
         if self.trusts_links {
             return Ok(());
@@ -238,7 +238,7 @@ impl Access {
         let (path, driver) = (Path::new(name), dataset.driver().short_name());
         if path.is_file() && LABELS.contains(&driver.as_str()) {
             let mut label = head(path, LABEL_BYTES);
-            // Behind the label's text there may be samples.
+            // There may be samples after the label's text.
             let is_text = |byte: &u8| *byte >= b' ' || byte.is_ascii_whitespace();
             label.truncate(label.iter().position(|byte| !is_text(byte)).unwrap_or(label.len()));
             let leaving = ["../", "..\\", "/vsi", "\"/", "'/", "=/", "= /", ">/"];
@@ -252,16 +252,16 @@ impl Access {
         Ok(())
     }
 
-    /// For a program that makes one world: takes out of GDAL what none of its names asks for, so
-    /// that nothing nested (an overview, a source of a source) can reach further than the files
-    /// that were named.
+    /// For a program that makes a single world: removes all drivers from GDAL that none of its
+    /// names asks for, so that nested files (an overview, a source of a source) cannot refer to
+    /// others.
     pub fn restrict_process<'a>(self, names: impl IntoIterator<Item = &'a PathBuf>) {
         if self.trusts_links {
             return;
         }
         let asked: Vec<&str> = names.into_iter().filter_map(|name| asked_for(&name.to_string_lossy())).collect();
         for (driver, _) in LEADING.iter().filter(|(driver, _)| !asked.contains(driver)) {
-            // A driver that this GDAL does not have need not be taken out.
+            // A driver that this GDAL does not have need not be removed.
             if let Ok(driver) = DriverManager::get_driver_by_name(driver) {
                 DriverManager::deregister_driver(&driver);
             }

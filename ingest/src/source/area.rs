@@ -6,7 +6,7 @@ use crate::error::IngestError;
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use std::collections::BTreeMap;
 
-/// Data reach a little beyond areas of use without harm, degrees: neighbouring zones overlap.
+/// Data may extend this far beyond areas of use, degrees, because neighbouring zones overlap.
 const MARGIN_DEG: f64 = 1.0;
 /// Pixels smaller than this many metres at coordinates that could be degrees are degrees.
 const TINY_PIXEL: f64 = 0.02;
@@ -20,13 +20,14 @@ pub fn check(rasters: &[&Raster], note: &mut dyn FnMut(Note)) -> Result<(), Inge
     let mut places: BTreeMap<&str, Option<Place>> = BTreeMap::new();
     for raster in rasters {
         check_degrees(raster)?;
-        let place =
-            places.entry(&raster.wkt).or_insert_with(|| raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg)));
+        let place = places
+            .entry(raster.wkt())
+            .or_insert_with(|| raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg())));
         let Some(place) = place else { continue };
         let (xs, ys) = raster.grid(9, true);
         let Some(reason) = place.complaint(xs, ys) else { continue };
-        let first = || (format!("{} {reason} {}", raster.path.display(), area_of(place, raster)), 0);
-        outside.entry(&raster.wkt).or_insert_with(first).1 += 1;
+        let first = || (format!("{} {reason} {}", raster.path().display(), area_of(place, raster)), 0);
+        outside.entry(raster.wkt()).or_insert_with(first).1 += 1;
     }
     for (text, count) in outside.into_values() {
         let others = if count > 1 { format!(", and so do {} other files", count - 1) } else { String::new() };
@@ -37,10 +38,10 @@ pub fn check(rasters: &[&Raster], note: &mut dyn FnMut(Note)) -> Result<(), Inge
 
 /// Warns when sources lie outside the area of use of the CRS that the user chose for the world.
 pub fn check_target(target: &TargetCrs, rasters: &[&Raster], note: &mut dyn FnMut(Note)) {
-    let Some(place) = target.srs().ok().and_then(|srs| Place::of(&srs, target.crs.epsg)) else { return };
+    let Some(place) = target.srs().ok().and_then(|srs| Place::of(&srs, target.crs().epsg)) else { return };
     let Some(area) = &place.area else { return };
     let is_out = |raster: &&Raster| {
-        let own = raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg))?;
+        let own = raster.srs().ok().and_then(|srs| Place::of(&srs, raster.epsg()))?;
         let (xs, ys) = raster.grid(9, true);
         let points = own.lon_lat(xs, ys);
         Some(!points.is_empty() && !points.iter().any(|p| area.has(*p)))
@@ -48,8 +49,8 @@ pub fn check_target(target: &TargetCrs, rasters: &[&Raster], note: &mut dyn FnMu
     if !rasters.is_empty() && rasters.iter().all(|r| !target.is_of(r) && is_out(r) == Some(true)) {
         note(Note::Warning(format!(
             "{} lies outside the area of use of --crs {} ({area}): distances and directions are wrong there",
-            rasters[0].path.display(),
-            label(target.crs.epsg, &target.crs.name)
+            rasters[0].path().display(),
+            label(target.crs().epsg, &target.crs().name)
         )));
     }
 }
@@ -57,19 +58,19 @@ pub fn check_target(target: &TargetCrs, rasters: &[&Raster], note: &mut dyn FnMu
 fn check_degrees(raster: &Raster) -> Result<(), IngestError> {
     let (xs, ys) = raster.grid(2, false);
     let is_like_degrees = xs.iter().all(|x| x.abs() <= 360.0) && ys.iter().all(|y| y.abs() <= 90.0);
-    let c = raster.affine.0;
+    let c = raster.affine().0;
     let pixel = c[1].hypot(c[4]).max(c[2].hypot(c[5]));
-    if raster.is_geographic || !is_like_degrees || pixel >= TINY_PIXEL {
+    if raster.is_geographic() || !is_like_degrees || pixel >= TINY_PIXEL {
         return Ok(());
     }
     Err(IngestError::source(
-        &raster.path,
+        raster.path(),
         format!(
             "has pixels of {pixel:.6} units at {:.4}, {:.4}, which are degrees and no coordinates of {}: is the CRS right? \
              (gdal_edit.py -a_srs EPSG:4326 names longitude and latitude)",
             xs[0],
             ys[0],
-            label(raster.epsg, &raster.crs_name)
+            label(raster.epsg(), raster.crs_name())
         ),
     ))
 }
@@ -79,14 +80,14 @@ fn label(epsg: Option<u32>, name: &str) -> String {
 }
 
 fn area_of(place: &Place, raster: &Raster) -> String {
-    let label = label(raster.epsg, &raster.crs_name);
+    let label = label(raster.epsg(), raster.crs_name());
     match &place.area {
         Some(area) => format!("the area of use of {label} ({area})"),
         None => format!("what {label} can show"),
     }
 }
 
-/// How positions of a CRS become longitudes and latitudes, and where it is of use.
+/// The transformation of a CRS to longitude and latitude, and its area of use.
 struct Place {
     to_degrees: Option<CoordTransform>,
     area: Option<Area>,
@@ -138,17 +139,17 @@ impl Place {
         (is_same || to_degrees.is_some()).then_some(Self { to_degrees, area })
     }
 
-    /// Longitudes and latitudes of positions; those that have none are left out.
+    /// Longitudes and latitudes of positions, without those that cannot be transformed.
     fn lon_lat(&self, mut xs: Vec<f64>, mut ys: Vec<f64>) -> Vec<[f64; 2]> {
         if let Some(transform) = &self.to_degrees {
-            // Positions without a place come back infinite.
+            // Positions that cannot be transformed come back infinite.
             transform.transform_coords(&mut xs, &mut ys, &mut []).ok();
         }
         let points = xs.into_iter().zip(ys).map(|(x, y)| [x, y]);
         points.filter(|[x, y]| x.is_finite() && y.is_finite() && y.abs() <= 90.5).collect()
     }
 
-    /// What is wrong with positions: all of them lie where the CRS is of no use.
+    /// A complaint if all positions lie outside of the area of use of the CRS.
     fn complaint(&self, xs: Vec<f64>, ys: Vec<f64>) -> Option<&'static str> {
         let points = self.lon_lat(xs, ys);
         match &self.area {

@@ -1,4 +1,4 @@
-//! What samples of pictures mean: bands, alpha, undeclared fill, the stretch of more than eight
+//! The meaning of samples of images: bands, alpha, undeclared fill, the stretch of more than eight
 //! bits.
 
 use super::Note;
@@ -8,12 +8,12 @@ use super::values::{NodataChoice, SENTINEL_GAP, SENTINELS, lone_sentinels};
 use crate::error::IngestError;
 use gdal::raster::GdalDataType;
 
-/// Which bands make the picture and how samples become eight bits.
+/// The bands of the image, and the conversion of samples to eight bits.
 #[derive(Debug, Clone)]
 pub struct ColorValues {
     /// Bands (from 1) of red, green, blue; the same band thrice for grey or a palette.
     pub bands: [usize; 3],
-    /// Band that says what is opaque, and the least sample that is.
+    /// The alpha band, and the smallest opaque sample.
     pub alpha: Option<(usize, f32)>,
     /// Samples become `(sample - black)·gain`.
     black: f32,
@@ -29,14 +29,14 @@ impl ColorValues {
         ((sample - self.black) * self.gain).clamp(0.0, 255.0)
     }
 
-    /// Whether a sample of a band is part of the picture, as far as values tell.
+    /// Whether a sample of a band is part of the image, judged by its value.
     #[must_use]
     pub fn is_data(&self, raster: &Raster, band: usize, sample: f32) -> bool {
         raster.is_data(band, sample) && !self.fill.contains(&sample)
     }
 
-    /// Works out what the samples of colour sources mean: one stretch for all that need one, so
-    /// that no edge shows between files.
+    /// Determines the meaning of samples of colour sources: one stretch for all that need one, so
+    /// that no edges are visible between files.
     ///
     /// # Errors
     /// [`IngestError`]: a band that does not exist, a file that cannot be read.
@@ -47,7 +47,7 @@ impl ColorValues {
         note: &mut dyn FnMut(Note),
     ) -> Result<Vec<Self>, IngestError> {
         let mut all = rasters.iter().map(|r| Self::choose_bands(r, chosen, note)).collect::<Result<Vec<_>, _>>()?;
-        let is_wide = |r: &Raster| r.bands[0].data_type != GdalDataType::UInt8 && r.bands[0].palette.is_none();
+        let is_wide = |r: &Raster| r.bands()[0].data_type != GdalDataType::UInt8 && r.bands()[0].palette.is_none();
         let mut samples = Vec::new();
         for (raster, values) in rasters.iter().zip(&mut all) {
             let alpha = values.find_least_alpha(raster)?;
@@ -55,20 +55,23 @@ impl ColorValues {
                 samples.extend(values.shown_samples(raster, alpha, nodata, note)?);
             }
         }
-        let is_float = rasters.iter().any(|r| is_wide(r) && r.bands[0].data_type.is_floating());
+        let is_float = rasters.iter().any(|r| is_wide(r) && r.bands()[0].data_type.is_floating());
         let stretch = stretch(&mut samples, is_float);
         for (raster, values) in rasters.iter().zip(&mut all).filter(|(r, _)| is_wide(r)) {
             (values.black, values.gain) = (stretch.black, 255.0 / (stretch.white - stretch.black));
-            let file = raster.path.display();
+            let file = raster.path().display();
             note(Note::Info(format!(
                 "{file} has {} samples: {} to {} become 0 to 255 ({})",
-                raster.data_type, stretch.black, stretch.white, stretch.why
+                raster.data_type(),
+                stretch.black,
+                stretch.white,
+                stretch.why
             )));
         }
         Ok(all)
     }
 
-    /// Finds out from what on alpha is opaque; samples of it.
+    /// Determines the smallest opaque alpha. Returns samples of alpha.
     fn find_least_alpha(&mut self, raster: &Raster) -> Result<Option<Vec<f32>>, IngestError> {
         let Some((band, least)) = &mut self.alpha else { return Ok(None) };
         let samples = thin_samples(raster, *band)?;
@@ -77,8 +80,7 @@ impl ColorValues {
         Ok(Some(samples))
     }
 
-    /// Samples of the picture, those left out that alpha, a mask, "no data" or undeclared fill
-    /// hide.
+    /// Samples of the image, without those hidden by alpha, a mask, "no data" or undeclared fill.
     fn shown_samples(
         &mut self,
         raster: &Raster,
@@ -103,7 +105,7 @@ impl ColorValues {
                 note(Note::Warning(format!(
                     "{} has samples of {value} apart from all others, which it does not declare as no data: pixels that have it in \
                      all bands are taken as no picture; gdal_edit.py -a_nodata {value} declares it, --nodata none keeps them",
-                    raster.path.display()
+                    raster.path().display()
                 )));
             }
         }
@@ -128,8 +130,8 @@ impl ColorValues {
         chosen: Option<[usize; 3]>,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let shows = |what| raster.bands.iter().position(|b| b.shows == what).map(|i| i + 1);
-        let count = raster.bands.len();
+        let shows = |what| raster.bands().iter().position(|b| b.shows == what).map(|i| i + 1);
+        let count = raster.bands().len();
         let alpha = shows(Shows::Alpha).map(|band| (band, f32::MIN_POSITIVE));
         let color_count = count - usize::from(alpha.is_some());
         let declared = [Shows::Red, Shows::Green, Shows::Blue].map(shows);
@@ -137,7 +139,7 @@ impl ColorValues {
             (Some(bands), _) => {
                 if let Some(band) = bands.iter().find(|b| **b == 0 || **b > count) {
                     return Err(IngestError::source(
-                        &raster.path,
+                        raster.path(),
                         format!("has {count} bands, but --bands asks for band {band}"),
                     ));
                 }
@@ -149,7 +151,7 @@ impl ColorValues {
                 if color_count > 3 {
                     note(Note::Info(format!(
                         "{} has {count} bands: 1, 2, 3 are shown as red, green, blue (--bands R,G,B chooses)",
-                        raster.path.display()
+                        raster.path().display()
                     )));
                 }
                 [1, 2, 3]
@@ -163,15 +165,15 @@ impl Raster {
     /// Whether a sample of a band is data, as far as its nodata value tells.
     #[must_use]
     pub fn is_data(&self, band: usize, sample: f32) -> bool {
-        sample.is_finite() && self.bands[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
+        sample.is_finite() && self.bands()[band - 1].nodata.is_none_or(|nodata| sample != nodata as f32)
     }
 }
 
 /// At most a million samples of a band, evenly spread.
 fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
     let dataset = open_raster(raster)?;
-    let size = (raster.size[0], raster.size[1]);
-    let first = (raster.first[0] as isize, raster.first[1] as isize);
+    let size = (raster.size()[0], raster.size()[1]);
+    let first = (raster.first()[0] as isize, raster.first()[1] as isize);
     let samples = dataset.rasterband(band).and_then(|band| band.read_as::<f32>(first, size, thin(raster), None));
     let samples = samples.map_err(|e| raster.fails("cannot be read", &e))?;
     Ok(samples.data().to_vec())
@@ -179,17 +181,17 @@ fn thin_samples(raster: &Raster, band: usize) -> Result<Vec<f32>, IngestError> {
 
 /// Columns and rows of thin samples.
 fn thin(raster: &Raster) -> (usize, usize) {
-    (raster.size[0].min(1024), raster.size[1].min(1024))
+    (raster.size()[0].min(1024), raster.size()[1].min(1024))
 }
 
-/// Which thin samples a mask band shows; `None` where there is none.
+/// Which of the thinned samples a mask band shows; `None` without a mask band.
 fn thin_mask(raster: &Raster) -> Result<Option<Vec<bool>>, IngestError> {
-    if !raster.bands[0].has_mask {
+    if !raster.bands()[0].has_mask {
         return Ok(None);
     }
     let dataset = open_raster(raster)?;
-    let (size, shape) = ((raster.size[0], raster.size[1]), thin(raster));
-    let first = (raster.first[0] as isize, raster.first[1] as isize);
+    let (size, shape) = ((raster.size()[0], raster.size()[1]), thin(raster));
+    let first = (raster.first()[0] as isize, raster.first()[1] as isize);
     let mask = dataset
         .rasterband(1)
         .and_then(|band| band.open_mask_band()?.read_as::<u8>(first, size, shape, None))
@@ -222,8 +224,8 @@ struct Stretch {
     why: &'static str,
 }
 
-/// How samples of more than eight bits become eight. A glint or two decide nothing: almost all
-/// samples do.
+/// The stretch of samples with more than eight bits, by almost all samples, so that single glints
+/// do not matter.
 fn stretch(samples: &mut [f32], is_float: bool) -> Stretch {
     samples.sort_unstable_by(f32::total_cmp);
     let (Some(&least), Some(&most)) = (samples.first(), samples.last()) else {
@@ -234,7 +236,7 @@ fn stretch(samples: &mut [f32], is_float: bool) -> Stretch {
     if is_float && least >= -0.1 && share_of(1.0) >= 0.98 && share_of(-f32::MIN_POSITIVE) <= 0.02 && has_fractions() {
         return Stretch { black: 0.0, white: 1.0, why: "they are fractions" };
     }
-    // Floats that hardly exceed 1 are fractions of something, never eight bits.
+    // Floats that hardly exceed 1 are fractions, never eight bits.
     if least >= 0.0 && most <= 255.0 && !(is_float && share_of(2.0) >= 0.98) {
         return Stretch { black: 0.0, white: 255.0, why: "they fit already" };
     }

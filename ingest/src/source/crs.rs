@@ -1,4 +1,4 @@
-//! Coordinate reference systems: the one that a database gets, and the body that it is on.
+//! Coordinate reference systems: the choice of the database's CRS, and its body.
 
 use super::Note;
 use super::raster::{Raster, traditional};
@@ -15,7 +15,7 @@ pub fn parse(whose: &str, text: &str) -> Result<SpatialRef, IngestError> {
         IngestError::usage(format!(
             "{whose} {text} is not a coordinate reference system that PROJ knows{}",
             match e {
-                // The number of an error alone says nothing.
+                // The number of an error alone is meaningless.
                 gdal::errors::GdalError::OgrError { .. } => String::new(),
                 e => format!(": {}", gdal_message(&e)),
             }
@@ -44,8 +44,8 @@ fn is_metric_plane(srs: &SpatialRef) -> bool {
     srs.is_projected() && (srs.linear_units() - 1.0).abs() < 1e-9
 }
 
-/// Bodies that names and sizes of ellipsoids tell: name, words, equatorial radius (IAU WGCCRE
-/// 2015), metres.
+/// Bodies, recognized by names and sizes of ellipsoids: name, key words, equatorial radius (IAU
+/// WGCCRE 2015), metres.
 const BODIES: [(&str, &[&str], f64); 8] = [
     ("Earth", &["wgs", "nad83", "nad27", "etrs", "grs 1980", "grs80"], 6_378_137.0),
     ("Mars", &["mars"], 3_396_190.0),
@@ -71,26 +71,45 @@ pub fn body_of(srs: &SpatialRef) -> Body {
     Body { name: name.to_owned(), radius_m }
 }
 
-/// The CRS of a database.
+/// The CRS of a database: a plane in metres that PROJ can write down.
 #[derive(Debug, Clone)]
 pub struct TargetCrs {
-    /// For the manifest.
-    pub crs: Crs,
-    /// The body.
-    pub body: Body,
+    crs: Crs,
+    body: Body,
 }
 
 impl TargetCrs {
-    /// A database's CRS.
+    /// A database's CRS; `named` is what the error calls it.
     ///
     /// # Errors
-    /// When PROJ cannot write it down.
-    pub fn new(srs: &SpatialRef) -> Result<Self, IngestError> {
+    /// It is not a plane in metres, or PROJ cannot write it down.
+    pub fn new(srs: &SpatialRef, named: &str) -> Result<Self, IngestError> {
+        if !is_metric_plane(srs) {
+            let unit = match srs.is_geographic() {
+                true => "degrees".to_owned(),
+                false => srs.linear_units_name().unwrap_or_default(),
+            };
+            return Err(IngestError::usage(format!(
+                "{named} is in {unit}, expected a projected system in metres (for example a UTM zone)"
+            )));
+        }
         let wkt = definition(srs)
             .ok_or_else(|| IngestError::usage("the coordinate reference system cannot be written down as WKT"))?;
         let name = srs.name().unwrap_or_else(|| "unnamed".to_owned());
         let proj4 = srs.to_proj4().ok().map(|t| t.trim().to_owned()).filter(|t| !t.is_empty());
         Ok(Self { crs: Crs { name, epsg: epsg_of(srs), wkt, proj4 }, body: body_of(srs) })
+    }
+
+    /// For the manifest.
+    #[must_use]
+    pub fn crs(&self) -> &Crs {
+        &self.crs
+    }
+
+    /// The body that it is on.
+    #[must_use]
+    pub fn body(&self) -> &Body {
+        &self.body
     }
 
     /// The CRS itself.
@@ -101,8 +120,8 @@ impl TargetCrs {
         parse("the CRS of the database", &self.crs.wkt)
     }
 
-    /// Latitude of a point of the plane, degrees, on Earth; `None` elsewhere, and where PROJ knows
-    /// none.
+    /// Latitude of a point of the plane, degrees, on Earth; `None` on other bodies, and where it
+    /// cannot be transformed.
     #[must_use]
     pub fn latitude_deg(&self, [x, y]: [f64; 2]) -> Option<f64> {
         if self.body.name != "Earth" {
@@ -117,73 +136,62 @@ impl TargetCrs {
     /// Whether a source is in this CRS, so that nothing has to be transformed.
     #[must_use]
     pub fn is_of(&self, raster: &Raster) -> bool {
-        raster.wkt == self.crs.wkt || (raster.epsg.is_some() && raster.epsg == self.crs.epsg)
+        raster.wkt() == self.crs.wkt || (raster.epsg().is_some() && raster.epsg() == self.crs.epsg)
     }
 
-    /// Chooses: what the user gave; else the first source's own plane if it is in metres; else a
-    /// plane for the data.
+    /// Chooses the CRS: the one given by the user; otherwise that of the first source if it is a
+    /// plane in metres; otherwise a plane for the data.
     ///
     /// # Errors
-    /// [`IngestError`] when what was given is not a plane in metres, or the data cannot be located.
+    /// [`IngestError`] when the given CRS is not a plane in metres, or the data cannot be located.
     pub fn choose(sources: &[Raster], given: Option<&str>, note: &mut dyn FnMut(Note)) -> Result<Self, IngestError> {
         if let Some(text) = given {
-            let srs = parse("--crs", text)?;
-            if !is_metric_plane(&srs) {
-                let unit = if srs.is_geographic() {
-                    "degrees".to_owned()
-                } else {
-                    srs.linear_units_name().unwrap_or_default()
-                };
-                return Err(IngestError::usage(format!(
-                    "--crs {text} is in {unit}, expected a projected system in metres (for example a UTM zone)"
-                )));
-            }
-            return Self::new(&srs);
+            return Self::new(&parse("--crs", text)?, &format!("--crs {text}"));
         }
         let first = sources.first().ok_or_else(|| IngestError::usage("no elevation was given"))?;
         let own = first.srs()?;
         if is_metric_plane(&own) {
-            let target = Self::new(&own)?;
+            let target = Self::new(&own, "the CRS of the elevation")?;
             if let Some(worst) = worst_stretch(sources, &own).filter(|worst| (worst.factor - 1.0).abs() > TOLD_STRETCH)
             {
                 let [lon, lat] = worst.lon_lat;
                 note(Note::Warning(format!(
                     "distances in {}, the CRS of {}, are up to {:.2} times those on the ground (at longitude {lon:.1}, latitude \
                      {lat:.1}), while heights keep their size; --crs EPSG:N with a UTM zone gives true proportions",
-                    target.crs.name,
-                    first.path.display(),
+                    target.crs().name,
+                    first.path().display(),
                     worst.factor
                 )));
             }
             return Ok(target);
         }
         let (srs, why) = plane_for(sources)?;
-        let target = Self::new(&srs)?;
-        note(Note::Info(format!("the database is in {} ({why}); --crs EPSG:N chooses another", target.crs.name)));
+        let target = Self::new(&srs, why)?;
+        note(Note::Info(format!("the database is in {} ({why}); --crs EPSG:N chooses another", target.crs().name)));
         Ok(target)
     }
 }
 
-/// How much longer distances are in a plane than on the ground.
+/// The ratio of distances in a plane to those on the ground.
 struct Stretch {
     factor: f64,
     lon_lat: [f64; 2],
 }
 
-/// A plane that stretches or shrinks distances by less everywhere is not told.
+/// A stretch is reported from this on.
 const TOLD_STRETCH: f64 = 0.05;
-/// Places along a side of the world where the stretch is judged: its corners, the middles of its
+/// Places along a side of the world where the stretch is computed: its corners, the middles of its
 /// sides, its middle.
 const JUDGED: usize = 3;
 
-/// The worst stretch of a plane over the rectangle that sources make in it; `None` where nothing
-/// can be told.
+/// The worst stretch of a plane over the bounding rectangle of sources; `None` if it cannot be
+/// computed.
 fn worst_stretch(sources: &[Raster], plane: &SpatialRef) -> Option<Stretch> {
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for raster in sources {
         let (mut x, mut y) = raster.grid(JUDGED, true);
         let srs = raster.srs().ok()?;
-        // What has no place in the plane comes back infinite and is left out.
+        // Points that cannot be transformed come back infinite and are left out.
         CoordTransform::new(&srs, plane).ok()?.transform_coords(&mut x, &mut y, &mut []).ok();
         for place in x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(<[f64; 2]>::from) {
             (low, high) = ([0, 1].map(|k| low[k].min(place[k])), [0, 1].map(|k| high[k].max(place[k])));
@@ -225,36 +233,36 @@ fn spread(sources: &[Raster]) -> Result<Spread, IngestError> {
         let srs = raster.srs()?;
         let nowhere = |why: String| {
             IngestError::source(
-                &raster.path,
+                raster.path(),
                 format!("cannot be located on its body ({why}): give a plane with --crs EPSG:N"),
             )
         };
         let geographic = traditional(srs.geog_cs().map_err(|e| nowhere(gdal_message(&e)))?);
-        if let Some(crop) = raster.crop.as_ref().filter(|crop| !crop.lon_lat.is_empty()) {
+        if let Some(crop) = raster.crop().filter(|crop| !crop.lon_lat.is_empty()) {
             points.extend(crop.lon_lat.iter().copied());
             continue;
         }
         let (mut xs, mut ys) = raster.grid(21, true);
-        if !raster.is_geographic {
+        if !raster.is_geographic() {
             let transform = CoordTransform::new(&srs, &geographic).map_err(|e| nowhere(gdal_message(&e)))?;
             // Points that cannot be transformed come back infinite and are left out.
             transform.transform_coords(&mut xs, &mut ys, &mut []).ok();
         }
         let unit = srs.angular_units().to_degrees();
-        let unit = if raster.is_geographic && unit.is_finite() && unit > 0.0 { unit } else { 1.0 };
+        let unit = if raster.is_geographic() && unit.is_finite() && unit > 0.0 { unit } else { 1.0 };
         let before = points.len();
         let found = xs.iter().zip(&ys).map(|(x, y)| [x * unit, y * unit]);
         points.extend(found.filter(|[lon, lat]| lon.is_finite() && lat.abs() <= 90.5));
-        if points.len() == before && raster.is_geographic {
+        if points.len() == before && raster.is_geographic() {
             let (south, north) = ys.iter().fold((f64::MAX, f64::MIN), |(lo, hi), y| (lo.min(*y), hi.max(*y)));
             return Err(IngestError::source(
-                &raster.path,
+                raster.path(),
                 format!(
                     "has latitudes from {:.1} to {:.1} degrees, expected -90 to 90: are its axes exchanged, or is it in another \
                      CRS than {}?",
                     south * unit,
                     north * unit,
-                    raster.crs_name
+                    raster.crs_name()
                 ),
             ));
         }

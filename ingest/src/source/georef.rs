@@ -17,7 +17,7 @@ impl Affine {
         [c[0] + c[1] * column + c[2] * row, c[3] + c[4] * column + c[5] * row]
     }
 
-    /// The map back; `None` when pixels have no area.
+    /// The inverse map; `None` when pixels have no area.
     #[must_use]
     pub fn inverse(&self) -> Option<Self> {
         let c = &self.0;
@@ -47,7 +47,7 @@ pub(crate) fn affine_of(dataset: &Dataset) -> Option<Affine> {
     fit(&points)
 }
 
-/// Why a raster whose position is told in another way than by an affine map has none, and what
+/// For a raster whose position is not given by an affine map: a message with the command that
 /// straightens it; `None` when it has no position at all. Continues the sentence that begins with
 /// the file.
 pub(crate) fn bent(dataset: &Dataset, path: &Path, srs: Option<&SpatialRef>) -> Option<String> {

@@ -1,5 +1,5 @@
-//! From what the user names to rasters: files, folders, archives, addresses, and whatever else GDAL
-//! has names for.
+//! Finds the rasters for the names on the command line: files, folders, archives, addresses, and
+//! all other names of GDAL.
 
 use super::access::{Access, leads_elsewhere, names_a_list};
 use super::{Note, Raster};
@@ -7,8 +7,8 @@ use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
 use std::path::{Path, PathBuf};
 
-/// Files of archives and folders that are not rasters of the ground, though GDAL could open some of
-/// them.
+/// Endings of files in archives and folders that are not rasters of the ground, although GDAL could
+/// open some of them.
 const BESIDE: [&str; 22] = [
     "txt", "csv", "md", "htm", "html", "pdf", "xml", "json", "kml", "kmz", "prj", "tfw", "tfwx", "wld", "jgw", "pgw",
     "hdr", "ovr", "msk", "aux", "shp", "vrt",
@@ -33,7 +33,7 @@ const SCHEMES: [(&str, &str); 7] = [
     ("az://", "/vsiaz/"),
     ("file://", ""),
 ];
-/// Members of archives and folders that are looked at.
+/// Maximum number of members of archives and folders.
 const MAX_MEMBERS: usize = 20_000;
 /// Names that a message lists.
 const LISTED: usize = 12;
@@ -78,8 +78,7 @@ impl Inputs<'_> {
         if let Some(reason) = is_local.then(|| not_readable(local)).flatten() {
             return Err(IngestError::source(shown, reason));
         }
-        // GDAL knows best what is a name; whether there is such a file matters for the message
-        // alone.
+        // GDAL decides what is a valid name; whether the file exists only matters for the message.
         let failed = match self.open(&name, &shown) {
             Ok(found) => return self.single(found, note).map(|raster| vec![raster]),
             Err(error) => error,
@@ -93,16 +92,16 @@ impl Inputs<'_> {
         let failed = failed.without(&name, &shown).without(&typed, &shown);
         let is_a_name = name.contains(':') || name.starts_with("/vsi") || name.trim_start().starts_with('<');
         match failed {
-            Failed::Refused(reason) => Err(IngestError::source(shown, reason)),
-            Failed::Unknown(_) if names_a_list(&name) => {
+            Failed::Refused { why } => Err(IngestError::source(shown, why)),
+            Failed::Unknown { .. } if names_a_list(&name) => {
                 Err(IngestError::source(shown, "is a list of other files; --trust-vrt opens it"))
             }
-            Failed::Unknown(_) if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
-            Failed::Unknown(reason) if name.starts_with("/vsicurl/") => Err(IngestError::source(
+            Failed::Unknown { .. } if !is_local && !is_a_name => Err(IngestError::source(shown, "does not exist")),
+            Failed::Unknown { why: reason } if name.starts_with("/vsicurl/") => Err(IngestError::source(
                 shown,
                 format!("cannot be read from its server as a raster: {reason} (downloading it first may help)"),
             )),
-            Failed::Unknown(reason) => match leads_elsewhere(local).filter(|_| is_local) {
+            Failed::Unknown { why: reason } => match leads_elsewhere(local).filter(|_| is_local) {
                 Some(what) => Err(IngestError::source(
                     shown,
                     format!("is {what}, though its name does not say so; --trust-vrt opens it nevertheless"),
@@ -113,9 +112,9 @@ impl Inputs<'_> {
     }
 
     fn open(&self, name: &str, shown: &Path) -> Result<Found, Failed> {
-        self.access.check_before(name).map_err(Failed::Refused)?;
-        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown(gdal_message(&e)))?;
-        self.access.check_after(name, &dataset).map_err(Failed::Refused)?;
+        self.access.check_before(name).map_err(|why| Failed::Refused { why })?;
+        let dataset = self.access.open(name, None).map_err(|e| Failed::Unknown { why: gdal_message(&e) })?;
+        self.access.check_after(name, &dataset).map_err(|why| Failed::Refused { why })?;
         Ok(Found { shown: shown.to_owned(), name: name.to_owned(), dataset })
     }
 
@@ -168,7 +167,8 @@ impl Inputs<'_> {
         self.members(shown, &members, note)
     }
 
-    /// The rasters among the members of a folder or an archive: they have to be parts of one layer.
+    /// The rasters among the members of a folder or an archive, which have to be parts of one
+    /// layer.
     fn members(
         &self,
         whole: &Path,
@@ -211,26 +211,32 @@ impl Inputs<'_> {
 }
 
 enum Failed {
-    /// It was not even tried, or leads elsewhere.
-    Refused(String),
-    /// GDAL says no.
-    Unknown(String),
+    /// It was refused before GDAL opened it, or for what it leads to.
+    Refused {
+        /// What, in words.
+        why: String,
+    },
+    /// GDAL cannot open it.
+    Unknown {
+        /// What GDAL says.
+        why: String,
+    },
 }
 
 impl Failed {
-    /// Without what a message may not show: the name as typed may have a password in it.
+    /// Removes what a message must not show: the name as typed may contain a password.
     fn without(self, name: &str, shown: &Path) -> Self {
         let cleaned = |reason: String| reason.replace(name, &shown.to_string_lossy());
         match self {
-            Self::Refused(reason) => Self::Refused(cleaned(reason)),
-            Self::Unknown(reason) => Self::Unknown(cleaned(reason)),
+            Self::Refused { why } => Self::Refused { why: cleaned(why) },
+            Self::Unknown { why } => Self::Unknown { why: cleaned(why) },
         }
     }
 
     fn reason(self) -> String {
         match self {
-            Self::Refused(reason) => reason,
-            Self::Unknown(reason) => format!("is not a raster that GDAL can read: {reason}"),
+            Self::Refused { why } => why,
+            Self::Unknown { why } => format!("is not a raster that GDAL can read: {why}"),
         }
     }
 }
@@ -238,8 +244,8 @@ impl Failed {
 /// Rasters of one folder or archive are tiles of one layer: one CRS, and no two at the same place
 /// (which would be a picture beside its elevation, or a mask).
 fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> {
-    let names = || list(&rasters.iter().map(|r| r.path.display().to_string()).collect::<Vec<_>>());
-    if rasters.iter().any(|r| r.wkt != rasters[0].wkt) {
+    let names = || list(&rasters.iter().map(|r| r.path().display().to_string()).collect::<Vec<_>>());
+    if rasters.iter().any(|r| r.wkt() != rasters[0].wkt()) {
         let reason =
             format!("has rasters of several coordinate reference systems in it: name those to use, {}", names());
         return Err(IngestError::source(whole, reason));
@@ -255,8 +261,8 @@ fn check_one_layer(whole: &Path, rasters: &[Raster]) -> Result<(), IngestError> 
 
 /// Two opposite corners, to about a thousandth of the raster's size.
 fn place(raster: &Raster) -> [i64; 4] {
-    let [w, h] = raster.size.map(|v| v as f64);
-    let (a, b) = (raster.affine.apply(0.0, 0.0), raster.affine.apply(w, h));
+    let [w, h] = raster.size().map(|v| v as f64);
+    let (a, b) = (raster.affine().apply(0.0, 0.0), raster.affine().apply(w, h));
     let unit = [(b[0] - a[0]).abs(), (b[1] - a[1]).abs()].map(|v| (v / 100.0).max(f64::MIN_POSITIVE));
     let low = [a[0].min(b[0]), a[1].min(b[1])];
     [low[0] / unit[0], low[1] / unit[1], unit[0].log2() * 20.0, unit[1].log2() * 20.0].map(|v| v.round() as i64)
@@ -280,7 +286,7 @@ fn without_secrets(typed: &str) -> String {
     format!("{scheme}://{host}{}", path.map_or(String::new(), |path| format!("/{path}")))
 }
 
-/// Why a local file is not even given to GDAL.
+/// Why a local file is not passed to GDAL.
 fn not_readable(path: &Path) -> Option<String> {
     let metadata = match path.metadata() {
         Ok(metadata) => metadata,
@@ -315,7 +321,7 @@ fn in_archive(prefix: &str, shown: &Path, member: &Path) -> PathBuf {
     PathBuf::from(format!("{prefix}{inner}/{}", member.display()))
 }
 
-/// No hidden file, and no member that leaves its archive.
+/// Whether it is not hidden, and does not leave its archive.
 fn is_plain(member: &Path) -> bool {
     let text = member.to_string_lossy();
     !text.ends_with('/') && text.split('/').all(|part| !part.starts_with('.') && part != "__MACOSX")
@@ -336,7 +342,7 @@ fn subdatasets(dataset: &Dataset) -> Vec<String> {
     items.iter().filter_map(name).collect()
 }
 
-/// Names for a person, such that a shell takes them.
+/// Names for display, quoted for a shell.
 fn list(names: &[String]) -> String {
     let quoted = |name: &String| match name.contains(['"', ' ', '(', '&', ';', '$']) && !name.contains('\'') {
         true => format!("'{name}'"),

@@ -1,6 +1,7 @@
-//! Source rasters: what a name stands for ([`inputs`]) and may lead to ([`access`]), where they lie
-//! ([`georef`], [`crs`], [`area`]) and which part of them is wanted ([`region`]), what their
-//! samples mean ([`values`], [`color_values`]), and how to read them ([`raster`], [`open`]).
+//! Source rasters: which rasters a name means ([`inputs`]), which other files they may refer to
+//! ([`access`]), their positions ([`georef`], [`crs`], [`area`]), the wanted part ([`region`]), the
+//! meaning of their samples ([`values`], [`color_values`]), and how to read them ([`raster`],
+//! [`open`]).
 
 pub mod access;
 pub mod area;
@@ -22,11 +23,11 @@ pub use georef::Affine;
 pub use raster::Raster;
 pub use region::Region;
 
-/// Something that the user should know about, though the work goes on.
+/// A message for the user that does not end the work.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Note {
-    /// Done as asked; this is how.
+    /// A choice that was made.
     Info(String),
-    /// Done differently than the data seem to ask for, or doubtful.
+    /// Something that is doubtful, or differs from what the data suggest.
     Warning(String),
 }

@@ -1,4 +1,4 @@
-//! Reading sources: each thread has its own handles, since GDAL's are not shared.
+//! Reads sources: each thread has its own handles, because those of GDAL cannot be shared.
 
 use super::access::Access;
 use super::raster::{Raster, Shows};
@@ -10,11 +10,10 @@ use gdal::raster::RasterBand;
 
 /// Opens a described source again.
 pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
-    // What may be opened was settled when it was described; other drivers have no business with it
-    // now.
+    // The driver was determined when it was described; no other driver may open it now.
     Access::default()
-        .open(&raster.open_name, Some(&raster.driver))
-        .or_else(|_| Access::default().open(&raster.open_name, None))
+        .open(&raster.open_name(), Some(&raster.driver()))
+        .or_else(|_| Access::default().open(&raster.open_name(), None))
         .map_err(|e| raster.fails("cannot be opened again", &e))
 }
 
@@ -38,7 +37,7 @@ fn read_band<T: Copy + gdal::raster::GdalType>(
 ) -> Result<Vec<T>, IngestError> {
     let fail = |e: &gdal::errors::GdalError| raster.fails("cannot be read (it may be damaged or cut short)", e);
     let band = band.as_ref().map_err(fail)?;
-    let first = [raster.first[0] + x, raster.first[1] + y].map(|v| v as isize);
+    let first = [raster.first()[0] + x, raster.first()[1] + y].map(|v| v as isize);
     let buffer = band.read_as::<T>((first[0], first[1]), (w, h), (w, h), None).map_err(|e| fail(&e))?;
     Ok(buffer.into_shape_and_vec().1)
 }
@@ -50,10 +49,10 @@ pub(super) fn read_mask(
     origin: [usize; 2],
     size: [usize; 2],
 ) -> Result<Option<Vec<bool>>, IngestError> {
-    if !raster.bands[0].has_mask {
+    if !raster.bands()[0].has_mask {
         return Ok(None);
     }
-    let first = [0, 1].map(|axis| (raster.first[axis] + origin[axis]) as isize);
+    let first = [0, 1].map(|axis| (raster.first()[axis] + origin[axis]) as isize);
     let mask = dataset.rasterband(1).and_then(|band| {
         let mask = band.open_mask_band()?;
         mask.read_as::<u8>((first[0], first[1]), (size[0], size[1]), (size[0], size[1]), None)
@@ -70,7 +69,7 @@ pub(super) fn read_alpha(
     origin: [usize; 2],
     size: [usize; 2],
 ) -> Result<Option<Vec<bool>>, IngestError> {
-    let Some(index) = raster.bands.iter().skip(1).position(|b| b.shows == Shows::Alpha) else { return Ok(None) };
+    let Some(index) = raster.bands().iter().skip(1).position(|b| b.shows == Shows::Alpha) else { return Ok(None) };
     let alpha = read_band::<f32>(raster, &dataset.rasterband(index + 2), origin, size)?;
     Ok(Some(alpha.into_iter().map(|a| a > 0.0).collect()))
 }
@@ -95,7 +94,7 @@ impl<'a> ElevationReader<'a> {
 
 impl Reader<1> for ElevationReader<'_> {
     fn size(&self) -> [usize; 2] {
-        self.raster.size
+        self.raster.size()
     }
 
     fn read(&self, origin: [usize; 2], size: [usize; 2]) -> Result<Window<1>, IngestError> {
@@ -138,18 +137,17 @@ impl<'a> ColorReader<'a> {
 
 impl Reader<3> for ColorReader<'_> {
     fn size(&self) -> [usize; 2] {
-        self.raster.size
+        self.raster.size()
     }
 
     fn read(&self, origin: [usize; 2], size: [usize; 2]) -> Result<Window<3>, IngestError> {
         let mut window = Window::new(origin, size);
         let samples = |band: usize| read_band::<f32>(self.raster, &self.dataset.rasterband(band), origin, size);
         let bands = self.values.color_bands();
-        // A pixel is void when all its bands say so: pure white is not void where only 255 in all
-        // bands is.
+        // A pixel is void only when all its bands are.
         let mut voids = vec![0u8; window.pixels.len()];
         for band in &bands {
-            let palette = self.raster.bands[band - 1].palette.as_deref();
+            let palette = self.raster.bands()[band - 1].palette.as_deref();
             let channels: Vec<usize> = (0..3).filter(|&c| self.values.bands[c] == *band).collect();
             for (at, sample) in samples(*band)?.into_iter().enumerate() {
                 if !self.values.is_data(self.raster, *band, sample) {

@@ -1,4 +1,4 @@
-//! One source file: everything about it that does not need an open handle.
+//! Description of a source file, without an open handle.
 
 use super::crs;
 use super::georef::{Affine, affine_of, bent};
@@ -8,43 +8,30 @@ use crate::error::{IngestError, gdal_message};
 use gdal::Dataset;
 use gdal::raster::{ColorInterpretation, GdalDataType};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// No raster is larger along a side; absurd sizes of damaged files end here.
+/// Upper bound of the side of a raster: rejects absurd sizes of damaged files.
 const MAX_SIDE: usize = 1 << 27;
 
-/// A source raster.
+/// A source raster. Valid by construction: it has pixels, bands, and a place on the ground.
 #[derive(Debug, Clone)]
 pub struct Raster {
-    /// As the user named it.
-    pub path: PathBuf,
-    /// As GDAL opens it (`/vsizip/…` for what lies in a zip).
-    pub open_name: String,
-    /// The driver that opened it.
-    pub driver: String,
-    /// Columns and rows; of the part that is used, when the user gave bounds.
-    pub size: [usize; 2],
-    /// First column and row of the part that is used.
-    pub first: [usize; 2],
-    /// The part of the world that it may give data to, when the user gave bounds.
-    pub crop: Option<Crop>,
-    /// From pixels to its CRS.
-    pub affine: Affine,
-    /// Its CRS.
-    pub wkt: String,
-    /// The CRS's name.
-    pub crs_name: String,
-    /// The CRS's EPSG code, when it has one.
-    pub epsg: Option<u32>,
-    /// Whether the CRS is in degrees.
-    pub is_geographic: bool,
-    /// What is known of its bands.
-    pub bands: Vec<BandInfo>,
-    /// GDAL's name of the sample type.
-    pub data_type: String,
+    path: PathBuf,
+    open_name: String,
+    driver: String,
+    size: [usize; 2],
+    first: [usize; 2],
+    crop: Option<Crop>,
+    affine: Affine,
+    wkt: String,
+    crs_name: String,
+    epsg: Option<u32>,
+    is_geographic: bool,
+    bands: Vec<BandInfo>,
+    data_type: String,
 }
 
-/// What is known of a band.
+/// Description of a band. Plain data: any of it may be true of a file.
 #[derive(Debug, Clone)]
 pub struct BandInfo {
     /// Sample type.
@@ -64,7 +51,7 @@ pub struct BandInfo {
 }
 
 impl Raster {
-    /// Looks at what was opened. `source_crs` is for files that lack a CRS.
+    /// Describes an opened dataset. `source_crs` is for files without a CRS.
     pub(super) fn of(found: &Found, source_crs: Option<&str>) -> Result<Self, IngestError> {
         let (dataset, path) = (&found.dataset, found.shown.as_path());
         let fail = |reason: String| IngestError::source(path, reason);
@@ -127,8 +114,107 @@ impl Raster {
         })
     }
 
-    /// What GDAL says about it, as an error: `what` continues the sentence that begins with the
-    /// file. Without its full name, which may have a password in it.
+    /// The part of it whose first pixel is `first`, counted from its own, and that has `size`
+    /// pixels, at least one a side; `None` when it does not lie within.
+    pub(super) fn part(&self, first: [usize; 2], size: [usize; 2]) -> Option<Self> {
+        let is_within = |axis: usize| {
+            size[axis] > 0 && first[axis].checked_add(size[axis]).is_some_and(|end| end <= self.size[axis])
+        };
+        if !is_within(0) || !is_within(1) {
+            return None;
+        }
+        let [x, y] = self.affine.apply(first[0] as f64, first[1] as f64);
+        let c = self.affine.0;
+        let affine = Affine([x, c[1], c[2], y, c[4], c[5]]);
+        let first = [0, 1].map(|axis| self.first[axis] + first[axis]);
+        Some(Self { size, first, affine, ..self.clone() })
+    }
+
+    /// The same raster, giving data to a part of the world alone.
+    pub(super) fn with_crop(self, crop: Crop) -> Self {
+        Self { crop: Some(crop), ..self }
+    }
+
+    /// As the user named it.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// As GDAL opens it (`/vsizip/…` for what lies in a zip).
+    #[must_use]
+    pub fn open_name(&self) -> &str {
+        &self.open_name
+    }
+
+    /// The driver that opened it.
+    #[must_use]
+    pub fn driver(&self) -> &str {
+        &self.driver
+    }
+
+    /// Columns and rows; of the part that is used, when the user gave bounds.
+    #[must_use]
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// First column and row of the part that is used.
+    #[must_use]
+    pub fn first(&self) -> [usize; 2] {
+        self.first
+    }
+
+    /// The part of the world that it may give data to, when the user gave bounds.
+    #[must_use]
+    pub fn crop(&self) -> Option<&Crop> {
+        self.crop.as_ref()
+    }
+
+    /// From pixels to its CRS.
+    #[must_use]
+    pub fn affine(&self) -> &Affine {
+        &self.affine
+    }
+
+    /// Its CRS, as text.
+    #[must_use]
+    pub fn wkt(&self) -> &str {
+        &self.wkt
+    }
+
+    /// The CRS's name.
+    #[must_use]
+    pub fn crs_name(&self) -> &str {
+        &self.crs_name
+    }
+
+    /// The CRS's EPSG code, when it has one.
+    #[must_use]
+    pub fn epsg(&self) -> Option<u32> {
+        self.epsg
+    }
+
+    /// Whether the CRS is in degrees.
+    #[must_use]
+    pub fn is_geographic(&self) -> bool {
+        self.is_geographic
+    }
+
+    /// Descriptions of its bands, of which it has at least one.
+    #[must_use]
+    pub fn bands(&self) -> &[BandInfo] {
+        &self.bands
+    }
+
+    /// GDAL's name of the sample type.
+    #[must_use]
+    pub fn data_type(&self) -> &str {
+        &self.data_type
+    }
+
+    /// An error with GDAL's message: `what` continues the sentence that begins with the file.
+    /// Without its full name, which may contain a password.
     pub(crate) fn fails(&self, what: &str, error: &gdal::errors::GdalError) -> IngestError {
         let reason = gdal_message(error).replace(&self.open_name, &self.path.to_string_lossy());
         IngestError::source(&self.path, format!("{what}: {reason}"))
@@ -162,7 +248,29 @@ impl Raster {
     }
 }
 
-/// What a band shows, as far as it matters here.
+#[cfg(test)]
+impl Raster {
+    /// A raster of which nothing but its place matters, of a CRS that all of them share.
+    pub(crate) fn without_file(size: [usize; 2], affine: Affine, is_geographic: bool) -> Self {
+        Self {
+            path: "a.tif".into(),
+            open_name: String::new(),
+            driver: "GTiff".into(),
+            size,
+            first: [0, 0],
+            crop: None,
+            affine,
+            wkt: "the same".to_owned(),
+            crs_name: String::new(),
+            epsg: None,
+            is_geographic,
+            bands: Vec::new(),
+            data_type: String::new(),
+        }
+    }
+}
+
+/// The meaning of a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
     /// Red.
@@ -173,7 +281,7 @@ pub enum Shows {
     Blue,
     /// How opaque a pixel is.
     Alpha,
-    /// Anything else, or nobody knows.
+    /// Anything else, or unknown.
     Other,
 }
 

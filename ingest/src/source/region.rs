@@ -1,27 +1,27 @@
 //! `--bounds`: the part of the data that becomes a world.
 //!
 //! First in longitude and latitude (or the CRS of the bounds), so that the world's plane is chosen
-//! for that part; then as a rectangle of the world's CRS, which is what the world covers and what
-//! sources are read for.
+//! for that part; then as a rectangle of the world's CRS, which the world covers and for which
+//! sources are read.
 
+use super::TargetCrs;
 use super::crs::{body_of, parse};
 use super::raster::{Raster, traditional};
-use super::{Affine, TargetCrs};
 use crate::error::{IngestError, gdal_message};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use std::sync::Arc;
 
 /// Points along a side of a region that are transformed.
 const SIDE: usize = 33;
-/// Pixels around a part that are kept for kernels, and the share of its size.
+/// Margin around a part for kernels, in pixels, and as a share of its size.
 const MARGIN_PX: f64 = 16.0;
 const MARGIN_SHARE: f64 = 0.05;
 
-/// What is left of a source.
+/// The used part of a source.
 #[derive(Debug, Clone)]
 pub struct Crop {
     /// Longitudes and latitudes of the region, degrees, for a source around the whole body; empty
-    /// for others, whose part tells.
+    /// for others.
     pub lon_lat: Arc<Vec<[f64; 2]>>,
     /// Least and greatest easting and northing in the world's CRS, once it is chosen.
     pub rect: Option<[[f64; 2]; 2]>,
@@ -40,7 +40,7 @@ impl Crop {
                 (start, end) =
                     (first + (index(start) + 1e-3).floor() * spacing, first + (index(end) - 1e-3).ceil() * spacing);
             } else {
-                // Not a whole post: the lattice is inside of what this leaves.
+                // Less than a whole post: the lattice must be inside.
                 (start, end) = (start - 0.998 * spacing, end + 0.998 * spacing);
             }
             (low[axis], high[axis]) = (start.max(first), end.min(last));
@@ -123,7 +123,7 @@ impl Region {
         grid([west, south], [east, north])
     }
 
-    /// Points of the region in another CRS; what has no place there is left out.
+    /// Points of the region in another CRS, without those that cannot be transformed.
     fn points_in(&self, srs: &SpatialRef) -> Result<Vec<[f64; 2]>, IngestError> {
         transformed(self.grid(), &self.srs(srs)?, srs)
     }
@@ -138,10 +138,10 @@ impl Region {
             let srs = raster.srs()?;
             let points = self.points_in(&srs)?;
             let Some(part) = window(raster, &points) else { continue };
-            let turn = 360.0 / part.affine.0[1].abs();
-            let is_around = part.is_geographic && part.size[0] as f64 > 0.99 * turn;
+            let turn = 360.0 / part.affine().0[1].abs();
+            let is_around = part.is_geographic() && part.size()[0] as f64 > 0.99 * turn;
             let lon_lat = Arc::new(if is_around { points } else { Vec::new() });
-            parts.push(Raster { crop: Some(Crop { lon_lat, rect: None }), ..part });
+            parts.push(part.with_crop(Crop { lon_lat, rect: None }));
         }
         if parts.is_empty() {
             return Err(IngestError::usage(format!(
@@ -170,22 +170,21 @@ impl Region {
         all
     }
 
-    /// The rectangle that the region is in the world's CRS.
+    /// The bounding rectangle of the region in the world's CRS.
     ///
     /// # Errors
-    /// [`IngestError::Usage`] when it has no place there.
+    /// [`IngestError::Usage`] when it cannot be transformed.
     pub(crate) fn rect_in(&self, target: &TargetCrs) -> Result<[[f64; 2]; 2], IngestError> {
         let points = self.points_in(&target.srs()?)?;
         let rect = points.iter().fold(None, |rect: Option<[[f64; 2]; 2]>, [x, y]| {
             let [low, high] = rect.unwrap_or([[*x, *y]; 2]);
             Some([[low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]])
         });
-        rect.ok_or_else(|| IngestError::usage(format!("--bounds {} has no place in {}", self.typed, target.crs.name)))
+        rect.ok_or_else(|| IngestError::usage(format!("--bounds {} has no place in {}", self.typed, target.crs().name)))
     }
 }
 
-/// The parts of sources that a rectangle of the world's CRS needs; those that have none in it are
-/// left out.
+/// The parts of sources that a rectangle of the world's CRS needs, without sources outside of it.
 pub(crate) fn parts_in(
     rasters: Vec<Raster>,
     rect: [[f64; 2]; 2],
@@ -196,7 +195,7 @@ pub(crate) fn parts_in(
     for raster in rasters {
         let points = transformed(grid(rect[0], rect[1]), &from, &raster.srs()?)?;
         let crop = Crop { lon_lat: Arc::default(), rect: Some(rect) };
-        parts.extend(window(&raster, &points).map(|part| Raster { crop: Some(crop), ..part }));
+        parts.extend(window(&raster, &points).map(|part| part.with_crop(crop)));
     }
     Ok(parts)
 }
@@ -217,7 +216,7 @@ fn transformed(points: Vec<[f64; 2]>, from: &SpatialRef, to: &SpatialRef) -> Res
     let transform = CoordTransform::new(from, to)
         .map_err(|e| IngestError::usage(format!("--bounds cannot be brought to the data: {}", gdal_message(&e))))?;
     let (mut x, mut y): (Vec<f64>, Vec<f64>) = points.into_iter().map(|[x, y]| (x, y)).unzip();
-    // What has no place comes back infinite and is left out.
+    // Points that cannot be transformed come back infinite and are left out.
     transform.transform_coords(&mut x, &mut y, &mut []).ok();
     Ok(x.into_iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(|(x, y)| [x, y]).collect())
 }
@@ -225,16 +224,16 @@ fn transformed(points: Vec<[f64; 2]>, from: &SpatialRef, to: &SpatialRef) -> Res
 /// The part of a raster around points of its CRS, a margin for kernels included; `None` when they
 /// lie beside it.
 fn window(raster: &Raster, points: &[[f64; 2]]) -> Option<Raster> {
-    let inverse = raster.affine.inverse()?;
+    let inverse = raster.affine().inverse()?;
     let mut pixels: Vec<[f64; 2]> = points.iter().map(|[x, y]| inverse.apply(*x, *y)).collect();
-    let is_around = raster.is_geographic && raster.affine.is_axis_parallel();
-    let period = 360.0 / raster.affine.0[1].abs();
+    let is_around = raster.is_geographic() && raster.affine().is_axis_parallel();
+    let period = 360.0 / raster.affine().0[1].abs();
     if is_around {
         // All on one side of the date line, near the first.
         let first = pixels.first()?[0];
         pixels.iter_mut().for_each(|p| p[0] -= ((p[0] - first) / period).round() * period);
     }
-    let size = raster.size.map(|v| v as f64);
+    let size = raster.size().map(|v| v as f64);
     let range = |axis: usize, shift: f64| {
         let values = || pixels.iter().map(|p| p[axis] + shift);
         let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
@@ -251,11 +250,7 @@ fn window(raster: &Raster, points: &[[f64; 2]]) -> Option<Raster> {
         first[axis] = (low - margin).floor().max(0.0) as usize;
         part[axis] = ((high + margin).ceil().min(size[axis]) as usize).checked_sub(first[axis]).filter(|n| *n > 0)?;
     }
-    let [x, y] = raster.affine.apply(first[0] as f64, first[1] as f64);
-    let c = raster.affine.0;
-    let affine = Affine([x, c[1], c[2], y, c[4], c[5]]);
-    let first = [0, 1].map(|axis| raster.first[axis] + first[axis]);
-    Some(Raster { size: part, first, affine, ..raster.clone() })
+    raster.part(first, part)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! One look at all samples of an elevation source before they are used: undeclared fill,
+//! A scan of all samples of an elevation source before they are used, for undeclared fill and
 //! implausible heights.
 
 use super::open::{open_raster, read_alpha, read_mask};
@@ -11,10 +11,10 @@ use gdal::raster::GdalDataType;
 
 /// Samples that are read at a time.
 const PART_SAMPLES: usize = 4 << 20;
-/// No sentinel is nearer to zero: most samples need no closer look.
+/// No sentinel is closer to zero, so most samples need no further check.
 const LEAST_SENTINEL: f32 = 9_999.0;
 
-/// How many values, and between what.
+/// Number and range of values.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stats {
     pub(super) count: u64,
@@ -42,14 +42,14 @@ impl Stats {
     }
 }
 
-/// What a source's samples are like. Voids that are declared or masked do not count.
+/// Statistics of a source's samples, without declared or masked voids.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Survey {
     /// Undeclared fill and how many samples have it.
     pub(super) sentinels: Vec<(f32, u64)>,
     /// Plausible heights, metres.
     pub(super) heights: Stats,
-    /// Samples whose heights are beyond what any body has, as the file has them.
+    /// Samples beyond the heights of any body, in the file's values.
     pub(super) beyond: Stats,
     /// Those of them that could be distances from the body's centre, metres.
     pub(super) distances: Stats,
@@ -62,7 +62,7 @@ struct Part {
     huge: (f32, u64),
 }
 
-/// What is asked of every sample.
+/// The checks of every sample.
 struct Question<'a> {
     values: &'a ElevationValues,
     radius_m: f64,
@@ -87,7 +87,7 @@ impl Question<'_> {
                 }
             }
             if is_sentinel {
-                // Whether it is one is known when all samples have been seen.
+                // Whether it is a sentinel is only known after all samples.
                 return;
             }
         }
@@ -109,8 +109,8 @@ impl Question<'_> {
 }
 
 impl Survey {
-    /// Reads all of a source (whole bytes apart, in which nothing can be wrong). Fill is looked for
-    /// when `finds_fill`.
+    /// Reads all of a source (except 8-bit samples, which cannot be implausible). Looks for fill if
+    /// `finds_fill`.
     pub(super) fn of(
         raster: &Raster,
         values: &ElevationValues,
@@ -118,7 +118,7 @@ impl Survey {
         finds_fill: bool,
         work: &Work,
     ) -> Result<Self, IngestError> {
-        if raster.bands[0].data_type == GdalDataType::UInt8 && values.is_plain() {
+        if raster.bands()[0].data_type == GdalDataType::UInt8 && values.is_plain() {
             return Ok(Self::default());
         }
         let parts = parts_of(raster)?;
@@ -170,7 +170,7 @@ impl Part {
 fn parts_of(raster: &Raster) -> Result<Vec<[usize; 4]>, IngestError> {
     let dataset = open_raster(raster)?;
     let band = dataset.rasterband(1).map_err(|e| unreadable(raster, &e))?;
-    let [columns, rows] = raster.size;
+    let [columns, rows] = raster.size();
     let (_, block_rows) = band.block_size();
     let step = (block_rows * PART_SAMPLES.div_ceil(columns * block_rows).max(1)).min(rows);
     let mut parts = Vec::new();
@@ -195,7 +195,7 @@ fn look_at(
 ) -> Result<Part, IngestError> {
     let (origin, size) = ([x, y], [width, height]);
     let band = dataset.rasterband(1).map_err(|e| unreadable(raster, &e))?;
-    let first = [0, 1].map(|axis| (raster.first[axis] + origin[axis]) as isize);
+    let first = [0, 1].map(|axis| (raster.first()[axis] + origin[axis]) as isize);
     let samples = band.read_as::<f32>((first[0], first[1]), (width, height), (width, height), None);
     let samples = samples.map_err(|e| unreadable(raster, &e))?;
     let mut part = Part::default();

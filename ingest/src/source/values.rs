@@ -1,4 +1,4 @@
-//! What samples of elevation mean: no data, units. (Of pictures: [`ColorValues`].)
+//! The meaning of samples of elevation: no data, units. (For images: [`ColorValues`].)
 
 pub use super::color_values::ColorValues;
 
@@ -10,7 +10,7 @@ use crate::error::IngestError;
 use crate::work::Work;
 use gdal::spatial_ref::SpatialRef;
 
-/// No height on any solid body is beyond it, metres; larger values are fill.
+/// Upper bound of heights on any solid body, metres; larger values are fill.
 pub(super) const MAX_HEIGHT_M: f32 = 100_000.0;
 /// Values that producers use for "no data" without saying so.
 pub(super) const SENTINELS: [f32; 11] = [
@@ -26,10 +26,10 @@ pub(super) const SENTINELS: [f32; 11] = [
     -2_147_483_648.0,
     2_147_483_647.0,
 ];
-/// A sentinel stands alone: no other sample is within so many units of it.
+/// A sentinel is isolated: no other sample is within this many units of it.
 pub(super) const SENTINEL_GAP: f32 = 300.0;
-/// Between what the ground of bodies lies, metres, with a little to spare. (Earth: Challenger Deep
-/// and Everest; others: the laser altimeters' and radars' global grids.)
+/// Ranges of the ground of bodies, metres, with a small margin. (Earth: Challenger Deep and
+/// Everest; others: global grids of laser altimeters and radars.)
 const GROUND: [(&str, [f64; 2]); 5] = [
     ("Earth", [-11_100.0, 9_000.0]),
     ("Mars", [-9_000.0, 22_000.0]),
@@ -38,7 +38,7 @@ const GROUND: [(&str, [f64; 2]); 5] = [
     ("Venus", [-4_000.0, 12_000.0]),
 ];
 
-/// What the user says about no data.
+/// The user's choice of no data values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NodataChoice {
     /// Nothing: what files declare holds, and undeclared sentinels are looked for.
@@ -49,7 +49,7 @@ pub enum NodataChoice {
     OnlyDeclared,
 }
 
-/// How samples of an elevation source become metres or void.
+/// The conversion of samples of an elevation source to metres or voids.
 #[derive(Debug, Clone)]
 pub struct ElevationValues {
     nodata: Vec<f32>,
@@ -58,7 +58,7 @@ pub struct ElevationValues {
 }
 
 impl ElevationValues {
-    /// The height that a sample stands for; `None` for a void.
+    /// The height of a sample; `None` for a void.
     #[must_use]
     pub fn height(&self, sample: f32) -> Option<f32> {
         if !sample.is_finite() || sample.abs() > 1e30 || self.is_declared_void(sample) {
@@ -81,7 +81,7 @@ impl ElevationValues {
         self.scale == 1.0 && self.offset == 0.0
     }
 
-    /// Works out what a source's samples mean. Reads all of it.
+    /// Determines the meaning of a source's samples. Reads all of it.
     ///
     /// # Errors
     /// [`IngestError::Source`] when it cannot be read, or its samples are not heights;
@@ -93,13 +93,16 @@ impl ElevationValues {
         work: &Work,
         note: &mut dyn FnMut(Note),
     ) -> Result<Self, IngestError> {
-        let band = &raster.bands[0];
+        let band = &raster.bands()[0];
         if band.palette.is_some() {
-            note(Note::Warning(format!("{} has a palette: its indices are taken as heights", raster.path.display())));
+            note(Note::Warning(format!("{} has a palette: its indices are taken as heights", raster.path().display())));
         }
-        let count = raster.bands.iter().filter(|b| b.shows != Shows::Alpha).count();
+        let count = raster.bands().iter().filter(|b| b.shows != Shows::Alpha).count();
         if count > 1 {
-            note(Note::Warning(format!("{} has {count} bands: the first is taken as heights", raster.path.display())));
+            note(Note::Warning(format!(
+                "{} has {count} bands: the first is taken as heights",
+                raster.path().display()
+            )));
         }
         let mut nodata: Vec<f32> = band.nodata.into_iter().map(|v| v as f32).collect();
         if let NodataChoice::Value(value) = choice {
@@ -119,7 +122,7 @@ impl ElevationValues {
             note(Note::Warning(format!(
                 "{} has {count} samples of {value}, which it does not declare as no data: they are taken as \
                  voids; --nodata {value} declares it, --nodata none keeps them as heights",
-                raster.path.display()
+                raster.path().display()
             )));
             values.nodata.push(*value);
         }
@@ -131,7 +134,7 @@ impl ElevationValues {
         Ok(values)
     }
 
-    /// Heights from distances from the body's centre, if that is what most samples are.
+    /// Converts distances from the body's centre to heights, if most samples are such distances.
     fn take_radius_off(
         &mut self,
         raster: &Raster,
@@ -147,7 +150,7 @@ impl ElevationValues {
         let (low, high, radius) = (grouped(found.low), grouped(found.high), grouped(radius_m));
         if semi_minor_m.is_some_and(|b| (radius_m - b).abs() > 1.0) {
             return Err(IngestError::source(
-                &raster.path,
+                raster.path(),
                 format!(
                     "has distances from the centre of the body, {low} to {high} m, not heights; its ellipsoid is flattened, so \
                      that the radius to take off depends on the latitude: give heights above it (gdal_calc.py), or name the \
@@ -157,7 +160,7 @@ impl ElevationValues {
         }
         note(Note::Info(format!(
             "{} has distances from the centre, {low} to {high} m: {radius} m are taken off",
-            raster.path.display()
+            raster.path().display()
         )));
         self.offset -= radius_m;
         Ok(true)
@@ -173,7 +176,7 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     let range = range_of(&beyond);
     if survey.heights.count == 0 {
         return Err(IngestError::source(
-            &raster.path,
+            raster.path(),
             format!(
                 "has no heights that a body can have: its samples, {range}, lie beyond ±100 km; if they are not metres, \
                  --elevation-unit mm (or cm, ft, …) tells"
@@ -183,7 +186,7 @@ fn check_beyond(raster: &Raster, survey: &Survey, note: &mut dyn FnMut(Note)) ->
     note(Note::Warning(format!(
         "{} has {} samples {range}, beyond ±100 km: they are taken as voids; if they are not metres, --elevation-unit mm (or cm, \
          ft, …) tells",
-        raster.path.display(),
+        raster.path().display(),
         grouped(beyond.count as f64)
     )));
     Ok(())
@@ -204,7 +207,7 @@ fn check_ground(raster: &Raster, heights: &Stats, body: &str, note: &mut dyn FnM
         note(Note::Warning(format!(
             "{} has heights {} m, but the ground of {body} lies between {} and {} m: if they are not metres, \
              --elevation-unit cm (or mm, dm, ft, …) tells, and --nodata V if some of them mean \"no data\"",
-            raster.path.display(),
+            raster.path().display(),
             range_of(heights),
             grouped(*low),
             grouped(*high)
@@ -225,9 +228,9 @@ pub(super) fn grouped(value: f64) -> String {
     if value < 0.0 && digits != "0" { format!("-{text}") } else { text }
 }
 
-/// Sentinels that stand alone, and how many samples have them. `counts` has for each how many
-/// samples have it, and how many are near it. Two sentinels may be neighbours (-32768 and -32767):
-/// each alone counts, both together do too.
+/// Isolated sentinels, and their numbers of samples. `counts`: for each sentinel the number of
+/// samples with its value, and near it. Two sentinels may be neighbours (-32768 and -32767): either
+/// or both of them count as isolated.
 pub(super) fn lone_sentinels(counts: &[[u64; 2]; SENTINELS.len()]) -> Vec<(f32, u64)> {
     let is_alone = |i: usize| {
         let others: u64 = (0..SENTINELS.len())
@@ -256,8 +259,8 @@ pub fn meters_in(unit: &str) -> Option<f64> {
     })
 }
 
-/// Heights whose unit nobody tells are metres, but over a plane in feet they are feet: so publish
-/// those who survey in feet.
+/// Heights without a unit are metres, but feet if the plane is in feet, as is usual for surveys in
+/// feet.
 fn unit_of_plane(raster: &Raster, srs: &SpatialRef, note: &mut dyn FnMut(Note)) -> f64 {
     let plane = srs.linear_units();
     if !srs.is_projected() || (plane / 0.3048 - 1.0).abs() > 1e-4 {
@@ -267,7 +270,7 @@ fn unit_of_plane(raster: &Raster, srs: &SpatialRef, note: &mut dyn FnMut(Note)) 
     note(Note::Info(format!(
         "{} does not tell the unit of its heights; its plane is in {name}, so they are taken as {name} too and converted to metres \
          (--elevation-unit m, if they are metres; us-ft or ft tells it)",
-        raster.path.display()
+        raster.path().display()
     )));
     plane
 }
@@ -276,25 +279,25 @@ fn vertical_unit(raster: &Raster, band: &BandInfo, note: &mut dyn FnMut(Note)) -
     let srs = raster.srs()?;
     let attribute = |child| srs.get_attr_value("VERT_CS|UNIT", child).ok().flatten();
     if band.unit.trim().is_empty() {
-        // A compound CRS tells the unit of its heights in words and as metres.
+        // A compound CRS has the unit of its heights as a name and in metres.
         let factor = attribute(1).and_then(|text| text.parse::<f64>().ok()).filter(|f| f.is_finite() && *f > 0.0);
         let Some(factor) = factor else { return Ok(unit_of_plane(raster, &srs, note)) };
         if factor != 1.0 {
             let name = attribute(0).unwrap_or_default();
-            note(Note::Info(format!("{}: heights are converted from {name} to metres", raster.path.display())));
+            note(Note::Info(format!("{}: heights are converted from {name} to metres", raster.path().display())));
         }
         return Ok(factor);
     }
     let Some(factor) = meters_in(&band.unit) else {
         note(Note::Warning(format!(
             "{} gives the unit of its heights as \"{}\", which is not known: they are taken as metres (--elevation-unit tells)",
-            raster.path.display(),
+            raster.path().display(),
             band.unit
         )));
         return Ok(1.0);
     };
     if factor != 1.0 {
-        note(Note::Info(format!("{}: heights are converted from {} to metres", raster.path.display(), band.unit)));
+        note(Note::Info(format!("{}: heights are converted from {} to metres", raster.path().display(), band.unit)));
     }
     Ok(factor)
 }

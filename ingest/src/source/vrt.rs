@@ -1,5 +1,5 @@
-//! A VRT's sources, before GDAL opens it: they have to lie under the folder of the VRT that was
-//! named.
+//! Checks the sources of a VRT before GDAL opens it: they have to lie under the folder of the named
+//! VRT.
 //!
 //! GDAL opens sources by content, with all its drivers, and a VRT may name any file, archive or
 //! address in many of its elements. So its XML is read here: names of sources are followed (a
@@ -12,19 +12,19 @@ use quick_xml::reader::Reader;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// No VRT is larger: it has a few hundred bytes for each source.
+/// Upper bound of the size of a VRT, which has a few hundred bytes for each source.
 const MAX_BYTES: u64 = 16 << 20;
-/// No tag is longer: looking for attributes that are given twice costs their square.
+/// Upper bound of the length of a tag, because finding duplicate attributes takes quadratic time.
 const MAX_TAG_BYTES: usize = 8 << 10;
-/// Elements within each other.
+/// Maximum depth of nested elements.
 const MAX_NESTED: usize = 256;
-/// VRTs in VRTs.
+/// Maximum depth of nested VRTs.
 const MAX_DEPTH: usize = 8;
-/// How the user allows what is refused.
+/// How the user can allow it.
 const ALLOW: &str = "--trust-vrt allows it";
 /// Elements that name a dataset.
 const NAMES: [&str; 2] = ["SourceFilename", "SourceDataset"];
-/// Elements whose text is for people or describes a CRS.
+/// Elements whose text is for display or describes a CRS.
 const WORDS: [&str; 8] =
     ["SRS", "SourceSRS", "TargetSRS", "Description", "UnitType", "Category", "ColorInterp", "PixelFunctionType"];
 /// Domains of metadata that name datasets.
@@ -57,7 +57,7 @@ fn check_file(path: &Path, root: &Path, depth: usize) -> Result<(), String> {
     loop {
         match reader.read_event().map_err(|e| unreadable(&e))? {
             Event::Start(tag) => {
-                // What has an element in it has no text of its own.
+                // An element with children has no text of its own.
                 open.last_mut().into_iter().for_each(|parent| parent.is_split = true);
                 open.push(Element::of(&tag)?);
                 if open.len() > MAX_NESTED {
@@ -91,7 +91,7 @@ fn check_file(path: &Path, root: &Path, depth: usize) -> Result<(), String> {
                 open.last_mut().into_iter().for_each(|element| element.is_split = true);
             }
             Event::Decl(_) => {}
-            // It could say what the text does not show.
+            // It could have content that the text does not show.
             Event::DocType(_) => return Err(unreadable(&"it has a document type")),
             Event::Eof if open.is_empty() => return Ok(()),
             Event::Eof => return Err(unreadable(&"it is cut short")),
@@ -99,14 +99,14 @@ fn check_file(path: &Path, root: &Path, depth: usize) -> Result<(), String> {
     }
 }
 
-/// An element with what is written in it, but not in its children.
+/// An element with its own text, without that of its children.
 struct Element {
     /// Without prefix.
     name: String,
     /// Without prefixes.
     attributes: Vec<(String, String)>,
     text: String,
-    /// Whether other things stand between parts of its text: readers differ in which of them count.
+    /// Whether its text is interrupted by other nodes: parsers differ in how they handle this.
     is_split: bool,
 }
 
@@ -132,7 +132,7 @@ impl Element {
     }
 }
 
-/// What a reference stands for: a number, or one of the five names that XML itself has.
+/// The character of a reference: a number, or one of the five predefined entities of XML.
 fn referred(name: &BytesRef<'_>) -> Option<char> {
     if let Some(c) = name.resolve_char_ref().ok()? {
         return Some(c);
@@ -161,7 +161,7 @@ fn check_element(element: &Element, folder: &Path, root: &Path, depth: usize) ->
     if is(&["PixelFunctionCode"]) {
         return Err(format!("has a program in it (PixelFunctionCode); {ALLOW}"));
     }
-    // Metadata are for people; elements within elements are looked at one by one.
+    // Metadata are for display; nested elements are checked one by one.
     if is(&WORDS) || is(&["MDI"]) {
         return Ok(());
     }
@@ -192,7 +192,7 @@ fn check_source(text: &str, folder: Option<&Path>, root: &Path, depth: usize) ->
         return Err(beyond());
     }
     let Ok(real) = path.canonicalize() else {
-        // A subdataset, an address, or nothing that is there.
+        // A subdataset, an address, or a missing file.
         let what = if text.contains(':') { ", which is not a file under" } else { ", which does not exist under" };
         return Err(format!("has the source {text}{what} {}; {ALLOW}", root.display()));
     };

@@ -2,7 +2,7 @@
 //!
 //! Both are made block by block, each a pure function of position and seed; a block of the photo
 //! covers a block of the DEM, whose heights it needs. The photo's edges are on the DEM's outer
-//! posts; the DEM, as pixels with an area, sticks out by half a pixel.
+//! posts; the DEM, whose pixels have an area, extends half a pixel beyond.
 
 pub mod noise;
 pub mod ortho;
@@ -28,8 +28,8 @@ use terrain::Terrain;
 const EPSG: u32 = 32632;
 /// Where the world's middle is, metres.
 const MIDDLE: [f64; 2] = [500_000.0, 5_200_000.0];
-/// Where in the endless terrain its south west corner is: small worlds have a lake and mountains,
-/// too.
+/// The position of its south west corner in the infinite terrain, chosen so that small worlds have
+/// a lake and mountains too.
 const CORNER: [f64; 2] = [17_500.0, 16_500.0];
 /// Posts along a block's side; the photo has twice as many pixels. Also the tile size of both
 /// files.

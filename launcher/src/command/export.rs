@@ -29,7 +29,7 @@ pub fn export(args: &PathArgs) -> Result<(), Failure> {
     warnings.iter().for_each(|warning| progress.warn(warning));
     let (fps, speed) = plan::pace(&args.course, &path)?;
     let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;
-    let crs = &database.manifest().crs;
+    let crs = &database.manifest().fields().crs;
     let name = crs.epsg.map_or_else(|| crs.name.clone(), |epsg| format!("EPSG:{epsg}"));
     let head = head(&name, fps, &settings);
     let poses = (first..end).map(|frame| path.course.pose(frame, fps, speed));

@@ -8,7 +8,7 @@ use crate::world::open_world;
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::io::{self, Write};
-use terravision_common::database::{Layer, Manifest, Source, VoidsRecord};
+use terravision_common::database::{Layer, Manifest, ManifestFields, Source, VoidsRecord};
 use terravision_common::node::NodeId;
 use terravision_common::terminal::{printable, printable_json};
 use terravision_store::Store;
@@ -28,8 +28,8 @@ pub fn info(args: &InfoArgs) -> Result<(), Failure> {
 }
 
 /// A manifest with its texts, which are foreign, as a terminal may show them.
-fn printable_manifest(manifest: &Manifest) -> Manifest {
-    let mut manifest = manifest.clone();
+fn printable_manifest(manifest: &Manifest) -> ManifestFields {
+    let mut manifest = manifest.fields().clone();
     let sources = manifest.elevation.sources.iter_mut().chain(&mut manifest.color.sources);
     let texts = sources.flat_map(|source| [&mut source.file, &mut source.crs, &mut source.data_type]);
     for text in texts.chain([&mut manifest.name, &mut manifest.crs.name, &mut manifest.body.name]) {
@@ -41,7 +41,7 @@ fn printable_manifest(manifest: &Manifest) -> Manifest {
 fn as_json(database: &Store) -> String {
     let (manifest, world) = (database.manifest(), database.world());
     let mut value = json!({"schema": "terravision-info-1", "path": database.location().to_string()});
-    value["manifest"] = serde_json::to_value(manifest).unwrap_or_default();
+    value["manifest"] = serde_json::to_value(manifest.fields()).unwrap_or_default();
     let [width, height] = world.extent_m();
     let [x, y] = world.fields().origin;
     value["bounds"] = json!([x, y, x + width, y + height]);

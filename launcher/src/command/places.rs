@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 use terravision_common::database::{TileScratch, TileSource};
-use terravision_common::lonlat::{LonLatTable, Plane, lonlat_of_body};
+use terravision_common::lonlat::{LonLatTable, Projection, lonlat_of_body};
 use terravision_common::node::NodeId;
 use terravision_common::validity::{HALF, MEASURED_PLANE};
 use terravision_store::Store;
@@ -41,7 +41,7 @@ impl Places {
     /// Works them out. Blocks on storage.
     #[must_use]
     pub fn of(database: &Store) -> Self {
-        let (manifest, world) = (database.manifest(), database.world());
+        let (manifest, world) = (database.manifest().fields(), database.world());
         let way = Way::of(manifest.crs.proj4.as_deref(), manifest.crs.epsg, manifest.lonlat.as_ref());
         let is_here = database.location().as_path().is_some();
         let [low, high] = manifest.elevation.range_m;
@@ -60,8 +60,8 @@ impl Places {
 
 /// From a world's CRS to longitude and latitude.
 struct Way<'a> {
-    plane: Plane,
-    lon_lat: Plane,
+    plane: Projection,
+    lon_lat: Projection,
     table: Option<&'a LonLatTable>,
 }
 
@@ -69,13 +69,13 @@ impl<'a> Way<'a> {
     fn of(proj4: Option<&str>, epsg: Option<u32>, table: Option<&'a LonLatTable>) -> Option<Self> {
         let table = table.filter(|table| table.is_valid());
         let (plane, lon_lat) = match table {
-            Some(table) => (Plane::parse(&table.plane).ok()?, table.lonlat.clone()),
+            Some(table) => (Projection::parse(&table.plane).ok()?, table.lonlat.clone()),
             None => {
-                let plane = proj4.map_or_else(|| Plane::of_epsg(epsg?), |text| Plane::parse(text).ok())?;
+                let plane = proj4.map_or_else(|| Projection::of_epsg(epsg?), |text| Projection::parse(text).ok())?;
                 (plane, lonlat_of_body(proj4.unwrap_or_default()))
             }
         };
-        Some(Self { plane, lon_lat: Plane::parse(&lon_lat).ok()?, table })
+        Some(Self { plane, lon_lat: Projection::parse(&lon_lat).ok()?, table })
     }
 
     fn lon_lat_at(&self, place: [f64; 2]) -> Option<[f64; 2]> {

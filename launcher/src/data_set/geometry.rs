@@ -17,7 +17,7 @@ pub type Rows4 = [[f64; 4]; 4];
 #[must_use]
 pub fn intrinsics(camera: &Camera) -> [[f64; 3]; 3] {
     let f = camera.focal_px();
-    let [cx, cy] = [camera.width, camera.height].map(|side| 0.5 * f64::from(side));
+    let [cx, cy] = [camera.width(), camera.height()].map(|side| 0.5 * f64::from(side));
     [[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]
 }
 

@@ -64,7 +64,7 @@ impl Head {
     /// With the field of view of the first camera; each frame has its own beside.
     #[must_use]
     pub fn with_vfov(mut self, camera: Option<&Camera>) -> Self {
-        self.vfov_deg = camera.map_or(self.vfov_deg, |camera| degrees(camera.vfov_rad));
+        self.vfov_deg = camera.map_or(self.vfov_deg, |camera| degrees(camera.vfov_rad()));
         self
     }
 }
@@ -100,15 +100,15 @@ impl Entry {
         let camera = &flown.camera;
         let eye = eye_in_crs(camera, origin);
         Self {
-            frame: flown.frame,
+            frame: flown.frame.get(),
             time_s: flown.time_s,
             x: eye.x,
             y: eye.y,
             z: eye.z,
-            heading: degrees(camera.heading_rad),
-            pitch: degrees(camera.pitch_rad),
-            roll: degrees(camera.roll_rad),
-            vfov: degrees(camera.vfov_rad),
+            heading: degrees(camera.heading_rad()),
+            pitch: degrees(camera.pitch_rad()),
+            roll: degrees(camera.roll_rad()),
+            vfov: degrees(camera.vfov_rad()),
             k: intrinsics(camera),
             world_to_camera: world_to_camera(camera, origin),
             camera_to_world: camera_to_world(camera, origin),
@@ -194,7 +194,7 @@ pub struct Listing {
 impl Listing {
     /// The listing that is there, as far as its frames go with `head` and their files, named from
     /// `folder`, are still there; and how many frames did not go with it. An empty one where there
-    /// is no file, or it is not a listing.
+    /// is not a file, or not a listing.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -230,7 +230,7 @@ impl Listing {
         self.frames.len()
     }
 
-    /// Whether there are none.
+    /// Whether it is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()

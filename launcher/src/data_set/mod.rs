@@ -14,6 +14,7 @@ use std::collections::BTreeSet;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 use terravision_common::camera::Camera;
+use terravision_common::ids::FrameNumber;
 use terravision_common::rig::RigView;
 use terravision_common::run::frame_file_name;
 
@@ -26,7 +27,7 @@ pub const TRANSFORMS_FILE: &str = "transforms.json";
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlownFrame {
     /// Number in the flight.
-    pub frame: u64,
+    pub frame: FrameNumber,
     /// Seconds: of a path in its film, of poses in the clock of their sender.
     pub time_s: f64,
     /// The camera.
@@ -100,12 +101,12 @@ impl DataSet {
         let fail = |source: io::Error| OutputError::Write { path: folder.join(FRAMES_FILE), source };
         // Another flight into this folder lists its frames before or after, not meanwhile.
         let lock = crate::output::FolderLock::wait(folder);
-        let flown: Vec<FlownFrame> = flown.iter().map(|flown| self.seen_by(flown)).collect();
+        let flown: Vec<FlownFrame> = flown.iter().filter_map(|flown| self.seen_by(flown)).collect();
         let head = self.head.clone().with_vfov(flown.first().map(|flown| &flown.camera));
         let (mut listing, dropped) = Listing::read(&folder.join(FRAMES_FILE), head, folder).map_err(fail)?;
         for flown in &flown {
             let entry = Entry::new(flown, self.origin, |key| self.file(key, flown.frame));
-            listing.put(flown.frame, entry).map_err(fail)?;
+            listing.put(flown.frame.get(), entry).map_err(fail)?;
         }
         let has_transforms = self.pictures.is_some();
         if has_transforms {
@@ -117,20 +118,21 @@ impl DataSet {
         Ok(Listed { frames: listing.len(), dropped, has_transforms })
     }
 
-    /// The frame as the camera of these files has seen it.
-    fn seen_by(&self, flown: &FlownFrame) -> FlownFrame {
-        let camera = self.view.as_ref().map_or(flown.camera, |view| view.camera(&flown.camera));
-        FlownFrame { camera, ..*flown }
+    /// The frame as the camera of these files has seen it; `None` where the rig has no valid
+    /// camera: then nothing was drawn.
+    fn seen_by(&self, flown: &FlownFrame) -> Option<FlownFrame> {
+        let camera = self.view.as_ref().map_or(Ok(flown.camera), |view| view.camera(&flown.camera)).ok()?;
+        Some(FlownFrame { camera, ..*flown })
     }
 
     /// The name of a frame's file, as seen from the folder of the listings.
-    fn file(&self, key: &str, frame: u64) -> Option<String> {
+    fn file(&self, key: &str, frame: FrameNumber) -> Option<String> {
         let (folder, extension) = match key {
             "color" => (self.pictures.as_deref(), "png"),
             "depth" => (self.depth.as_ref().map(FrameFolder::path), "tif"),
             _ => (self.ground.as_ref().map(FrameFolder::path), "tif"),
         };
-        let path = relative(self.folder(), folder?).join(frame_file_name(frame, extension));
+        let path = relative(self.folder(), folder?).join(frame_file_name(frame.get(), extension));
         Some(path.to_string_lossy().into_owned())
     }
 }

@@ -5,11 +5,12 @@ use super::*;
 use glam::DVec3;
 use serde_json::Value;
 use std::fs;
+use terravision_common::camera::CameraFields;
 
 const ORIGIN: [f64; 2] = [553_000.0, 5_105_000.0];
 
 fn camera(n: f64) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: [1000.0 + 10.0 * n, 2000.0, 3000.5],
         heading_rad: (30.0 + n).to_radians(),
         pitch_rad: (-25.0f64).to_radians(),
@@ -18,7 +19,8 @@ fn camera(n: f64) -> Camera {
         width: 640,
         height: 361,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 fn times(rows: &[[f64; 4]; 4], at: DVec3) -> DVec3 {
@@ -46,7 +48,8 @@ fn what_a_ray_meets_is_projected_onto_its_pixel() {
 
 #[test]
 fn a_level_camera_that_looks_north_has_the_matrices_of_the_documents() {
-    let level = Camera { heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0, ..camera(0.0) };
+    let level = Camera::new(CameraFields { heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0, ..*camera(0.0).fields() })
+        .expect("valid");
     let close = |a: [[f64; 4]; 4], b: [[f64; 4]; 4]| {
         a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-9)
     };
@@ -87,7 +90,11 @@ impl Scratch {
     /// Lists frames whose files it makes.
     fn list(&self, set: &DataSet, frames: [u64; 2]) -> Listed {
         let flown: Vec<FlownFrame> = (frames[0]..frames[1])
-            .map(|frame| FlownFrame { frame, time_s: frame as f64 / 29.97, camera: camera(frame as f64) })
+            .map(|frame| FlownFrame {
+                frame: FrameNumber::new(frame),
+                time_s: frame as f64 / 29.97,
+                camera: camera(frame as f64),
+            })
             .collect();
         for frame in frames[0]..frames[1] {
             for name in [

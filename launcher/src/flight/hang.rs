@@ -9,9 +9,9 @@
 //! ```
 //!
 //! Time counts as this process sees it: a tick is a second at most, so a launcher that was stopped
-//! itself (Ctrl-Z) has seen no silence. Whoever computes, or waits for a disk, is slow and does not
-//! hang: it has [`BUSY`] times as long; and everybody has ten times as long as the slowest thing
-//! that it got done so far.
+//! itself (Ctrl-Z) has seen no silence. A stage that computes, or waits for a disk, is slow and
+//! does not hang: it has [`BUSY`] times as long; and everybody has ten times as long as the slowest
+//! thing that it got done so far.
 
 use super::stage::StageProcess;
 use crate::plan::supervision::HangRules;

@@ -10,6 +10,7 @@ use crate::output::FrameFolder;
 use crate::plan::FlightPlan;
 use std::collections::BTreeSet;
 use terravision_common::camera::Camera;
+use terravision_common::ids::FrameNumber;
 use terravision_common::run::OPEN_END;
 
 /// Frames of a flight that are whole in files.
@@ -67,7 +68,7 @@ impl Kept {
     /// The listing cannot be written.
     pub fn list(&self, plan: &FlightPlan, stats: &RunStats, progress: &Progress) -> Result<(), Failure> {
         let Some(frames) = self.frames.as_ref().filter(|frames| !frames.is_empty()) else { return Ok(()) };
-        let flown: Vec<FlownFrame> = flown(plan, stats).filter(|flown| frames.contains(&flown.frame)).collect();
+        let flown: Vec<FlownFrame> = flown(plan, stats).filter(|flown| frames.contains(&flown.frame.get())).collect();
         plan.data_sets.iter().try_for_each(|set| Self::list_in(set, frames, &flown, plan, stats, progress))
     }
 
@@ -114,11 +115,14 @@ fn rate(bytes: u64, stats: &RunStats) -> String {
 /// The cameras of a flight, by frame: those of the plan, or those that came.
 fn flown<'a>(plan: &'a FlightPlan, stats: &'a RunStats) -> impl Iterator<Item = FlownFrame> + 'a {
     let (first, fps) = (plan.config.frames[0], plan.config.fps);
-    let planned = (first..).zip(&plan.cameras);
-    let planned = planned.map(move |(frame, camera)| FlownFrame { frame, time_s: frame as f64 / fps, camera: *camera });
-    let since = stats.poses.first().map_or(0, |first| first.camera.timestamp_nanos);
+    let planned = (first..).zip(&plan.cameras).map(move |(frame, camera)| FlownFrame {
+        frame: FrameNumber::new(frame),
+        time_s: frame as f64 / fps,
+        camera: *camera,
+    });
+    let since = stats.poses.first().map_or(0, |first| first.camera.timestamp_nanos());
     // A sender without a clock is taken to have that of this machine, from its first pose.
-    let own = move |camera: &Camera| camera.timestamp_nanos.saturating_sub(since) as f64 / 1e9;
+    let own = move |camera: &Camera| camera.timestamp_nanos().saturating_sub(since) as f64 / 1e9;
     let timed = move |flown: &FlownFrame| {
         let time_s = if flown.time_s.is_finite() { flown.time_s } else { own(&flown.camera) };
         FlownFrame { time_s, ..*flown }

@@ -69,7 +69,7 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let ending = match run.fly(&mut plan, &progress) {
         Ok(ending) => ending,
         Err(failure) => {
-            // All stages have ended, and with them whoever they had started.
+            // All stages have ended, and with them their child processes.
             orphans::end_orphans();
             remove_partials(&plan, run.pids());
             return Err(failure);

@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::run::Prediction;
 use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
 
@@ -78,7 +78,7 @@ struct Cockpit {
     failure: Arc<OnceLock<ShmError>>,
 }
 
-/// Sentences that wait to be shown; what comes while so many do is not shown.
+/// Maximum number of queued messages; further ones are dropped.
 const MOST_MESSAGES: usize = 64;
 
 impl Pilot {
@@ -153,7 +153,7 @@ impl Cockpit {
     /// knows which.
     fn push(&mut self, frame: u64, camera: Camera) -> bool {
         self.control.publish_camera(&camera);
-        self.ring.push(&CameraRecord { frame, camera }, &self.control).is_ok()
+        self.ring.push(&CameraRecord { frame, camera: *camera.fields() }, &self.control).is_ok()
     }
 
     /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run.
@@ -162,8 +162,8 @@ impl Cockpit {
     fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &SyncSender<String>) -> Flown {
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
-        // Nobody listens any more when the run has ended.
-        // Whoever sends poses decides how much there is to say: it is never waited for.
+        // When the run has ended, the receiver is gone. The sender of poses determines the number
+        // of messages, so this never waits.
         let mut say = |sentence: String| drop(tell.try_send(sentence));
         let mut poses = 0;
         let mut flown = Vec::new();
@@ -184,10 +184,10 @@ impl Cockpit {
                 }
             };
             match incoming {
-                Incoming::Pose { mut camera, time_s } => {
+                Incoming::Pose { camera, time_s } => {
                     // Frames know their pose by its moment.
-                    camera.timestamp_nanos = camera.timestamp_nanos.max(newest_nanos + 1);
-                    newest_nanos = camera.timestamp_nanos;
+                    newest_nanos = camera.timestamp_nanos().max(newest_nanos + 1);
+                    let camera = camera.made_at(newest_nanos);
                     if let Some(times) = &mut self.times {
                         // That the ring was cut is told by the renderer, whose frames go into it.
                         times.note(newest_nanos, time_s).ok();
@@ -197,7 +197,7 @@ impl Cockpit {
                     } else if !self.push(self.first + poses, camera) {
                         break;
                     } else if flown.len() < MAX_FRAMES as usize {
-                        flown.push(FlownFrame { frame: self.first + poses, time_s, camera });
+                        flown.push(FlownFrame { frame: FrameNumber::new(self.first + poses), time_s, camera });
                     }
                     poses += 1;
                     last_work = Instant::now();
@@ -225,7 +225,7 @@ impl Cockpit {
 /// of the stages is no part of the flight.
 fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mut foretold: Option<Foretold>) {
     let Some(first) = cameras.first() else { return };
-    control.publish_camera(&Camera { timestamp_nanos: monotonic_nanos(), ..*first });
+    control.publish_camera(&first.made_at(monotonic_nanos()));
     let mut foretell = || foretold.iter_mut().for_each(|foretold| foretold.tell(cameras));
     foretell();
     while control.completed_sequence() == Sequence::NONE {
@@ -250,7 +250,7 @@ fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mu
         }
         let (frame, part) = (step / steps, step % steps);
         let camera = camera_at(cameras, frame as usize, part as f64 / steps as f64);
-        control.publish_camera(&Camera { timestamp_nanos: moment, ..camera });
+        control.publish_camera(&camera.made_at(moment));
         foretell();
     }
 }
@@ -273,8 +273,8 @@ impl Foretold {
 
     fn tell(&mut self, cameras: &[Camera]) {
         while let Some(camera) = cameras.get(self.next) {
-            let timestamp_nanos = (self.next as f64 * self.period_nanos) as u64;
-            let record = CameraRecord { frame: self.next as u64, camera: Camera { timestamp_nanos, ..*camera } };
+            let camera = camera.made_at((self.next as f64 * self.period_nanos) as u64);
+            let record = CameraRecord { frame: self.next as u64, camera: *camera.fields() };
             if self.ring.try_push(record).is_err() {
                 return;
             }
@@ -312,9 +312,10 @@ fn camera_at(cameras: &[Camera], frame: usize, part: f64) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use terravision_common::camera::CameraFields;
 
     fn camera(x: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [x, 0.0, 100.0],
             heading_rad: 0.01 * x,
             pitch_rad: 0.0,
@@ -323,13 +324,14 @@ mod tests {
             width: 64,
             height: 36,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     #[test]
     fn between_frames_the_camera_is_between_but_not_at_a_cut() {
         let cameras: Vec<Camera> = [0.0, 10.0, 20.0, 5000.0, 5010.0, 5020.0].map(camera).into();
-        let x = |frame, part| camera_at(&cameras, frame, part).eye_in_world[0];
+        let x = |frame, part| camera_at(&cameras, frame, part).fields().eye_in_world[0];
         assert_eq!((x(0, 0.0), x(0, 0.5), x(1, 0.25)), (0.0, 5.0, 12.5));
         assert_eq!((x(2, 0.0), x(2, 0.75), x(3, 0.5)), (20.0, 20.0, 5005.0));
         assert_eq!((x(5, 0.0), x(5, 0.5), x(9, 0.5)), (5020.0, 5020.0, 5020.0));

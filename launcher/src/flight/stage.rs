@@ -130,7 +130,7 @@ impl StageProcess {
         let place = Self { stage, pidfd: pidfd_open(pid, PidfdFlags::empty()).ok(), child, messages, status: None };
         if let Some(stderr) = stderr {
             let messages = Arc::clone(&place.messages);
-            // Ends with the pipe; nobody waits for it.
+            // Ends with the pipe; it is not joined.
             let listening = in_thread(stage.name(), move || listen(stage, stderr, &messages));
             drop(listening.map_err(|source| StartError::Thread { stage, source })?);
         }

@@ -7,15 +7,15 @@ use crate::ground::{self, CLEARANCE_M, FAR_FROM_WORLD};
 use crate::path::{Ground, Pose, orbit::Extent};
 use glam::DVec3;
 use std::fmt;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::surface::CrsFrame;
 
 const LARGEST_ANGLE_DEG: f64 = 1e6;
 /// No clock shows more, not even one in nanoseconds that is given for seconds.
 const LARGEST_TIME: f64 = 1e20;
-/// So many poses from the past, each newer than the one before, are those of a sender that started
-/// again: its clock counts.
+/// This many poses from the past, each newer than the one before, are those of a sender that
+/// started again: its clock counts.
 const CLOCK_SET_BACK: u32 = 30;
 
 /// Causes for which a pose is refused.
@@ -124,8 +124,12 @@ impl Gate {
             Message::NotFinite => Err(Cause::NotFinite),
             Message::Pose(sent) => self.check(sent),
         };
-        let (mut pose, vfov_rad) = match checked {
-            Ok(checked) => checked,
+        let lifted = checked.and_then(|(mut pose, vfov_rad)| {
+            let is_lifted = ground::lift(&mut pose, ground);
+            Ok((self.camera(&pose, vfov_rad)?, is_lifted))
+        });
+        let (camera, is_lifted) = match lifted {
+            Ok(lifted) => lifted,
             Err(cause) => {
                 let count = &mut self.refused[cause as usize];
                 *count += 1;
@@ -142,9 +146,15 @@ impl Gate {
             self.past = (f64::NEG_INFINITY, 0);
         }
         self.accepted += 1;
-        self.lifted += u64::from(ground::lift(&mut pose, ground));
+        self.lifted += u64::from(is_lifted);
+        Ok(Incoming::Pose { camera, time_s })
+    }
+
+    /// A pose as a camera of the flight's. What [`Gate::check`] has passed makes one, unless the
+    /// world itself is too large.
+    fn camera(&self, pose: &Pose, vfov_rad: f64) -> Result<Camera, Cause> {
         let crs_frame = CrsFrame::new(self.settings.extent.low.to_array());
-        let camera = Camera {
+        let fields = CameraFields {
             eye_in_world: crs_frame.position(pose.position).to_array(),
             heading_rad: pose.heading_rad,
             pitch_rad: pose.pitch_rad,
@@ -154,7 +164,7 @@ impl Gate {
             height: self.settings.size[1],
             timestamp_nanos: monotonic_nanos(),
         };
-        Ok(Incoming::Pose { camera, time_s })
+        Camera::new(fields).or(Err(Cause::FarAway))
     }
 
     fn check(&mut self, sent: &SentPose) -> Result<(Pose, f64), Cause> {
@@ -246,11 +256,11 @@ mod tests {
         let mut gate = gate();
         let pose = Message::Pose(SentPose { vfov_deg: Some(50.0), ..sent(3.0) });
         let Ok(Incoming::Pose { camera, time_s }) = gate.pass(&pose, &Flat, &mut |_| {}) else { panic!("refused") };
-        assert_eq!((camera.eye_in_world, time_s), ([5000.0, 5000.0, 500.0], 3.0));
-        assert!(camera.is_valid() && (camera.vfov_rad - 50f64.to_radians()).abs() < 1e-12);
+        assert_eq!((camera.fields().eye_in_world, time_s), ([5000.0, 5000.0, 500.0], 3.0));
+        assert!((camera.vfov_rad() - 50f64.to_radians()).abs() < 1e-12);
         let low = Message::Pose(SentPose { position: [505_000.0, 4_005_000.0, 5.0], ..sent(4.0) });
         let Ok(Incoming::Pose { camera, .. }) = gate.pass(&low, &Flat, &mut |_| {}) else { panic!("refused") };
-        assert_eq!((camera.eye_in_world[2], camera.vfov_rad), (102.0, 1.0));
+        assert_eq!((camera.fields().eye_in_world[2], camera.vfov_rad()), (102.0, 1.0));
         assert_eq!(gate.pass(&Message::End, &Flat, &mut |_| {}), Ok(Incoming::End));
         assert_eq!((gate.accepted(), gate.refused()), (2, 0));
         assert_eq!(gate.summary(), ["1 of 2 frames were lifted: their poses were less than 2 m above the ground"]);
@@ -329,7 +339,7 @@ mod tests {
                 time_s: Some(number(7)),
             };
             if let Ok(Incoming::Pose { camera, .. }) = gate().pass(&Message::Pose(pose), &Flat, &mut |_| {}) {
-                prop_assert!(camera.is_valid());
+                prop_assert!(Camera::new(*camera.fields()).is_ok());
             }
         }
     }

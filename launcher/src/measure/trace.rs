@@ -110,7 +110,7 @@ fn write_processes<W: Write>(list: &mut List<'_, W>, stats: &RunStats) -> io::Re
 /// Moments, not spans: a frame that is written, a tile that cannot be read, the triangles of a
 /// frame.
 fn write_moment<W: Write>(list: &mut List<'_, W>, pid: u32, event: &Event, ts: f64) -> io::Result<()> {
-    let (tid, frame) = (event.thread, event.frame);
+    let (tid, frame) = (event.thread, event.frame().get());
     match event.content() {
         Some(EventContent::FrameWritten { .. }) => list.put(
             &json!({"name": "frame written", "ph": "i", "s": "p", "pid": pid, "tid": tid, "ts": ts, "args": {"frame": frame}}),
@@ -142,7 +142,7 @@ impl Slice {
 
     fn of_event(pid: u32, event: &Event) -> Option<Self> {
         let Some(EventContent::Span { name, node }) = event.content() else { return None };
-        let mut args = json!({"frame": event.frame});
+        let mut args = json!({"frame": event.frame().get()});
         if let Some(node) = node {
             args["node"] = json!(node.to_string());
         }
@@ -201,6 +201,7 @@ mod tests {
     use super::*;
     use crate::measure::report::tests::stats;
     use terravision_common::event::SpanName;
+    use terravision_common::ids::FrameNumber;
     use terravision_common::node::NodeId;
 
     fn events(stats: &RunStats) -> Vec<Value> {
@@ -243,7 +244,8 @@ mod tests {
         for (start, duration) in [(500, 400), (600, 50), (600, 300), (650, 10), (900, 5), (700, 600), (500, 400)] {
             let span = EventContent::Span { name: SpanName::FetchTile, node: NodeId::new(0, 0, 0) };
             // Behind the start of the program.
-            let event = Event::new(span).on_thread(3).of_frame(5).at(20_000_000 + start).lasting(duration);
+            let event =
+                Event::new(span).on_thread(3).of_frame(FrameNumber::new(5)).at(20_000_000 + start).lasting(duration);
             stats.collector.take(Stage::Prefetcher, event);
         }
         let mut by_row: BTreeMap<(u64, u64), Vec<(f64, f64)>> = BTreeMap::new();

@@ -14,7 +14,7 @@ use glam::DVec2;
 use proj4rs::errors::Error;
 use std::cell::RefCell;
 use std::fmt;
-use terravision_common::lonlat::{LonLatTable, Plane, WGS84_LONLAT, lonlat_of_body, proj_value, without_datum};
+use terravision_common::lonlat::{LonLatTable, Projection, WGS84_LONLAT, lonlat_of_body, proj_value, without_datum};
 
 /// Why coordinates cannot be brought into the world's CRS. Each is a whole sentence.
 #[derive(Debug, thiserror::Error)]
@@ -90,9 +90,9 @@ impl fmt::Debug for Georeference {
 #[expect(clippy::large_enum_variant, reason = "a path has one")]
 enum Way {
     /// By the planes alone.
-    Planes { from: Plane, to: Plane },
+    Planes { from: Projection, to: Projection },
     /// By longitude and latitude, and PROJ's table.
-    Table { from: Plane, lonlat: Plane, plane: Plane, table: LonLatTable },
+    Table { from: Projection, lonlat: Projection, plane: Projection, table: LonLatTable },
 }
 
 /// Brings positions and headings from another CRS into the world's.
@@ -151,7 +151,7 @@ impl Georeference {
             .table
             .as_ref()
             .map_or_else(|| lonlat_of_body(self.proj4.as_deref().unwrap_or_default()), |table| table.lonlat.clone());
-        let from = Plane::parse(&text).map_err(|source| CrsError::BadWorldCrs { text, source })?;
+        let from = Projection::parse(&text).map_err(|source| CrsError::BadWorldCrs { text, source })?;
         self.transform_from("longitude and latitude", from)
     }
 
@@ -179,14 +179,14 @@ impl Georeference {
             return Ok(Some(transform));
         }
         let from = match datum_of(&text) {
-            Datum::Known => Plane::parse(&text),
+            Datum::Known => Projection::parse(&text),
             Datum::Nad27 => {
                 self.doubt(format!(
                     "{name} is on NAD27, whose grids are not here: its mean shift is used, good to some 10 m in the \
                      contiguous United States and to 50 m elsewhere; a path in the world's CRS, {}, has no such doubt",
                     self.name
                 ));
-                Plane::parse(&with_nad27_shift(&text))
+                Projection::parse(&with_nad27_shift(&text))
             }
             Datum::Unknown => {
                 self.doubt(format!(
@@ -194,7 +194,7 @@ impl Georeference {
                      some hundred metres; give it in longitude and latitude or in the world's CRS, {} (gdaltransform converts)",
                     self.name
                 ));
-                Plane::parse(&without_datum(&text))
+                Projection::parse(&without_datum(&text))
             }
         };
         let Ok(from) = from else { return Err(unknown()) };
@@ -221,7 +221,7 @@ impl Georeference {
         if self.table.as_ref().is_some_and(|table| table.plane != without_datum(own)) {
             return None;
         }
-        let (from, to) = (Plane::parse(&without_datum(text)).ok()?, Plane::parse(&without_datum(own)).ok()?);
+        let (from, to) = (Projection::parse(&without_datum(text)).ok()?, Projection::parse(&without_datum(own)).ok()?);
         if !is_known_as_same {
             self.doubt(format!(
                 "{name} does not tell how its datum lies to WGS 84: it is taken for that of the world's CRS, {}, which has the \
@@ -232,21 +232,21 @@ impl Georeference {
         Some(Transform { from_name: name.to_owned(), to_name: self.name.clone(), way: Way::Planes { from, to } })
     }
 
-    fn transform_from(&self, from_name: &str, from: Plane) -> Result<Transform, CrsError> {
+    fn transform_from(&self, from_name: &str, from: Projection) -> Result<Transform, CrsError> {
         let (from_name, to_name) = (super::shorten(from_name), self.name.clone());
         let bad = |text: &str, source| CrsError::BadWorldCrs { text: text.to_owned(), source };
         let way = match (&self.table, &self.proj4) {
             (Some(table), _) => Way::Table {
                 from,
-                lonlat: Plane::parse(&table.lonlat).map_err(|source| bad(&table.lonlat, source))?,
-                plane: Plane::parse(&table.plane).map_err(|source| bad(&table.plane, source))?,
+                lonlat: Projection::parse(&table.lonlat).map_err(|source| bad(&table.lonlat, source))?,
+                plane: Projection::parse(&table.plane).map_err(|source| bad(&table.plane, source))?,
                 table: table.clone(),
             },
             (None, Some(text)) => {
                 let to = self.plane_of_old_database(text).map_err(|source| bad(text, source))?;
                 Way::Planes { from, to }
             }
-            (None, None) => match self.epsg.and_then(Plane::of_epsg) {
+            (None, None) => match self.epsg.and_then(Projection::of_epsg) {
                 Some(to) => Way::Planes { from, to },
                 None => return Err(CrsError::NoWorldCrs { found: from_name, world: to_name }),
             },
@@ -256,7 +256,7 @@ impl Georeference {
 
     /// The plane of a world whose manifest has no table: it needs none, or was made before there
     /// were any.
-    fn plane_of_old_database(&self, text: &str) -> Result<Plane, Error> {
+    fn plane_of_old_database(&self, text: &str) -> Result<Projection, Error> {
         let known = self.epsg.and_then(definition);
         let (datum, shifted) = match (datum_of(text), known) {
             (Datum::Nad27, _) => (Datum::Nad27, Some(with_nad27_shift(text))),
@@ -272,9 +272,9 @@ impl Georeference {
         };
         let remedy = "made by an earlier TerraVision, does not say how its datum lies to WGS 84";
         match (datum, shifted) {
-            (Datum::Known, _) => Plane::parse(text),
+            (Datum::Known, _) => Projection::parse(text),
             (_, Some(shifted)) => {
-                let (shifted, plain) = (Plane::parse(&shifted)?, Plane::parse(&without_datum(text))?);
+                let (shifted, plain) = (Projection::parse(&shifted)?, Projection::parse(&without_datum(text))?);
                 let size = self.shift_between(&plain, &shifted).map_or_else(String::new, |m| format!("of {m:.0} m "));
                 self.doubt(format!(
                     "the database ({}), {remedy}: a mean shift {size}is used, and paths may be off by some 10 to 50 m; ingest \
@@ -289,15 +289,15 @@ impl Georeference {
                      500 m); ingest again (as it is, or into UTM with --crs EPSG:326NN), or give the path in the world's own CRS",
                     self.name
                 ));
-                Plane::parse(&without_datum(text))
+                Projection::parse(&without_datum(text))
             }
         }
     }
 
     /// How far a place of the world is from itself in two planes of one longitude and latitude,
     /// metres.
-    fn shift_between(&self, plain: &Plane, shifted: &Plane) -> Option<f64> {
-        let wgs84 = Plane::parse(WGS84_LONLAT).ok()?;
+    fn shift_between(&self, plain: &Projection, shifted: &Projection) -> Option<f64> {
+        let wgs84 = Projection::parse(WGS84_LONLAT).ok()?;
         let lonlat = shifted.to(&wgs84, self.place).ok()?;
         let [x, y] = wgs84.to(plain, lonlat).ok()?;
         Some((x - self.place[0]).hypot(y - self.place[1])).filter(|m| m.is_finite())

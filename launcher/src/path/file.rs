@@ -76,7 +76,7 @@ fn limited(path: &Path, from: impl Read, limit: u64) -> Result<Vec<u8>, PathErro
 fn unpack(path: &Path, file: &mut File, len: u64) -> Result<(PathBuf, Vec<u8>), PathError> {
     let fail = |path: &Path, error| match error {
         zip::ZipError::TooLarge => PathError::TooLarge { path: path.to_owned(), limit: MAX_XML_BYTES },
-        zip::ZipError::Reason(reason) => PathError::Archive { path: path.to_owned(), reason },
+        zip::ZipError::Unusable { why } => PathError::Archive { path: path.to_owned(), reason: why },
     };
     let has_end = |name: &str, end: &str| name.to_ascii_lowercase().ends_with(end);
     // What macOS adds to every archive.

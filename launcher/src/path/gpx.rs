@@ -1,5 +1,4 @@
-//! GPX (1.0 and 1.1): tracks, or where there are none, routes; flown at a height above ground
-//! ([`super::track`]).
+//! GPX (1.0 and 1.1): tracks, otherwise routes; flown at a height above ground ([`super::track`]).
 
 use super::crs::{Georeference, Transform};
 use super::recording::{Recorded, Segment, Stamp};

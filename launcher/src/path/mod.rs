@@ -192,7 +192,7 @@ fn what_is(text: &str) -> String {
         text.chars().take(400).any(|c| c == char::REPLACEMENT_CHARACTER || (c.is_control() && !c.is_whitespace()));
     match start.chars().next() {
         None => "an empty file".into(),
-        _ if is_binary => "bytes that are no text".into(),
+        _ if is_binary => "bytes that are not text".into(),
         Some('$') => "NMEA sentences; gpsbabel -i nmea -f FILE -o gpx -F FILE.gpx makes a GPX of them".into(),
         Some('A') if start.lines().any(|line| line.starts_with("HFDTE")) => {
             "an IGC recording; gpsbabel -i igc -f FILE -o gpx -F FILE.gpx makes a GPX of it".into()
@@ -312,7 +312,7 @@ pub(crate) mod tests {
             ("", "an empty file"),
             (" \n", "an empty file"),
             ("hello", "found \"hello\""),
-            ("\u{fffd}PNG\r\n\u{1a}\n", "bytes that are no text"),
+            ("\u{fffd}PNG\r\n\u{1a}\n", "bytes that are not text"),
             ("<svg/>", "<svg>"),
             ("<kml", "not valid XML"),
             ("{", "not valid JSON"),

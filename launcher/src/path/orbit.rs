@@ -240,7 +240,7 @@ impl Round {
 }
 
 impl Swing {
-    /// The turn of the circle at which the camera is, after so many turns of the flight.
+    /// The turn of the circle at which the camera is, after this many turns of the flight.
     fn turn(self, turn: f64) -> f64 {
         match self {
             Self::Whole | Self::Outside => turn + FIRST_TURN,

@@ -254,7 +254,7 @@ fn pose_from_attitude(position: DVec3, attitude: DQuat) -> Pose {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
 
     fn pose(x: f64, heading: f64, pitch: f64, roll: f64) -> Pose {
         Pose {
@@ -266,7 +266,7 @@ mod tests {
     }
 
     fn axes(pose: &Pose) -> [DVec3; 3] {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0; 3],
             heading_rad: pose.heading_rad,
             pitch_rad: pose.pitch_rad,
@@ -275,7 +275,8 @@ mod tests {
             width: 1,
             height: 1,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         camera.axes_in_world()
     }
 

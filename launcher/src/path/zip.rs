@@ -17,7 +17,7 @@ const BROKEN: &str = "the archive is damaged or cut short: load or save it again
 
 /// A file in the archive.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct ZipEntry {
     /// Its name, as far as it is text.
     pub(super) name: String,
     flags: u16,
@@ -31,8 +31,11 @@ pub(super) struct Entry {
 /// Why an archive or a file in it cannot be read.
 #[derive(Debug)]
 pub(super) enum ZipError {
-    /// In words.
-    Reason(String),
+    /// It is broken, or packed in a way that is not read.
+    Unusable {
+        /// What is wrong with it, in words.
+        why: String,
+    },
     /// The file is larger than the limit when it is unpacked.
     TooLarge,
 }
@@ -41,13 +44,13 @@ impl From<io::Error> for ZipError {
     fn from(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => broken(),
-            _ => Self::Reason(error.to_string()),
+            _ => Self::Unusable { why: error.to_string() },
         }
     }
 }
 
 fn broken() -> ZipError {
-    ZipError::Reason(BROKEN.into())
+    ZipError::Unusable { why: BROKEN.into() }
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u64> {
@@ -75,7 +78,7 @@ pub(super) fn entries(
     file: &mut (impl Read + Seek),
     len: u64,
     wanted: impl Fn(&str) -> bool,
-) -> Result<Vec<Entry>, ZipError> {
+) -> Result<Vec<ZipEntry>, ZipError> {
     let tail_at = len.saturating_sub(TAIL_BYTES);
     let tail = read_at(file, tail_at, len - tail_at)?;
     let end = (0..tail.len().saturating_sub(END_BYTES as usize - 1)).rev().find(|&at| {
@@ -101,7 +104,7 @@ pub(super) fn entries(
     // length.
     let shift = directory_end.checked_sub(size).and_then(|real| real.checked_sub(at)).ok_or_else(broken)?;
     if size > MAX_DIRECTORY_BYTES {
-        return Err(ZipError::Reason("its directory has more than 16 MiB".into()));
+        return Err(ZipError::Unusable { why: "its directory has more than 16 MiB".into() });
     }
     let directory = read_at(file, at + shift, size)?;
     let mut found = Vec::new();
@@ -117,7 +120,7 @@ pub(super) fn entries(
 }
 
 /// The first entry of a directory, and its length there.
-fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
+fn entry(bytes: &[u8], shift: u64) -> Option<(ZipEntry, usize)> {
     let lengths = [u16_at(bytes, 28)?, u16_at(bytes, 30)?, u16_at(bytes, 32)?];
     let [name, extra, comment] = lengths.map(|length| length as usize);
     let (mut packed, mut size, mut header_at) = (u32_at(bytes, 20)?, u32_at(bytes, 24)?, u32_at(bytes, 42)?);
@@ -133,7 +136,7 @@ fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
         }
         fields = &fields[4 + length as usize..];
     }
-    let entry = Entry {
+    let entry = ZipEntry {
         name: String::from_utf8_lossy(bytes.get(46..46 + name)?).into_owned(),
         flags: u16_at(bytes, 8)? as u16,
         method: u16_at(bytes, 10)? as u16,
@@ -146,9 +149,9 @@ fn entry(bytes: &[u8], shift: u64) -> Option<(Entry, usize)> {
 }
 
 /// Unpacks a file of an archive, `limit` bytes at most.
-pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &Entry, limit: u64) -> Result<Vec<u8>, ZipError> {
+pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &ZipEntry, limit: u64) -> Result<Vec<u8>, ZipError> {
     if entry.flags & 1 != 0 {
-        return Err(ZipError::Reason("it is encrypted: save it without a password".into()));
+        return Err(ZipError::Unusable { why: "it is encrypted: save it without a password".into() });
     }
     if entry.size > limit {
         return Err(ZipError::TooLarge);
@@ -167,9 +170,11 @@ pub(super) fn read_entry(file: &mut (impl Read + Seek), entry: &Entry, limit: u6
         0 => packed.take(entry.size + 1).read_to_end(&mut bytes)?,
         8 => DeflateDecoder::new(packed).take(entry.size + 1).read_to_end(&mut bytes)?,
         other => {
-            return Err(ZipError::Reason(format!(
-                "it is packed by method {other}: expected deflate (8) or stored (0); unpack it and fly its .kml"
-            )));
+            return Err(ZipError::Unusable {
+                why: format!(
+                    "it is packed by method {other}: expected deflate (8) or stored (0); unpack it and fly its .kml"
+                ),
+            });
         }
     };
     let mut crc = Crc::new();
@@ -254,7 +259,7 @@ pub(super) mod tests {
         let mut liar = bytes.clone();
         let at = liar.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
         liar[at + 24..at + 28].copy_from_slice(&100u32.to_le_bytes());
-        assert!(matches!(read(&liar, "doc.kml", 1_000_000), Err(ZipError::Reason(_))));
+        assert!(matches!(read(&liar, "doc.kml", 1_000_000), Err(ZipError::Unusable { .. })));
         for cut in [0, 1, 21, bytes.len() / 2, bytes.len() - 1] {
             assert!(read(&bytes[..cut], "doc.kml", 1 << 30).is_err(), "{cut}");
         }

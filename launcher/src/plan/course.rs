@@ -32,7 +32,7 @@ pub struct LoadedPath {
 /// The CRS of a world, for paths in other coordinates.
 #[must_use]
 pub fn georeference(database: &Store) -> Georeference {
-    let (manifest, world) = (database.manifest(), database.world());
+    let (manifest, world) = (database.manifest().fields(), database.world());
     let crs = &manifest.crs;
     let middle = world.crs_middle().to_array();
     Georeference::new(crs.name.clone(), crs.epsg, crs.proj4.as_deref()).with_table(manifest.lonlat.clone(), middle)

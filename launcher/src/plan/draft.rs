@@ -24,7 +24,7 @@ use crate::world;
 use anyhow::anyhow;
 use glam::DVec3;
 use std::path::Path;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::rig::RigView;
 use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
 use terravision_common::shm::{Layout, RunId, ShmError};
@@ -161,7 +161,7 @@ impl<'a> Draft<'a> {
         let mut cameras = Vec::with_capacity(self.poses.len());
         for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
             lifted += usize::from(ground::lift(&mut pose, &ground));
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: world.crs_frame().position(pose.position).to_array(),
                 heading_rad: pose.heading_rad,
                 pitch_rad: pose.pitch_rad,
@@ -170,8 +170,8 @@ impl<'a> Draft<'a> {
                 width: choice.size.width,
                 height: choice.size.height,
                 timestamp_nanos: 0,
-            };
-            if !camera.is_valid() {
+            });
+            let Ok(camera) = camera else {
                 let position = pose.position;
                 return Err(Failure::bad_input(anyhow!(
                     "frame {frame} has no valid camera: expected a position within 10^12 m of the world's origin and finite \
@@ -180,7 +180,7 @@ impl<'a> Draft<'a> {
                     pose.pitch_rad,
                     pose.roll_rad
                 )));
-            }
+            };
             cameras.push(camera);
         }
         self.warnings.extend(views_in_the_ground(choice, &cameras, &ground, world));
@@ -226,7 +226,7 @@ impl<'a> Draft<'a> {
         RenderConfig {
             technique: choice.technique,
             rays: choice.rays,
-            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().body.name),
+            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().fields().body.name),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
             samples: choice.samples,
             has_tree_overlay: picture.overlay == Some(Overlay::Tree),
@@ -251,7 +251,7 @@ fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl
         may_be && ground.height_m(x, y).is_some_and(|height| z < height)
     };
     let of_view = |view: &RigView| {
-        let below = cameras.iter().filter(|pose| is_below(view.camera(pose).eye())).count();
+        let below = cameras.iter().filter(|pose| view.camera(pose).is_ok_and(|camera| is_below(camera.eye()))).count();
         (below > 0).then(|| format!("view {} is below ground in {below} of {} frames", view.name, cameras.len()))
     };
     choice.rig.iter().flat_map(|rig| &rig.views).filter_map(of_view).collect()

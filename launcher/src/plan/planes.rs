@@ -70,7 +70,7 @@ impl PlaneFolders {
 
     /// The data sets that come of it, one for each view, if any folder was asked for.
     pub(super) fn into_data_sets(self, config: &RunConfig, database: &Store) -> Vec<DataSet> {
-        let crs = &database.manifest().crs;
+        let crs = &database.manifest().fields().crs;
         let name = crs.epsg.map(|epsg| format!("EPSG:{epsg}")).or_else(|| crs.proj4.clone());
         let count = self.depth.len().max(self.ground.len());
         let (mut depth, mut ground) = (self.depth.into_iter(), self.ground.into_iter());

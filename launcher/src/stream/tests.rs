@@ -16,7 +16,7 @@ use terravision_common::run::OPEN_END;
 
 const BYTES: u64 = 3;
 
-/// A writer that several threads share; it breaks after so many bytes.
+/// A writer that several threads share; it breaks after this many bytes.
 #[derive(Clone)]
 struct Shared(Arc<Mutex<Vec<u8>>>, usize);
 

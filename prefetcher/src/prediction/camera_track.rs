@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_PI_2, PI};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields, MAX_SIDE_PX};
 use terravision_common::rig::{View, Views};
 use terravision_common::run::Prediction;
 
@@ -44,9 +44,9 @@ impl CameraTrack {
         if self.newest == Some(*camera) {
             return;
         }
-        let nanos = if camera.timestamp_nanos == 0 { now_nanos } else { camera.timestamp_nanos };
+        let nanos = if camera.timestamp_nanos() == 0 { now_nanos } else { camera.timestamp_nanos() };
         let time = secs(nanos);
-        let Camera { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, .. } = *camera;
+        let CameraFields { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, .. } = *camera.fields();
         let mut pose = [x, y, z, heading_rad, pitch_rad, roll_rad];
         if let Some((before, last)) = self.poses.back() {
             if time <= *before {
@@ -82,10 +82,10 @@ impl CameraTrack {
         }
         let [x, y, z, heading_rad, pitch_rad, roll_rad] = later;
         let pitch_rad = pitch_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
-        let moved = Camera { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, ..camera };
-        let predicted = widened(&moved, WIDENING_RAD_PER_SEC * ahead_secs);
+        let fields = CameraFields { eye_in_world: [x, y, z], heading_rad, pitch_rad, roll_rad, ..*camera.fields() };
         // After a jump the prediction may be far out of bounds.
-        Some(if predicted.is_valid() { predicted } else { widened(&camera, WIDENING_RAD_PER_SEC * ahead_secs) })
+        let moved = Camera::new(fields).unwrap_or(camera);
+        Some(widened(&moved, WIDENING_RAD_PER_SEC * ahead_secs))
     }
 
     /// Current speed and acceleration, per second and per second squared.
@@ -128,8 +128,11 @@ pub fn widened_views(views: &Views, ahead_secs: f64) -> Views {
 /// The camera with a wider field of view, and with a picture that is larger in proportion: the size
 /// of a pixel stays the same, and so do the wanted levels.
 fn widened(camera: &Camera, by_rad: f64) -> Camera {
-    let vfov_rad = (camera.vfov_rad + by_rad.max(0.0)).min(WIDEST_RAD.max(camera.vfov_rad));
-    let factor = (0.5 * vfov_rad).tan() / (0.5 * camera.vfov_rad).tan();
-    let larger = |pixels: u32| (f64::from(pixels) * factor).round().clamp(1.0, 65536.0) as u32;
-    Camera { vfov_rad, width: larger(camera.width), height: larger(camera.height), ..*camera }
+    let narrow_rad = camera.vfov_rad();
+    let vfov_rad = (narrow_rad + by_rad.max(0.0)).min(WIDEST_RAD.max(narrow_rad));
+    let factor = (0.5 * vfov_rad).tan() / (0.5 * narrow_rad).tan();
+    let larger = |pixels: u32| (f64::from(pixels) * factor).round().clamp(1.0, MAX_SIDE_PX.into()) as u32;
+    let (width, height) = (larger(camera.width()), larger(camera.height()));
+    // Always valid: at least as wide as it was, and the sides are clamped.
+    Camera::new(CameraFields { vfov_rad, width, height, ..*camera.fields() }).unwrap_or(*camera)
 }

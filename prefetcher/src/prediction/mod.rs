@@ -19,12 +19,12 @@ use terravision_common::shm::{CameraRecord, Consumer, Control, Gauge, ShmError};
 use terravision_common::traversal::{HeightRanges, TreeLimits};
 use terravision_common::world::World;
 
-/// Trees of predicted views: what the generator's may have.
+/// Limits for the trees of predicted views: those of the generator.
 const LIMITS: TreeLimits = TreeLimits { nodes: 65536, elevation_leaves: 65536 };
-/// The view is predicted this far ahead at least, and at most.
+/// The shortest and the longest time by which the view is predicted ahead.
 const AHEAD_SECS: [f64; 2] = [0.4, 4.0];
 
-/// The view that is going to be, and what it wants.
+/// The predicted view, and the tiles that it wants.
 pub(crate) struct Ahead<R> {
     prediction: Prediction,
     config: RunConfig,
@@ -60,7 +60,7 @@ impl<R: HeightRanges> Ahead<R> {
         let ahead_nanos = (ahead_secs * 1e9) as u64;
         control.set_gauge(Gauge::PredictedAheadNanos, ahead_nanos);
         let cameras: Vec<Camera> = match &mut self.oracle {
-            // Before the clock has started the camera waits for the first frame.
+            // Before the clock starts, the camera waits for the first frame.
             Some(oracle) => oracle.cameras(now.saturating_sub(control.clock_start().unwrap_or(now)), ahead_nanos)?,
             None => self.track.predict(now, ahead_secs, self.prediction).into_iter().collect(),
         };
@@ -75,13 +75,15 @@ impl<R: HeightRanges> Ahead<R> {
         };
         self.tiles.clear();
         let mut seen = HashSet::new();
-        // A path is known, and so are its views; a prediction may be wrong.
+        // The views of a known path are exact; a prediction may be wrong.
         let unsure_secs = if self.oracle.is_some() { 0.0 } else { ahead_secs };
         for camera in &cameras {
             let views = match &self.config.rig {
-                Some(rig) => widened_views(&rig.views(camera), unsure_secs),
-                None => Views::single(camera),
+                // From a predicted pose a rig may have no valid camera: it is passed over.
+                Some(rig) => rig.views(camera).map(|views| widened_views(&views, unsure_secs)),
+                None => Ok(Views::single(camera)),
             };
+            let Ok(views) = views else { continue };
             let of_view = wanted_tiles.tiles(camera, &views, &resolution).iter().copied();
             self.tiles.extend(of_view.filter(|tile| cameras.len() == 1 || seen.insert(*tile)));
         }
@@ -89,8 +91,8 @@ impl<R: HeightRanges> Ahead<R> {
     }
 }
 
-/// How far ahead the view is predicted when a tile takes so long: until a tile that is asked for at
-/// the end of the next cycle is there.
+/// How far ahead the view is predicted when a tile takes this long: until the arrival of a tile
+/// that is requested at the end of the next cycle.
 #[must_use]
 pub fn ahead_secs(latency_nanos: Option<u64>) -> f64 {
     let latency = latency_nanos.unwrap_or(0) as f64 / 1e9;

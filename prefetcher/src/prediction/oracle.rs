@@ -31,8 +31,8 @@ impl Oracle {
         let until = now_nanos.saturating_add(2 * ahead_nanos);
         while self.to_come.back().is_none_or(|(at, _)| *at < until) {
             let Some(CameraRecord { camera, .. }) = self.ring.try_pop()? else { break };
-            if camera.is_valid() {
-                self.to_come.push_back((camera.timestamp_nanos, camera));
+            if let Ok(camera) = Camera::new(camera) {
+                self.to_come.push_back((camera.timestamp_nanos(), camera));
             }
         }
         // The newest camera that has passed is the current one.
@@ -56,12 +56,13 @@ impl Oracle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use terravision_common::camera::CameraFields;
     use terravision_common::shm::memory;
 
     const MS: u64 = 1_000_000;
 
     fn camera(at_nanos: u64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [at_nanos as f64 / MS as f64, 0.0, 100.0],
             heading_rad: 0.0,
             pitch_rad: 0.0,
@@ -70,19 +71,20 @@ mod tests {
             width: 64,
             height: 36,
             timestamp_nanos: at_nanos,
-        }
+        })
+        .expect("valid")
     }
 
     #[test]
     fn views_are_those_of_the_time_ahead_and_the_last_one_at_the_end() {
         let (mut writer, reader) = memory::ring::<CameraRecord>(64).expect("valid");
         for k in 0..60 {
-            writer.try_push(CameraRecord { frame: k, camera: camera(k * 100 * MS) }).expect("there is room");
+            writer.try_push(CameraRecord { frame: k, camera: *camera(k * 100 * MS).fields() }).expect("there is room");
         }
         let mut oracle = Oracle::new(reader);
         let mut east = |now: u64, ahead: u64| -> Vec<f64> {
             let cameras = oracle.cameras(now * MS, ahead * MS).expect("not corrupt");
-            cameras.iter().map(|camera| camera.eye_in_world[0]).collect()
+            cameras.iter().map(|camera| camera.fields().eye_in_world[0]).collect()
         };
         assert_eq!(east(0, 400), [100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0]);
         assert_eq!(east(1050, 800), [1300.0, 1500.0, 1700.0, 1900.0, 2100.0, 2300.0, 2500.0, 2700.0]);

@@ -1,4 +1,4 @@
-//! The tiles that a view wants: the generator's own search, walked breadth first.
+//! The tiles that a view wants: the same search as the generator's, then a breadth-first walk.
 
 use bytemuck::Zeroable;
 use std::collections::VecDeque;
@@ -10,7 +10,7 @@ use terravision_common::traversal::{HeightRanges, Traversal, TreeLimits};
 use terravision_common::tree::{COLOR_FROM_ANCESTOR, ELEVATION_LEAF, TreeNode};
 use terravision_common::world::World;
 
-/// How finely a view is looked at.
+/// The resolution of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Resolution {
     /// Wanted screen resolution of facets, pixels.
@@ -48,8 +48,8 @@ impl<R: HeightRanges> WantedTiles<R> {
         }
     }
 
-    /// Every tile that views with valid cameras, carried by `pose`, want, coarse to fine; of a
-    /// level, the near first.
+    /// Every tile that the views carried by `pose` want, coarse to fine, and within a level near to
+    /// far. Cameras must be valid.
     pub fn tiles(&mut self, pose: &Camera, views: &Views, resolution: &Resolution) -> &[Tile] {
         let Resolution { r_z_px, r_c_px, exaggeration, measure } = *resolution;
         let level = LevelFunction::for_views(pose, views, &self.world, exaggeration, measure, r_z_px, r_c_px);

@@ -64,7 +64,7 @@ impl TileEvent {
     pub fn to_event(self) -> Event {
         let span = |name, tile: Tile, frame: FrameNumber, start_nanos, duration_nanos| {
             let span = Event::new(EventContent::Span { name, node: Some(tile.node) });
-            span.of_frame(frame.get()).at(start_nanos).lasting(duration_nanos)
+            span.of_frame(frame).at(start_nanos).lasting(duration_nanos)
         };
         match self {
             Self::Fetched { tile, frame, start_nanos, duration_nanos } => {
@@ -75,7 +75,7 @@ impl TileEvent {
                 span(SpanName::LoadTile, tile, frame, start_nanos, duration_nanos).on_thread(thread)
             }
             Self::Unavailable { tile, frame, failure, at_nanos } => {
-                Event::new(EventContent::TileUnavailable { tile, failure }).of_frame(frame.get()).at(at_nanos)
+                Event::new(EventContent::TileUnavailable { tile, failure }).of_frame(frame).at(at_nanos)
             }
             Self::Came { tile, at_nanos } => Event::new(EventContent::TileCame { tile }).at(at_nanos),
         }

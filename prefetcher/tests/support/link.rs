@@ -5,7 +5,7 @@ use super::{MS, SLOT_BYTES};
 use bytes::Bytes;
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::time::Duration;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::level::Measure;
@@ -236,7 +236,9 @@ pub fn fly(link: LinkFields, secs: u64, path: &dyn Fn(f64) -> Camera, foresight:
     let mut link = Link::new(link);
     let mut track = CameraTrack::default();
     let mut flown = Flown { sharp: vec![], bytes: 0, cancelled: 0, n: vec![], missing_at_end: 0 };
-    let at = |nanos: u64| Camera { timestamp_nanos: nanos, ..path(nanos as f64 / 1e9) };
+    let at = |nanos: u64| {
+        Camera::new(CameraFields { timestamp_nanos: nanos, ..*path(nanos as f64 / 1e9).fields() }).expect("valid")
+    };
     let mut next_cycle = CYCLE_NANOS;
     for tick in 1..=secs * (SEC / TICK) {
         let now = tick * TICK;
@@ -305,8 +307,8 @@ fn counter(control: &Control, counter: Counter) -> u64 {
 fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]) -> f64 {
     let lacking: HashSet<NodeId> = missing.iter().map(|tile| tile.node).collect();
     let mut is_leaf_of: HashMap<NodeId, bool> = wanted.iter().map(|tile| (tile.node, true)).collect();
-    // A parent of a wanted node is no leaf, and can be expanded when none of its children lacks a
-    // tile.
+    // A parent of a wanted node is not a leaf, and can be expanded when none of its children lacks
+    // a tile.
     let blocked: HashSet<NodeId> =
         lacking.iter().filter(|node| node.q() + 1 < world.levels()).map(|node| node.parent()).collect();
     let nodes: Vec<NodeId> = is_leaf_of.keys().copied().collect();
@@ -319,8 +321,8 @@ fn sharp_share(world: &World, camera: &Camera, wanted: &[Tile], missing: &[Tile]
     }
     let (mut ground, mut sharp) = (0u32, 0u32);
     for (i, j) in (0..32).flat_map(|i| (0..18).map(move |j| (i, j))) {
-        let px = (f64::from(i) + 0.5) / 32.0 * f64::from(camera.width);
-        let py = (f64::from(j) + 0.5) / 18.0 * f64::from(camera.height);
+        let px = (f64::from(i) + 0.5) / 32.0 * f64::from(camera.width());
+        let py = (f64::from(j) + 0.5) / 18.0 * f64::from(camera.height());
         let ray = camera.ray_in_world(px, py);
         if ray.z >= -1e-6 {
             continue;

@@ -32,13 +32,25 @@ pub enum FrameError {
     },
     /// The root's tiles are missing.
     #[error(transparent)]
-    RootMissing(#[from] RootMissing),
+    RootMissing {
+        /// Which tile.
+        #[from]
+        source: RootMissing,
+    },
     /// A tile was evicted.
     #[error(transparent)]
-    TileVanished(#[from] TileVanished),
+    TileVanished {
+        /// Which.
+        #[from]
+        source: TileVanished,
+    },
     /// The run ended while a ring was full.
     #[error(transparent)]
-    Wait(#[from] WaitError),
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
+    },
 }
 
 /// Where a frame goes: the elevation ring and the ring of slots.
@@ -71,7 +83,9 @@ pub trait FrameOutput {
 pub struct FrameRequest<'a> {
     /// The header of its tree.
     pub header: &'a TreeHeader,
-    /// The views that are drawn of it, carried by the header's camera.
+    /// The header's camera.
+    pub pose: &'a Camera,
+    /// The views that are drawn of it, carried by that camera.
     pub views: &'a Views,
     /// The level functions of these views.
     pub level: &'a LevelFunction,
@@ -135,7 +149,7 @@ impl FrameMaker {
     /// [`FrameError`]; part of the frame may be in the ring then, without its end.
     pub fn make(
         &mut self,
-        &FrameRequest { header, views, level }: &FrameRequest<'_>,
+        &FrameRequest { header, pose, views, level }: &FrameRequest<'_>,
         tree: &FrameTree,
         tiles: &impl Tiles,
         unavailable: u32,
@@ -152,14 +166,14 @@ impl FrameMaker {
         }))?;
         for (index, view) in (0u32..).zip(views.iter()) {
             let count = views.len() as u32;
-            out.slot(&SlotContent::View(ViewSlot { camera: view.camera, at: view.at, index, count }))?;
+            out.slot(&SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count }))?;
         }
         self.decimation.choose(&self.truncation, level, tiles, &mut self.heights)?;
         let world = self.world;
         self.culling.look(
-            &header.camera,
+            pose,
             views.cameras().map(|camera| {
-                let is_in_order = tree.is_near_to_far(header.camera.eye(), camera.eye());
+                let is_in_order = tree.is_near_to_far(pose.eye(), camera.eye());
                 let ground_m = ground_under_eye(&world, camera, level.exaggeration(), tiles);
                 Sight { camera, ground_m: is_in_order.then_some(ground_m) }
             }),
@@ -249,6 +263,6 @@ fn tile_slot(
         color_level: color.color.node.q(),
         edge_snap,
         grid_snap,
-        is_hidden: 0,
+        unseen_by: 0,
     }
 }

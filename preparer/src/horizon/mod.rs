@@ -110,9 +110,9 @@ impl Horizon {
     /// hidden. Nothing is hidden either from an eye beside the world, which may see below its edge,
     /// from an eye below the ground, and in a steep view.
     pub fn look(&mut self, camera: &Camera, ground_m: Option<f64>) {
-        let (sin, cos) = camera.heading_rad.sin_cos();
+        let (sin, cos) = camera.heading_rad().sin_cos();
         let ahead = DVec2::new(sin, cos);
-        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
         let corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)];
         let corners = corners.map(|(x, y)| camera.ray_in_world(x, y).normalize().truncate());
         let eye = camera.eye();

@@ -1,4 +1,5 @@
 use super::*;
+use terravision_common::camera::CameraFields;
 use terravision_common::world::WorldFields;
 
 const POSTS: usize = 5;
@@ -16,7 +17,7 @@ fn horizon() -> Horizon {
         finest_color_level: 0,
     });
     let mut horizon = Horizon::new(&world.expect("valid"));
-    let camera = Camera {
+    let camera = Camera::new(CameraFields {
         eye_in_world: [3200.0, 3200.0, 100.0],
         heading_rad: 0.0,
         pitch_rad: -0.1,
@@ -25,7 +26,8 @@ fn horizon() -> Horizon {
         width: 320,
         height: 200,
         timestamp_nanos: 0,
-    };
+    })
+    .expect("valid");
     horizon.look(&camera, Some(0.0));
     horizon
 }

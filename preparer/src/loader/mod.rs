@@ -39,15 +39,6 @@ pub enum TileState {
     },
 }
 
-/// Why tiles cannot be waited for.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum LoadError {
-    /// The run ended.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
-}
-
 /// Asks for tiles to be brought into the pools. Used by the preparer's only thread.
 pub trait TileLoader: Tiles {
     /// Frame `frame`, at place `sequence` of the run, wants a tile: pins it if it is resident,
@@ -61,14 +52,14 @@ pub trait TileLoader: Tiles {
     /// Waits until a requested tile has arrived or failed, or a short time has passed.
     ///
     /// # Errors
-    /// [`LoadError`].
-    fn wait(&mut self, control: &Control) -> Result<(), LoadError>;
+    /// The run ended.
+    fn wait(&mut self, control: &Control) -> Result<(), WaitError>;
 
     /// Takes the outcomes of requested tiles, before they are wanted again.
     ///
     /// # Errors
-    /// [`LoadError`].
-    fn drain(&mut self) -> Result<(), LoadError>;
+    /// The run ended.
+    fn drain(&mut self) -> Result<(), WaitError>;
 
     /// Number of tiles that the frame found to be loading since the last [`TileLoader::drain`].
     fn in_flight(&self) -> usize;

@@ -1,6 +1,6 @@
 //! The loader of a run: readers of the pools, the want list for the prefetcher, and its outcomes.
 
-use super::{LoadError, TileLoader, TileState};
+use super::{TileLoader, TileState};
 use crate::frame_tree::Tile;
 use crate::truncation::Tiles;
 use std::collections::{HashMap, HashSet};
@@ -176,7 +176,7 @@ impl TileLoader for WantedTiles {
         }
     }
 
-    fn wait(&mut self, control: &Control) -> Result<(), LoadError> {
+    fn wait(&mut self, control: &Control) -> Result<(), WaitError> {
         control.awaits(Activity::Awaits(Stage::Prefetcher));
         if self.outcomes.wait(control)? {
             self.waits_with_dead_peer = 0;
@@ -191,18 +191,18 @@ impl TileLoader for WantedTiles {
             0
         };
         if self.waits_with_dead_peer >= PEER_GRACE {
-            return Err(WaitError::PeerGone { stage: Stage::Prefetcher }.into());
+            return Err(WaitError::PeerGone { stage: Stage::Prefetcher });
         }
         Ok(())
     }
 
-    fn drain(&mut self) -> Result<(), LoadError> {
+    fn drain(&mut self) -> Result<(), WaitError> {
         self.missing.clear();
         self.loading = 0;
         // At most one ring's capacity at a time, so that a prefetcher that floods the ring cannot
         // block the frame.
         for _ in 0..self.outcomes.capacity() {
-            match self.outcomes.try_pop().map_err(WaitError::from)? {
+            match self.outcomes.try_pop()? {
                 Some(outcome) => self.take(&outcome),
                 None => break,
             }

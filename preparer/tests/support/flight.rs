@@ -7,23 +7,20 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource};
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::level::{LevelFunction, Measure};
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
-use terravision_common::run::{
-    DatabaseConfig, PrefetchConfig, RaysChoice, RealtimeConfig, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
-};
+use terravision_common::run::{RealtimeConfig, RunConfig};
 use terravision_common::shm::{
     Consumer, Control, ElevationReader, PoolReader, RunState, TreeWriter, WaitError, memory,
 };
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot};
 use terravision_common::stage::Events;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
-use terravision_common::texels::TexelFormat;
 use terravision_common::traversal::{Traversal, TreeLimits};
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
@@ -32,6 +29,7 @@ use terravision_preparer::frame_tree::Tile;
 use terravision_preparer::loader::wanted::WantedTiles;
 use terravision_preparer::ports::Ports;
 use terravision_preparer::stage::Preparer;
+use terravision_testkit::runs;
 
 pub const NODES: u32 = 4096;
 pub const ARRAYS: u32 = 512;
@@ -43,15 +41,18 @@ pub fn small_world() -> World {
 
 /// A path low over the terrain: the tree is another one in every frame.
 pub fn path(frames: u64) -> Vec<Camera> {
-    let at = |k: u64| Camera {
-        eye_in_world: [300.0 + 8.0 * k as f64, 200.0 + 5.0 * k as f64, 500.0],
-        heading_rad: 0.8 + 0.01 * k as f64,
-        pitch_rad: -0.5,
-        roll_rad: 0.0,
-        vfov_rad: 1.0,
-        width: 320,
-        height: 200,
-        timestamp_nanos: 0,
+    let at = |k: u64| {
+        Camera::new(CameraFields {
+            eye_in_world: [300.0 + 8.0 * k as f64, 200.0 + 5.0 * k as f64, 500.0],
+            heading_rad: 0.8 + 0.01 * k as f64,
+            pitch_rad: -0.5,
+            roll_rad: 0.0,
+            vfov_rad: 1.0,
+            width: 320,
+            height: 200,
+            timestamp_nanos: 0,
+        })
+        .expect("valid")
     };
     (0..frames).map(at).collect()
 }
@@ -119,10 +120,10 @@ pub struct Flight {
     pub in_flight: usize,
     pub frames: u64,
     pub first_frame: u64,
-    /// Realtime mode; every so many frames one is made and the others are left out.
+    /// Realtime mode; one in this many frames is made and the others are skipped.
     pub realtime: Option<u64>,
-    /// So many frames have the top levels alone; each later one has all that the frames before it
-    /// lacked.
+    /// This many frames have only the top levels; each later frame has all tiles that earlier
+    /// frames lacked.
     pub held: Option<u64>,
 }
 
@@ -217,38 +218,15 @@ impl Flight {
     }
 
     pub fn config(&self) -> RunConfig {
+        let frames = [self.first_frame, self.first_frame + self.frames * self.realtime.unwrap_or(1)];
         RunConfig {
-            run_id: "tv-1-1".to_owned(),
-            world: "/nowhere".into(),
-            database: DatabaseConfig::folder("/nowhere".as_ref()),
             width: 320,
             height: 200,
-            fps: 30.0,
-            frames: [self.first_frame, self.first_frame + self.frames * self.realtime.unwrap_or(1)],
             r_z_px: R_PX[0],
             r_c_px: R_PX[1],
-            measure: Measure::Area,
             exaggeration: 1.5,
-            texels: TexelFormat::Rgba8,
-            decoder_threads: 1,
-            prefetch: PrefetchConfig::EXACT,
-            render: RenderConfig {
-                technique: TechniqueChoice::Mesh,
-                rays: RaysChoice::Mipmap,
-                sky_rgb: [0; 3],
-                samples: 1,
-                skirt_low_m: None,
-                has_tree_overlay: false,
-                has_validation: false,
-                frames_in_flight: 2,
-                sink: SinkConfig::Null,
-                depth: Vec::new(),
-                ground: Vec::new(),
-                share: None,
-                made_up: Default::default(),
-            },
             realtime: self.realtime.map(|_| RealtimeConfig { has_feedback: false, coarsest_px: R_PX, rest_px: R_PX }),
-            rig: None,
+            ..runs::config(frames)
         }
     }
 
@@ -288,7 +266,7 @@ impl Flight {
             let stats = traversal.build(&Views::single(camera), &level, &self.source.terrain, nodes);
             let [r_z_px, r_c_px] = R_PX;
             let node_count = stats.node_count;
-            TreeHeader { frame, camera: *camera, r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
+            TreeHeader { frame, camera: *camera.fields(), r_z_px, r_c_px, node_count, ..TreeHeader::zeroed() }
         })
     }
 

@@ -4,7 +4,7 @@
 
 use proptest::prelude::*;
 use std::collections::{HashMap, HashSet};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{TileScratch, TileSource};
 use terravision_common::ids::SlotKey;
 use terravision_common::level::{LevelFunction, Measure};
@@ -63,7 +63,7 @@ pub fn case() -> impl Strategy<Value = Case> {
         |((extent, finest, nz), (eye, angles, vfov_rad), measure, (r, exaggeration, missing, seed, relief))| {
             let world = world(extent, 9, finest, nz);
             let [ex, ey] = world.extent_m();
-            let camera = Camera {
+            let camera = Camera::new(CameraFields {
                 eye_in_world: [eye[0] * ex, eye[1] * ey, eye[2] * 4000.0],
                 heading_rad: angles[0],
                 pitch_rad: -0.6 + 0.4 * angles[1],
@@ -72,7 +72,8 @@ pub fn case() -> impl Strategy<Value = Case> {
                 width: 320,
                 height: 200,
                 timestamp_nanos: 0,
-            };
+            })
+            .expect("valid");
             let (is_static, height_m) = relief;
             let relief = if is_static { Relief::Static { height_m } } else { Relief::Mountains { height_m } };
             Case { world, relief, camera, rig: None, measure, r_px: r.map(f64::exp2), exaggeration, missing, seed }
@@ -92,7 +93,7 @@ impl Case {
 
     /// The views that are drawn.
     pub fn views(&self) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(&self.camera), |rig| rig.views(&self.camera))
+        self.rig.as_ref().map_or_else(|| Views::single(&self.camera), |rig| rig.views(&self.camera).expect("valid"))
     }
 
     /// The generator's tree.
@@ -107,7 +108,7 @@ impl Case {
     pub fn header(&self, tree: &[TreeNode]) -> TreeHeader {
         TreeHeader {
             frame: 7,
-            camera: self.camera,
+            camera: *self.camera.fields(),
             r_z_px: self.r_px[0],
             r_c_px: self.r_px[1],
             node_count: tree.len() as u32,
@@ -146,7 +147,7 @@ impl Case {
         frame_tree.read(tree).expect("a valid tree");
         let mut out = FrameBuffer::new(16, (self.world.elevation_posts() as usize).pow(2));
         let (header, views, level) = (self.header(tree), self.views(), self.level());
-        let request = FrameRequest { header: &header, views: &views, level: &level };
+        let request = FrameRequest { header: &header, pose: &self.camera, views: &views, level: &level };
         maker.make(&request, &frame_tree, tiles, 0, &mut out).expect("a frame");
         out
     }
@@ -172,7 +173,7 @@ impl Tiles for SomeTiles {
 /// A vertex: lattice coordinates, and the bits of its height.
 pub type Vertex = (u64, u64, u32);
 
-/// The mesh, as the renderer draws the slots: without those that are hidden.
+/// The mesh, as the renderer draws the slots in a view: without those of which it sees nothing.
 #[derive(Debug, Default)]
 pub struct Mesh {
     pub triangles: Vec<[Vertex; 3]>,
@@ -186,9 +187,9 @@ pub fn tile_slots(frame: &FrameBuffer) -> Vec<TileSlot> {
 }
 
 impl Mesh {
-    pub fn of(world: &World, frame: &FrameBuffer) -> Mesh {
+    pub fn of(world: &World, frame: &FrameBuffer, view: usize) -> Mesh {
         let mut mesh = Mesh::default();
-        for tile in tile_slots(frame).into_iter().filter(|tile| tile.is_hidden == 0) {
+        for tile in tile_slots(frame).into_iter().filter(|tile| tile.may_be_seen_by(view)) {
             mesh.leaves.insert(tile.node().expect("an id"));
             let array = frame.array(tile.elevation_position).expect("an array");
             let last = world.elevation_tile();

@@ -160,11 +160,11 @@ impl Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
 
     #[test]
     fn planes_are_an_interval_apart_in_the_finest_voxels_at_their_distance() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0; 3],
             heading_rad: 0.0,
             pitch_rad: -0.2,
@@ -173,7 +173,8 @@ mod tests {
             width: 640,
             height: 480,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let view = View::new(&camera);
         let mut planes = Planes::default();
         let per_depth = view.s_per_depth();

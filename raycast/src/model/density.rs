@@ -46,7 +46,7 @@ impl Filter {
 
 /// A column and its neighbourhood: heights in voxels above the lowest layer.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Column<'a> {
+pub(super) struct HeightColumn<'a> {
     /// Rows of heights, from south to north.
     pub(super) heights: &'a [f32],
     /// Heights from row to row.
@@ -55,7 +55,7 @@ pub(super) struct Column<'a> {
     pub(super) at: usize,
 }
 
-impl Column<'_> {
+impl HeightColumn<'_> {
     fn height(&self, east: isize, north: isize) -> f32 {
         self.heights[(self.at as isize + north * self.stride as isize + east) as usize]
     }
@@ -133,7 +133,7 @@ mod tests {
         for filter in [Filter::OrientedBox, Filter::Gaussian] {
             for (east, north) in [(0.0, 0.0), (0.3, -0.2), (2.5, 1.0)] {
                 let heights = plane(east, north);
-                let column = Column { heights: &heights, stride: 5, at: 12 };
+                let column = HeightColumn { heights: &heights, stride: 5, at: 12 };
                 let mut out = [7u8; 40];
                 column.fill(filter, &mut out);
                 assert!(out.is_sorted_by(|a, b| a >= b), "{out:?}");
@@ -149,7 +149,7 @@ mod tests {
     fn the_gaussian_rounds_a_spike_and_the_box_keeps_it() {
         let mut heights = vec![10.0; 25];
         heights[12] = 14.0;
-        let column = Column { heights: &heights, stride: 5, at: 12 };
+        let column = HeightColumn { heights: &heights, stride: 5, at: 12 };
         let found = [Filter::OrientedBox, Filter::Gaussian].map(|filter| {
             let mut out = [0u8; 30];
             column.fill(filter, &mut out);

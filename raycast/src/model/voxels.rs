@@ -1,7 +1,7 @@
 //! The voxels of a tile: densities, the boundary array, and the blocks with which rays skip it.
 
 use super::Ground;
-use super::density::{Column, Filter, THRESHOLD};
+use super::density::{Filter, HeightColumn, THRESHOLD};
 use super::maxima::Scratch;
 use super::steep::{CellSlopes, SLOPE_BOUND, Steep};
 use super::tile::Tile;
@@ -127,7 +127,7 @@ impl Ground {
         for j in 0..rows {
             for i in 0..columns {
                 let at = (j + radius) * stride + i + radius;
-                let column = Column { heights: &scratch.around, stride, at };
+                let column = HeightColumn { heights: &scratch.around, stride, at };
                 scratch.ups.push(column.normal_up());
                 if tile.voxels.is_accurate {
                     let at = tile.voxels.densities_at + (j * columns + i) * layers;

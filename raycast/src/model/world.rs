@@ -21,7 +21,11 @@ use terravision_common::world::World;
 pub enum FillError {
     /// A tile cannot be read.
     #[error(transparent)]
-    Tile(#[from] TileError),
+    Tile {
+        /// Why.
+        #[from]
+        source: TileError,
+    },
     /// A tile cannot be added to the ground.
     #[error("the elevation tile of node {node} cannot be drawn: {source}")]
     Ground {

@@ -16,7 +16,7 @@ const IS_TILE: u32 = 0x80000000u;
 const FINE_LEVELS: u32 = 3u;
 // No ray takes more steps; a bound that no rounding can keep from being reached.
 const MOST_STEPS: u32 = 65536u;
-// A ray lies under the ground when it is lower by so many metres, and by this share of the distance: less is rounding.
+// A ray lies under the ground when it is lower by this many metres, and by this share of the distance: less is rounding.
 const LEAST_BELOW_M: f32 = 1e-3;
 const LEAST_BELOW: f32 = 1e-5;
 @group(0) @binding(0) var<storage, read> elevations: array<f32>;

@@ -1,10 +1,13 @@
 //! The engine of a Vulkan device: its pools, and the frames in flight.
 
+use super::cost::{DrawCost, DrawCosts};
 use super::finished::InFlight;
+use super::parts::{DrawList, MOST_PARTS, Parts};
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceKind, Elevation, Filtering, FrameSlot, Instance, Needs, Readback, Recording, Target,
+    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Outputs,
+    Readback, Recording, Target,
 };
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, Pools, SourceShape};
@@ -13,10 +16,13 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::rig::PictureLayout;
+use terravision_common::run::TechniqueChoice;
 
-/// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device that is the processor
-/// itself gains nothing from a second frame, and then finishes both at the same time: with lavapipe every other frame
-/// took twice as long and the ones between nothing, at the same rate.
+/// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device
+/// that is the processor itself gains nothing from a second frame, and then finishes both at the
+/// same time: with lavapipe every other frame took twice as long and the ones between nothing, at
+/// the same rate.
 fn frames_in_flight(asked: usize, kind: DeviceKind) -> usize {
     match (asked, kind) {
         (0, DeviceKind::Cpu) => 1,
@@ -32,7 +38,11 @@ pub struct DeviceEngine {
     /// Each with the frame slot that it was recorded in.
     in_flight: VecDeque<(usize, InFlight)>,
     next_slot: usize,
-    technique: Box<dyn Technique>,
+    techniques: Vec<Box<dyn Technique>>,
+    parts: Parts,
+    /// Index of each part's technique.
+    of_part: Vec<usize>,
+    draws: DrawList,
     elevation: Elevation,
     colors: ColorPool,
     target: Target,
@@ -57,8 +67,22 @@ impl DeviceEngine {
     /// # Errors
     /// No device, or it lacks something.
     pub fn new(options: EngineOptions, source: &dyn FrameSource) -> Result<Self, EngineError> {
-        if options.is_compute() && options.samples != 1 {
+        let technique = if options.is_compute() { TechniqueChoice::Rays } else { TechniqueChoice::Mesh };
+        Self::of_parts(options, source, Parts::whole(technique))
+    }
+
+    /// Likewise; several techniques share each picture and its depth.
+    ///
+    /// # Errors
+    /// No device, or it lacks something, or rays are asked for what they cannot do.
+    pub fn of_parts(options: EngineOptions, source: &dyn FrameSource, parts: Parts) -> Result<Self, EngineError> {
+        let distinct = parts.distinct();
+        if distinct.contains(&TechniqueChoice::Rays) && options.samples != 1 {
             return Err(EngineError::MeshOnly { what: "several samples per pixel" });
+        }
+        let (found, limit) = (parts.techniques.len() as u64, MOST_PARTS as u64);
+        if found > limit {
+            return Err(GpuError::TooMany { what: "parts of a view", found, limit }.into());
         }
         let shape = source.shape();
         let world = shape.world;
@@ -84,17 +108,29 @@ impl DeviceEngine {
         let shared = source.elevation_memory();
         let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
         let has_overlay = options.has_tree_overlay;
-        let technique: Box<dyn Technique> = if options.is_compute() {
-            Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, [slot_count, views.count])?)
-        } else {
-            Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
+        let most_draws = views.count * parts.techniques.len();
+        let technique = |choice: &TechniqueChoice| -> Result<Box<dyn Technique>, EngineError> {
+            Ok(match choice {
+                TechniqueChoice::Rays => {
+                    Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, [slot_count, most_draws])?)
+                }
+                TechniqueChoice::Mesh | TechniqueChoice::Auto => {
+                    Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
+                }
+            })
         };
+        let techniques = distinct.iter().map(technique).collect::<Result<Vec<_>, _>>()?;
+        let of_part = |part: &TechniqueChoice| distinct.iter().position(|technique| technique == part);
+        let of_part = parts.techniques.iter().filter_map(of_part).collect();
         let slots = (0..slot_count).map(|index| FrameSlot::new(&device, index)).collect::<Result<_, _>>()?;
         Ok(Self {
             slots,
             in_flight: VecDeque::with_capacity(slot_count),
             next_slot: 0,
-            technique,
+            techniques,
+            parts,
+            of_part,
+            draws: DrawList::default(),
             elevation,
             colors,
             target,
@@ -117,8 +153,29 @@ impl DeviceEngine {
         [self.elevation.is_imported(), self.colors.is_imported()]
     }
 
-    fn new_readback(&self) -> Result<Readback, EngineError> {
-        Ok(Readback::new(&self.device, self.options.size, self.options.has_depth)?)
+    /// Of the draws that were recorded last, without their times.
+    fn costs(&self) -> DrawCosts {
+        let mut costs = DrawCosts::default();
+        for draw in self.draws.draws() {
+            costs.push(DrawCost {
+                technique: self.techniques[draw.technique].choice(),
+                view: draw.view,
+                tiles: draw.tiles.len() as u32,
+                triangles: self.techniques[draw.technique].triangles(draw.of_technique),
+                nanos: None,
+            });
+        }
+        costs
+    }
+
+    fn new_outputs(&self) -> Result<Outputs, EngineError> {
+        let EngineOptions { size, has_depth, pixels, .. } = self.options;
+        let readback = || Readback::new(&self.device, size, has_depth);
+        let picture = || DevicePicture::new(&self.device, PictureLayout::whole(size));
+        Ok(Outputs {
+            readback: if pixels.host { Some(readback()?) } else { None },
+            picture: if pixels.device { Some(picture()?) } else { None },
+        })
     }
 }
 
@@ -129,7 +186,8 @@ impl Engine for DeviceEngine {
             true => format!("{}; compute: one exact ray a pixel", found.driver),
             false => found.driver.clone(),
         };
-        Described { technique: self.technique.name(), device: found.name.clone(), driver }
+        let technique = self.techniques.first().map_or("", |technique| technique.choice().name());
+        Described { technique, device: found.name.clone(), driver }
     }
 
     fn frames_in_flight(&self) -> usize {
@@ -137,7 +195,7 @@ impl Engine for DeviceEngine {
     }
 
     fn new_pixels(&self) -> Result<Pixels, EngineError> {
-        Ok(Pixels::Device(self.new_readback()?))
+        Ok(Pixels::Device(self.new_outputs()?))
     }
 
     fn has_room(&self) -> bool {
@@ -151,33 +209,46 @@ impl Engine for DeviceEngine {
     /// Records a frame and hands it to the device.
     fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
-        let readback = match pixels {
-            Pixels::Device(readback) => readback,
-            Pixels::Memory(_) => self.new_readback()?,
+        let mut outputs = match pixels {
+            Pixels::Device(outputs) => outputs,
+            Pixels::Memory(_) => self.new_outputs()?,
         };
+        outputs.lay_out(&self.device, frame.layout())?;
         let index = self.next_slot;
-        let Self { slots, technique, elevation, colors, target, starts, options, .. } = self;
+        self.draws.plan(frame, self.parts.part_of, &self.of_part, &self.techniques);
+        let Self { slots, techniques, draws, elevation, colors, target, starts, options, .. } = self;
         let mut recording = slots[index].begin()?;
         find_elevations(elevation, self.array_values, &recording, frame, pools, starts)?;
         let upload_started_nanos = monotonic_nanos();
         upload_colors(colors, &recording, frame, pools)?;
         let uploads = colors.record_uploads(&mut recording);
         let upload_nanos = monotonic_nanos() - upload_started_nanos;
-        technique.prepare(&mut recording, frame, elevation, ArrayPlaces { starts })?;
+        let places = ArrayPlaces { starts };
+        for (index, technique) in techniques.iter_mut().enumerate() {
+            technique.prepare(&mut recording, frame, &mut draws.of_technique(index), elevation, places)?;
+        }
+        let draw_view = |recording: &mut Recording<'_>, view: usize, is_depth_only: bool| {
+            for (number, draw) in draws.draws().iter().enumerate().filter(|(_, draw)| draw.view == view) {
+                techniques[draw.technique].draw(draw.of_technique, recording, colors, is_depth_only);
+                recording.end_piece(number);
+            }
+        };
         for (index, view) in frame.views.iter().enumerate() {
+            recording.begin_pieces();
             target.begin_picture(&mut recording, view.size(), options.sky_rgb);
-            technique.draw(index, &mut recording, colors, false);
+            draw_view(&mut recording, index, false);
             target.end(&mut recording);
             if target.has_depth_pass() {
+                recording.begin_pieces();
                 target.begin_depth(&mut recording, view.size());
-                technique.draw(index, &mut recording, colors, true);
+                draw_view(&mut recording, index, true);
                 target.end(&mut recording);
             }
-            recording.copy_view(target, &readback, view.size(), view.at);
+            recording.copy_view(target, &outputs, view.size(), view.at);
         }
-        recording.read_back(readback);
+        recording.put_out(outputs);
         recording.submit()?;
-        let in_flight = InFlight::new(frame, self.technique.triangles(), started_nanos, monotonic_nanos());
+        let in_flight = InFlight::new(frame, self.costs(), started_nanos, monotonic_nanos());
         self.in_flight.push_back((index, in_flight));
         self.next_slot = (index + 1) % self.slots.len();
         Ok(Submitted { uploads, upload_started_nanos, upload_nanos, decided: None })
@@ -190,11 +261,11 @@ impl Engine for DeviceEngine {
         }
         let taken = self.slots[slot].take()?;
         self.in_flight.pop_front();
-        let Some((readback, gpu_nanos)) = taken else { return Ok(None) };
+        let Some((outputs, times)) = taken else { return Ok(None) };
         if self.options.has_validation {
             self.check_validation()?;
         }
-        Ok(Some(in_flight.finish(gpu_nanos, Pixels::Device(readback))))
+        Ok(Some(in_flight.finish_on_device(&times, Pixels::Device(outputs))))
     }
 
     fn check_validation(&self) -> Result<(), EngineError> {
@@ -202,8 +273,8 @@ impl Engine for DeviceEngine {
     }
 }
 
-/// Where the frame's elevation arrays begin in the buffer that the device reads; copies them there, unless the device reads
-/// shared memory.
+/// Where the frame's elevation arrays begin in the buffer that the device reads; copies them there,
+/// unless the device reads shared memory.
 fn find_elevations(
     elevation: &mut Elevation,
     array_values: usize,

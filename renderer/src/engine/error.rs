@@ -3,26 +3,20 @@
 use crate::frame::FrameError;
 use crate::gpu::{GpuError, Missing};
 use crate::source::SourceError;
-use crate::technique::TechniqueError;
+use crate::technique::DrawError;
 use terravision_raycast::workers::WorkersError;
 
 /// A frame could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The device failed.
+    /// The device failed, or a frame from the ring is corrupt: all that can go wrong with drawing
+    /// itself.
     #[error(transparent)]
-    Gpu {
+    Draw {
         /// Why.
         #[from]
-        source: GpuError,
-    },
-    /// A frame from the ring is corrupt.
-    #[error(transparent)]
-    Frame {
-        /// Why.
-        #[from]
-        source: FrameError,
+        source: DrawError,
     },
     /// The source failed.
     #[error(transparent)]
@@ -57,7 +51,7 @@ pub enum EngineError {
 impl EngineError {
     /// Whether it says that no Vulkan device of this machine can draw at all.
     pub(super) fn is_without_device(&self) -> bool {
-        let Self::Gpu { source } = self else { return false };
+        let Self::Draw { source: DrawError::Gpu { source } } = self else { return false };
         match source {
             GpuError::NoLoader { .. } | GpuError::NoDevice => true,
             GpuError::Unsuitable { missing, .. } => {
@@ -70,15 +64,18 @@ impl EngineError {
     /// Whether the device was lost: another one may do.
     #[must_use]
     pub fn is_device_lost(&self) -> bool {
-        matches!(self, Self::Gpu { source } if source.is_device_lost())
+        matches!(self, Self::Draw { source: DrawError::Gpu { source } } if source.is_device_lost())
     }
 }
 
-impl From<TechniqueError> for EngineError {
-    fn from(error: TechniqueError) -> Self {
-        match error {
-            TechniqueError::Gpu { source } => source.into(),
-            TechniqueError::Frame { source } => source.into(),
-        }
+impl From<GpuError> for EngineError {
+    fn from(source: GpuError) -> Self {
+        DrawError::from(source).into()
+    }
+}
+
+impl From<FrameError> for EngineError {
+    fn from(source: FrameError) -> Self {
+        DrawError::from(source).into()
     }
 }

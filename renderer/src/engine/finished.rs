@@ -1,6 +1,8 @@
 //! Frames on their way through an engine, and finished ones.
 
+use super::cost::DrawCosts;
 use crate::frame::Frame;
+use crate::gpu::FrameTimes;
 use crate::pixels::Pixels;
 use crate::source::Done;
 use terravision_common::camera::Camera;
@@ -34,14 +36,16 @@ pub struct Finished {
     pub slots_end: RingPosition,
     /// The camera that its tree was made for.
     pub pose: Camera,
+    /// Width and height of its picture, pixels.
+    pub size: [u32; 2],
     /// What its picture shows, and where.
     pub views: Views,
     /// Screen resolutions of facets and texels that its tree was made for, pixels.
     pub r_px: [f64; 2],
     /// Whether every tile that it wanted was there.
     pub is_settled: bool,
-    /// Triangles drawn.
-    pub triangles: u64,
+    /// What each of its draws cost.
+    pub costs: DrawCosts,
     /// When recording it began, nanoseconds of the monotonic clock.
     pub started_nanos: u64,
     /// When it was handed to the device, nanoseconds of the monotonic clock.
@@ -60,16 +64,17 @@ pub(super) struct InFlight {
     frame: u64,
     done: Done,
     pose: Camera,
+    size: [u32; 2],
     views: Views,
     r_px: [f64; 2],
     is_settled: bool,
-    triangles: u64,
+    costs: DrawCosts,
     started_nanos: u64,
     submitted_nanos: u64,
 }
 
 impl InFlight {
-    pub(super) fn new(frame: &Frame, triangles: u64, started_nanos: u64, submitted_nanos: u64) -> Self {
+    pub(super) fn new(frame: &Frame, costs: DrawCosts, started_nanos: u64, submitted_nanos: u64) -> Self {
         Self {
             frame: frame.marker.frame,
             done: Done {
@@ -77,19 +82,29 @@ impl InFlight {
                 elevation_end: RingPosition::new(frame.end.elevation_end),
                 slots_end: frame.slots_end,
             },
-            pose: frame.marker.camera,
+            pose: frame.pose,
+            size: frame.marker.picture,
             views: frame.views,
             r_px: [frame.marker.r_z_px, frame.marker.r_c_px],
             is_settled: frame.end.unavailable_count == 0,
-            triangles,
+            costs,
             started_nanos,
             submitted_nanos,
         }
     }
 
+    /// The frame with its picture, now, and with the times of its draws where a device has taken
+    /// them.
+    pub(super) fn finish_on_device(mut self, times: &FrameTimes, pixels: Pixels) -> Finished {
+        for (number, cost) in self.costs.iter_mut().enumerate() {
+            cost.nanos = times.piece(number).map(|nanos| nanos as u64);
+        }
+        Finished { gpu_nanos: times.whole, ..self.finish(pixels) }
+    }
+
     /// The frame with its picture, now.
-    pub(super) fn finish(self, gpu_nanos: Option<f64>, pixels: Pixels) -> Finished {
-        let Self { frame, done, pose, views, r_px, is_settled, triangles, started_nanos, submitted_nanos } = self;
+    pub(super) fn finish(self, pixels: Pixels) -> Finished {
+        let Self { frame, done, pose, size, views, r_px, is_settled, costs, started_nanos, submitted_nanos } = self;
         let Done { sequence, elevation_end, slots_end } = done;
         Finished {
             frame,
@@ -97,14 +112,15 @@ impl InFlight {
             elevation_end,
             slots_end,
             pose,
+            size,
             views,
             r_px,
             is_settled,
-            triangles,
+            costs,
             started_nanos,
             submitted_nanos,
             finished_nanos: monotonic_nanos(),
-            gpu_nanos,
+            gpu_nanos: None,
             pixels,
         }
     }

@@ -1,16 +1,21 @@
-//! Engines: they turn checked frames into pictures in memory, and know neither where frames come from nor where they go.
-//! [`DeviceEngine`] draws with Vulkan, [`RaysEngine`] with the processor alone, both behind one trait ([`Engine`]).
+//! Engines: they turn checked frames into pictures in memory, and know neither where frames come
+//! from nor where they go. [`DeviceEngine`] draws with Vulkan, [`RaysEngine`] with the processor
+//! alone, both behind one trait ([`Engine`]).
 
+mod cost;
 mod device;
 mod error;
 mod finished;
 mod options;
+mod parts;
 mod rays;
 
+pub use cost::{DrawCost, DrawCosts};
 pub use device::DeviceEngine;
 pub use error::EngineError;
 pub use finished::{Finished, Submitted};
 pub use options::{EngineOptions, ViewBounds};
+pub use parts::{MOST_PARTS, Parts};
 pub use rays::RaysEngine;
 
 use crate::frame::Frame;
@@ -51,8 +56,8 @@ pub trait Engine: Debug {
     /// Whether frames are being drawn.
     fn is_busy(&self) -> bool;
 
-    /// Takes a frame in; its pixels will come back in `pixels`, or in a new buffer when they are of another engine's kind. There
-    /// must be room.
+    /// Takes a frame in; its pixels will come back in `pixels`, or in a new buffer when they are of
+    /// another engine's kind. There must be room.
     ///
     /// # Errors
     /// The device failed, or the frame names what is not there.
@@ -73,7 +78,8 @@ pub trait Engine: Debug {
     }
 }
 
-/// The engine for frames of this source. When the technique is left open, rays are cast where no Vulkan device is.
+/// The engine for frames of this source. When the technique is left open, rays are cast where no
+/// Vulkan device is.
 ///
 /// # Errors
 /// No device, or it lacks something; or rays are asked for what they cannot do.

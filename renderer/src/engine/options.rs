@@ -1,6 +1,7 @@
 //! How frames are drawn, in numbers and choices.
 
 use crate::gpu::{AdapterDescription, DeviceChoice, DeviceKind, ElevationPath, Needs, describe_adapters};
+use crate::pixels::PixelPlaces;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 
 /// How frames are drawn.
@@ -14,15 +15,19 @@ pub struct EngineOptions {
     pub workers: usize,
     /// Which device.
     pub device: DeviceChoice,
-    /// Size of a frame's picture, which holds all of its views, pixels.
+    /// Size of a frame's picture at most, pixels. It holds all of the frame's views; each frame
+    /// says itself how large it is.
     pub size: [u32; 2],
+    /// Where finished pictures are needed.
+    pub pixels: PixelPlaces,
     /// How large and how many the views of a frame are; `None` for one that is the whole picture.
     pub views: Option<ViewBounds>,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
     /// Colour of the sky.
     pub sky_rgb: [u8; 3],
-    /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None` for no skirt.
+    /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None`
+    /// for no skirt.
     pub skirt_low_m: Option<f64>,
     /// Outlines of the colour leaves.
     pub has_tree_overlay: bool,
@@ -36,7 +41,8 @@ pub struct EngineOptions {
     pub elevation_path: ElevationPath,
     /// Whether colour tiles may be copied from shared memory by the device itself.
     pub can_import_colors: bool,
-    /// For tests: the device is lost when it is handed the frame of this number, counted from 1, and so is every device after it.
+    /// For tests: the device is lost when it is handed the frame of this number, counted from 1,
+    /// and so is every device after it.
     pub lose_device_at: Option<u64>,
 }
 
@@ -82,6 +88,7 @@ impl Default for EngineOptions {
             workers: 1,
             device: DeviceChoice::from_environment(),
             size: [1280, 720],
+            pixels: PixelPlaces::HOST,
             views: None,
             samples: 1,
             sky_rgb: [150, 190, 235],

@@ -1,6 +1,7 @@
-//! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in shared memory, cast on the
-//! processor's cores. No Vulkan.
+//! The engine of rays: the ground of a frame, its elevation arrays and colour tiles as they are in
+//! shared memory, cast on the processor's cores. No Vulkan.
 
+use super::cost::{DrawCost, DrawCosts};
 use super::finished::InFlight;
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
@@ -23,8 +24,9 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const LONGEST_SIDE: u32 = 16384;
 /// Distance of samples along rays through voxels, voxels.
 const INTERVAL_VOXELS: f32 = 0.6;
-/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which is a level. The others are drawn
-/// by their heights: as near to the truth, for less (docs/techniques.md).
+/// Tiles up to this many times as far as the nearest one have voxels: an octave of distance, which
+/// is a level. The others are drawn by their heights: as near to the truth, for less
+/// (docs/techniques.md).
 const ACCURATE_REACH: f64 = 2.0;
 /// Bytes of voxels at most: those of 15,000 tiles of 16 x 16 cells of mountains. Cliffs take more.
 const MOST_VOXEL_BYTES: usize = 64 << 20;
@@ -43,6 +45,8 @@ pub struct RaysEngine {
     /// Of each tile the colour of its outline, where outlines are wanted.
     outlines: Vec<u32>,
     finished: Option<Finished>,
+    /// Of the frame that was cast last.
+    costs: DrawCosts,
     choice: Choice,
     /// Whether the world has holes.
     has_holes: bool,
@@ -53,7 +57,8 @@ pub struct RaysEngine {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Choice {
     Asked(Method),
-    /// [`METHODS`]' first, until the other has been tried. When the first frame began, and how many there were.
+    /// [`METHODS`]' first, until the other has been tried. When the first frame began, and how many
+    /// there were.
     Open {
         first_nanos: Option<u64>,
         drawn: u32,
@@ -85,8 +90,9 @@ impl Choice {
         }
     }
 
-    /// A frame that began then has been drawn; whether both methods are to be tried on it, unseen. Not while tiles are being
-    /// loaded, when frames are as cheap as none later, unless that takes long.
+    /// A frame that began then has been drawn; whether both methods are to be tried on it, unseen.
+    /// Not while tiles are being loaded, when frames are as cheap as none later, unless that takes
+    /// long.
     fn is_trial_due(&mut self, began_nanos: u64, is_settled: bool) -> bool {
         let Self::Open { first_nanos, drawn } = self else { return false };
         let first = *first_nanos.get_or_insert(began_nanos);
@@ -126,6 +132,9 @@ impl RaysEngine {
         if options.view_bounds().size.iter().any(|side| *side > LONGEST_SIDE) {
             return Err(EngineError::PictureSize { size: options.view_bounds().size, limit: LONGEST_SIDE });
         }
+        if options.pixels.device {
+            return Err(EngineError::MeshOnly { what: "pictures that stay on the device" });
+        }
         let SourceShape { world, texels, .. } = source.shape();
         if texels.is_compressed() {
             return Err(EngineError::MeshOnly { what: "block-compressed colour tiles" });
@@ -138,6 +147,7 @@ impl RaysEngine {
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
+            costs: DrawCosts::default(),
             choice: Choice::of(options.rays),
             has_holes: world.has_holes(),
             options,
@@ -157,7 +167,7 @@ impl Engine for RaysEngine {
     }
 
     fn new_pixels(&self) -> Result<Pixels, EngineError> {
-        Ok(Pixels::Memory(Raster::new(self.options.size, self.options.has_depth)))
+        Ok(Pixels::Memory(Raster::new(self.options.has_depth)))
     }
 
     fn has_room(&self) -> bool {
@@ -173,7 +183,7 @@ impl Engine for RaysEngine {
         let started_nanos = monotonic_nanos();
         let prepared_nanos = self.cast(self.choice.method(), frame, pools)?;
         let pixels = self.hand_over(frame, pixels);
-        self.finished = Some(InFlight::new(frame, 0, started_nanos, prepared_nanos).finish(None, pixels));
+        self.finished = Some(InFlight::new(frame, self.costs, started_nanos, prepared_nanos).finish(pixels));
         let mut decided = None;
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
             let took = self.try_both(frame, pools)?;
@@ -189,8 +199,8 @@ impl Engine for RaysEngine {
 }
 
 impl RaysEngine {
-    /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody sees these. The frame is that much
-    /// late, and the next one.
+    /// How long each of [`METHODS`] takes for a frame, whose picture has been handed over: nobody
+    /// sees these. The frame is that much late, and the next one.
     fn try_both(&mut self, frame: &Frame, pools: &mut dyn Pools) -> Result<[Duration; 2], EngineError> {
         // The other one's memory.
         self.cast(METHODS[1], frame, pools)?;
@@ -207,7 +217,7 @@ impl RaysEngine {
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
         let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
-        let eye = frame.marker.camera.eye();
+        let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
         ground.clear(eye_m);
         self.blocks.forget();
@@ -236,23 +246,33 @@ impl RaysEngine {
             has_undersides: self.has_holes,
             ..CastOptions::default()
         };
+        self.costs = DrawCosts::default();
         for (index, view) in frame.views.iter().enumerate() {
             match self.pictures.get_mut(index) {
                 Some(picture) if picture.size() == view.size() => {}
                 Some(picture) => *picture = Picture::new(view.size()),
                 None => self.pictures.push(Picture::new(view.size())),
             }
+            // What the workers did for the ground is not this view's.
+            self.caster.workers().take_busy();
             self.caster.draw(ground, &layers[..], &view.camera, &options, &self.pictures[index]);
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
                 self.caster.outline(ground, &view.camera, &self.outlines, &self.pictures[index]);
             }
+            self.costs.push(DrawCost {
+                technique: TechniqueChoice::Rays,
+                view: index,
+                tiles: frame.tiles.len() as u32,
+                triangles: 0,
+                nanos: Some(self.caster.workers().take_busy().as_nanos() as u64),
+            });
         }
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
         for (index, tile) in frame.tiles.iter().enumerate() {
-            // Whoever filled a slot anew meanwhile broke the protocol: the picture is not shown.
+            // A slot that was filled again meanwhile breaks the protocol: the picture is not shown.
             if pools.color(tile.color()).is_none() {
                 return Err(fail(index, TileFault::Stale).into());
             }
@@ -263,14 +283,19 @@ impl RaysEngine {
     /// Copies the pictures of a frame's views to where sinks read them.
     fn hand_over(&self, frame: &Frame, pixels: Pixels) -> Pixels {
         let mut raster = match pixels {
-            Pixels::Memory(raster) if raster.size == self.options.size => raster,
-            Pixels::Memory(_) | Pixels::Device(_) => Raster::new(self.options.size, self.options.has_depth),
+            Pixels::Memory(raster) => raster,
+            Pixels::Device(_) => Raster::new(self.options.has_depth),
         };
+        if !self.options.pixels.host {
+            return Pixels::Memory(raster);
+        }
+        raster.lay_out(frame.layout());
+        let size = raster.size();
         for (view, picture) in frame.views.iter().zip(&self.pictures) {
-            self.place(picture, view.at, &mut raster.rgba, raster.size, |(texel, _)| texel.to_le());
+            self.place(picture, view.at, &mut raster.rgba, size, |(texel, _)| texel.to_le());
             if let Some(depths) = &mut raster.reversed_depth {
                 // NaN for the sky, which is infinitely far.
-                self.place(picture, view.at, depths, raster.size, |(_, depth)| {
+                self.place(picture, view.at, depths, size, |(_, depth)| {
                     if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) }
                 });
             }
@@ -278,7 +303,8 @@ impl RaysEngine {
         Pixels::Memory(raster)
     }
 
-    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view lies within it.
+    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view
+    /// lies within it.
     fn place<T: Send>(
         &self,
         picture: &Picture,

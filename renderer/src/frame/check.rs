@@ -4,8 +4,8 @@ use super::TileFault;
 use terravision_common::slot::TileSlot;
 use terravision_common::world::World;
 
-/// Checks the numbers of a tile against the world and the pool. Positions in the elevation ring are checked when the
-/// frame is complete.
+/// Checks the numbers of a tile against the world and the pool. Positions in the elevation ring are
+/// checked when the frame is complete.
 ///
 /// # Errors
 /// The first fault.

@@ -1,6 +1,7 @@
 //! What is wrong with a frame from the ring.
 
 use crate::source::SourceError;
+use terravision_common::camera::CameraError;
 
 /// What is wrong with a frame from the ring.
 #[derive(Debug, thiserror::Error)]
@@ -36,10 +37,12 @@ pub enum FrameError {
         expected: u64,
     },
     /// The camera that carries a frame's views is not valid.
-    #[error("frame {frame} from the ring has no valid camera")]
+    #[error("frame {frame} from the ring has no valid camera: {source}")]
     Camera {
         /// The frame.
         frame: u64,
+        /// What is wrong with it.
+        source: CameraError,
     },
     /// A view of a frame cannot be drawn.
     #[error(
@@ -54,18 +57,18 @@ pub enum FrameError {
         /// The size of the frame's picture.
         picture: [u32; 2],
     },
-    /// The picture of a frame has another size than the run's.
+    /// The picture of a frame is empty or larger than the run's pictures are.
     #[error(
-        "frame {frame} from the ring is a picture of {}x{} pixels, expected {}x{}",
-        .found[0], .found[1], .expected[0], .expected[1]
+        "frame {frame} from the ring is a picture of {}x{} pixels, expected one of {}x{} at most",
+        .found[0], .found[1], .most[0], .most[1]
     )]
     PictureSize {
         /// The frame.
         frame: u64,
         /// Its size.
         found: [u32; 2],
-        /// The run's.
-        expected: [u32; 2],
+        /// The largest of the run.
+        most: [u32; 2],
     },
     /// A number of a tile is wrong.
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]

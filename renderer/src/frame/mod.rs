@@ -1,6 +1,8 @@
-//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used again.
+//! Frames as they come out of the ring: read slot by slot, checked, kept in memory that is used
+//! again.
 //!
-//! Nothing that came through shared memory is trusted: whoever gets a [`Frame`] may index with its numbers.
+//! Nothing that came through shared memory is trusted: code that gets a [`Frame`] may index with
+//! its numbers.
 
 mod check;
 mod error;
@@ -10,12 +12,14 @@ pub use check::check_tile;
 pub use error::{FrameError, TileFault};
 pub use reader::FrameReader;
 
+use terravision_common::camera::Camera;
 use terravision_common::ids::{RingPosition, Sequence};
 use terravision_common::node::NodeId;
-use terravision_common::rig::Views;
+use terravision_common::rig::{PictureLayout, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 
-/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the device.
+/// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the
+/// device.
 const MAX_NODE_SIDE: u64 = 1 << 29;
 /// Tiles of one frame: as many as a tree has nodes.
 pub const MAX_TILES: usize = 65536;
@@ -23,9 +27,11 @@ pub const MAX_TILES: usize = 65536;
 /// A checked frame.
 #[derive(Debug)]
 pub struct Frame {
-    /// Its first slot. The camera is valid.
+    /// Its first slot.
     pub marker: FrameMarker,
-    /// Its views. Their cameras are valid, and they lie within the frame's picture.
+    /// The marker's camera.
+    pub pose: Camera,
+    /// Its views. They lie within the frame's picture.
     pub views: Views,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,
@@ -37,6 +43,14 @@ pub struct Frame {
     pub sequence: Sequence,
     /// One past its last slot.
     pub slots_end: RingPosition,
+}
+
+impl Frame {
+    /// Where its views lie in its picture, whose size is the frame's own.
+    #[must_use]
+    pub fn layout(&self) -> PictureLayout {
+        PictureLayout::new(self.marker.picture, &self.views)
+    }
 }
 
 /// Level of the colour leaf of a tile, for overlays; 0 when its number is not a node's.

@@ -2,6 +2,7 @@
 
 use super::{Frame, FrameError, MAX_NODE_SIDE, MAX_TILES, TileFault, check_tile};
 use crate::source::{Done, FrameSource, SourceShape};
+use terravision_common::camera::Camera;
 use terravision_common::ids::{Generation, RingPosition, Sequence};
 use terravision_common::rig::{MAX_VIEWS, View, Views};
 use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
@@ -34,7 +35,7 @@ pub struct FrameReader {
 const MOST_LOST: u64 = 1 << 16;
 
 impl FrameReader {
-    /// For frames of this source and pictures of this size.
+    /// For frames of this source and pictures of this size at most.
     ///
     /// # Errors
     /// The world is too large.
@@ -45,7 +46,8 @@ impl FrameReader {
         }
         let marker = FrameMarker { frame: shape.frames[0], ..bytemuck::Zeroable::zeroed() };
         let frame = Frame {
-            views: Views::single(&marker.camera),
+            pose: Camera::default(),
+            views: Views::single(&Camera::default()),
             marker,
             tiles: Vec::with_capacity(4096),
             end: bytemuck::Zeroable::zeroed(),
@@ -161,13 +163,13 @@ impl FrameReader {
         if !is_stale && lost > self.shape.elevation_arrays {
             return wrong("its first elevation array", marker.elevation_start, self.frame.end.elevation_end);
         }
-        if !marker.camera.is_valid() {
-            return Err(FrameError::Camera { frame: expected });
-        }
-        if marker.picture != self.size {
-            return Err(FrameError::PictureSize { frame: expected, found: marker.picture, expected: self.size });
+        let pose = Camera::new(marker.camera).map_err(|source| FrameError::Camera { frame: expected, source })?;
+        let (found, most) = (marker.picture, self.size);
+        if (0..2).any(|axis| found[axis] == 0 || found[axis] > most[axis]) {
+            return Err(FrameError::PictureSize { frame: expected, found, most });
         }
         self.frame.marker = *marker;
+        self.frame.pose = pose;
         self.views.clear();
         self.view_count = 0;
         self.frame.tiles.clear();
@@ -201,15 +203,17 @@ impl FrameReader {
         if slot.index as usize != index {
             return wrong("the number of a view", slot.index.into(), index as u64);
         }
-        let view = View { camera: slot.camera, at: slot.at };
         let picture = self.frame.marker.picture;
         // The eye's cell has to be near enough for differences of 32 bits.
         let surface = self.shape.world.surface();
-        let eye_on_lattice = surface.lattice_of_foot(surface.foot(view.camera.eye()));
-        let is_near = eye_on_lattice.abs().max_element() <= MAX_NODE_SIDE as f64;
-        if !view.camera.is_valid() || !view.is_within(picture) || !is_near {
+        let is_near = |view: &View| {
+            let eye_on_lattice = surface.lattice_of_foot(surface.foot(view.camera.eye()));
+            eye_on_lattice.abs().max_element() <= MAX_NODE_SIDE as f64
+        };
+        let view = Camera::new(slot.camera).ok().map(|camera| View { camera, at: slot.at });
+        let Some(view) = view.filter(|view| view.is_within(picture) && is_near(view)) else {
             return Err(FrameError::View { frame, index, picture });
-        }
+        };
         self.views.push(view);
         if self.has_all_views()
             && let Some(views) = Views::new(self.views.iter().copied())
@@ -267,15 +271,16 @@ impl FrameReader {
         Ok(())
     }
 
-    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a frame is complete, else
-    /// as far as slots are there. Whether a frame is complete.
+    /// Reads on: with `may_wait`, when no frame is with the device or on its way to a sink, until a
+    /// frame is complete, else as far as slots are there. Whether a frame is complete.
     ///
     /// # Errors
     /// The source failed, or a slot is not one that may come now.
     pub fn read(&mut self, source: &mut dyn FrameSource, may_wait: bool) -> Result<bool, FrameError> {
         loop {
             if may_wait && self.is_open && !self.is_stale(self.frame.sequence) {
-                // Arrays that a killed stage has left between the frames: the preparer may be waiting for them.
+                // Arrays that a killed stage has left between the frames: the preparer may be
+                // waiting for them.
                 source.release_elevations(RingPosition::new(self.frame.elevation_start))?;
             }
             let slot = if may_wait { Some(source.next()?) } else { source.try_next()? };

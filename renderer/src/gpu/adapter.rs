@@ -59,8 +59,8 @@ pub fn describe_adapters(choice: &DeviceChoice, needs: &Needs) -> Result<Vec<Ada
         .collect())
 }
 
-/// Index of the device to use: the one that was asked for, else the best kind among those that lack nothing (the first
-/// of equals). When all lack something, the best kind.
+/// Index of the device to use: the one that was asked for, else the best kind among those that lack
+/// nothing (the first of equals). When all lack something, the best kind.
 pub(super) fn choose(found: &[&Capabilities], choice: &DeviceChoice, needs: &Needs) -> Result<usize, GpuError> {
     if found.is_empty() {
         return Err(GpuError::NoDevice);

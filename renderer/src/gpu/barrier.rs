@@ -1,4 +1,5 @@
-//! Barriers, made from named accesses. Passes say what they did and what comes next; stage masks are written here only.
+//! Barriers, made from named accesses. Passes say what they did and what comes next; stage masks
+//! are written here only.
 
 use super::device::Device;
 use super::image::{Image, whole};
@@ -23,6 +24,8 @@ pub(super) enum Access {
     CopySource,
     /// Target of a copy.
     CopyTarget,
+    /// Target of a clear outside of rendering.
+    Cleared,
     /// Read by the processor, after the timeline has been waited for.
     HostRead,
 }
@@ -51,6 +54,7 @@ impl Access {
             Self::ReadByFragments => (S::FRAGMENT_SHADER, A::SHADER_STORAGE_READ, L::UNDEFINED),
             Self::CopySource => (S::COPY, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
             Self::CopyTarget => (S::COPY, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
+            Self::Cleared => (S::CLEAR, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Self::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),
         }
     }

@@ -60,8 +60,8 @@ pub(super) struct Buffer {
     _pages: Option<HostMemory>,
 }
 
-// SAFETY: the mapped pointer is to memory that the buffer owns; all access goes through `&mut self` (writing) or
-// `&self` (reading), and Vulkan lets any thread use mapped memory.
+// SAFETY: the mapped pointer is to memory that the buffer owns; all access goes through `&mut self`
+// (writing) or `&self` (reading), and Vulkan lets any thread use mapped memory.
 unsafe impl Send for Buffer {}
 // SAFETY: as above; `&self` only reads.
 unsafe impl Sync for Buffer {}
@@ -86,7 +86,8 @@ impl Buffer {
         unsafe { device.raw().bind_buffer_memory(raw, memory.get(), 0) }.during("binding a buffer's memory")?;
         let mut mapped = None;
         if usage != BufferUse::Scratch {
-            // SAFETY: the type is host visible, the memory is not yet mapped; it stays mapped until it is freed.
+            // SAFETY: the type is host visible, the memory is not yet mapped; it stays mapped until
+            // it is freed.
             let start =
                 unsafe { device.raw().map_memory(memory.get(), 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) }
                     .during("mapping a buffer")?;
@@ -103,8 +104,9 @@ impl Buffer {
         Ok(buffer)
     }
 
-    /// A buffer over pages of this process (or shared with another), used in place. `Ok(None)` when the device cannot
-    /// import them: no extension, or a start or length that is not a multiple of its alignment.
+    /// A buffer over pages of this process (or shared with another), used in place. `Ok(None)` when
+    /// the device cannot import them: no extension, or a start or length that is not a multiple of
+    /// its alignment.
     pub(super) fn import(
         device: &Arc<Device>,
         pages: &HostMemory,
@@ -145,7 +147,8 @@ impl Buffer {
             vk::ImportMemoryHostPointerInfoEXT::default().handle_type(handle_type).host_pointer(start.as_ptr().cast());
         let allocate =
             vk::MemoryAllocateInfo::default().allocation_size(len).memory_type_index(kind).push_next(&mut import);
-        // SAFETY: start and length are aligned as the device asks; the pages outlive the memory (field `_pages`).
+        // SAFETY: start and length are aligned as the device asks; the pages outlive the memory
+        // (field `_pages`).
         let Ok(memory) = (unsafe { device.raw().allocate_memory(&allocate, None) }) else { return Ok(None) };
         let memory = Owned::new(device, memory, destroyer!(free_memory));
         // SAFETY: fresh buffer and memory of the size that it needs.
@@ -161,11 +164,12 @@ impl Buffer {
         self.len
     }
 
-    /// The mapped bytes; none for a buffer that is not mapped. The caller has waited for the submits that use it.
+    /// The mapped bytes; none for a buffer that is not mapped. The caller has waited for the
+    /// submits that use it.
     pub(super) fn bytes(&self) -> &[u8] {
         match self.mapped {
-            // SAFETY: mapped for `len` bytes as long as `self` lives; `&mut self` alone writes; the owner reads only
-            // after the submit that fills the buffer has been waited for.
+            // SAFETY: mapped for `len` bytes as long as `self` lives; `&mut self` alone writes; the
+            // owner reads only after the submit that fills the buffer has been waited for.
             Some(start) => unsafe { std::slice::from_raw_parts(start.as_ptr(), self.len as usize) },
             None => &[],
         }

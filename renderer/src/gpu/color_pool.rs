@@ -1,4 +1,5 @@
-//! The colour pool on the device: one layer of a texture array per slot of the pool, uploaded once per generation.
+//! The colour pool on the device: one layer of a texture array per slot of the pool, uploaded once
+//! per generation.
 
 use super::barrier::{self, Access, layout_of};
 use super::buffer::{Buffer, BufferUse};
@@ -21,8 +22,8 @@ use terravision_common::world::COLOR_MIPS;
 pub struct Filtering {
     /// Added to the mip level that the hardware computes.
     pub lod_bias: f32,
-    /// Largest anisotropy on hardware devices; the processor's own device never gets any (at 4x it samples 8 Mpix/s
-    /// instead of 43, see `docs/performance.md`).
+    /// Largest anisotropy on hardware devices; the processor's own device never gets any (at 4x it
+    /// samples 8 Mpix/s instead of 43, see `docs/performance.md`).
     pub max_anisotropy: f32,
 }
 
@@ -56,8 +57,9 @@ pub struct ColorPool {
 unsafe impl Send for ColorPool {}
 
 impl ColorPool {
-    /// A texture array of `layers` tiles of a format, `side` texels wide with border. `shared`: the pool's memory, to be
-    /// imported if the device can; without it every tile is copied through a staging buffer. `slots`: frame slots of the run.
+    /// A texture array of `layers` tiles of a format, `side` texels wide with border. `shared`: the
+    /// pool's memory, to be imported if the device can; without it every tile is copied through a
+    /// staging buffer. `slots`: frame slots of the run.
     ///
     /// # Errors
     /// Out of memory.
@@ -128,8 +130,8 @@ impl ColorPool {
         self.generations.get(key.slot.index()) == Some(&Some(key.generation))
     }
 
-    /// Has the tile at `offset` of the imported memory copied to its layer by the frame being recorded. The bytes must not
-    /// change until that frame is finished (frame epochs see to it).
+    /// Has the tile at `offset` of the imported memory copied to its layer by the frame being
+    /// recorded. The bytes must not change until that frame is finished (frame epochs see to it).
     ///
     /// # Errors
     /// The slot or the offset lies outside, or nothing is imported.
@@ -142,7 +144,8 @@ impl ColorPool {
         self.add_copies(key, offset)
     }
 
-    /// Room for a tile that the frame being recorded is to upload; the caller fills it: mips back to back, row 0 north.
+    /// Room for a tile that the frame being recorded is to upload; the caller fills it: mips back
+    /// to back, row 0 north.
     ///
     /// # Errors
     /// The slot lies outside, or out of memory.
@@ -174,8 +177,8 @@ impl ColorPool {
             return Err(GpuError::TooMany { what: "colour slots", found: u64::from(key.slot.get()) + 1, limit });
         };
         *held = Some(key.generation);
-        // Rows are dense (of whole blocks), so no row length is named; a level whose side is no multiple of a block is
-        // copied up to its edge, which Vulkan allows for the extent alone.
+        // Rows are dense (of whole blocks), so no row length is named; a level whose side is no
+        // multiple of a block is copied up to its edge, which Vulkan allows for the extent alone.
         for (mip, MipPlace { side, offset: start, .. }) in (0..).zip(self.texels.mips(self.side)) {
             self.copies.push(
                 vk::BufferImageCopy2::default()
@@ -202,8 +205,9 @@ impl ColorPool {
         let commands = recording.commands();
         let previous = if self.is_initialized { Access::Sampled } else { Access::Discarded };
         let staging = self.staging.get(recording.slot_index()).and_then(Option::as_ref);
-        // SAFETY: recording, outside of rendering; regions lie inside the image and the buffer (`add_copies` and its
-        // callers checked); buffer and image wait for the submit before they go (`Owned`).
+        // SAFETY: recording, outside of rendering; regions lie inside the image and the buffer
+        // (`add_copies` and its callers checked); buffer and image wait for the submit before they
+        // go (`Owned`).
         unsafe {
             barrier::image(&device, commands, &self.image, previous, Access::CopyTarget);
             if let Some(buffer) = self.imported.as_ref().or(staging).filter(|_| tiles > 0) {

@@ -21,7 +21,8 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// From the environment variable `TERRAVISION_DEVICE`; the best device when it is unset or empty.
+    /// From the environment variable `TERRAVISION_DEVICE`; the best device when it is unset or
+    /// empty.
     #[must_use]
     pub fn from_environment() -> Self {
         match std::env::var("TERRAVISION_DEVICE") {
@@ -34,7 +35,8 @@ impl DeviceChoice {
 /// A device that needs longer than this for a frame hangs.
 pub(super) const LONGEST_FRAME: Duration = Duration::from_secs(60);
 
-/// A value of the device's timeline: submits count from 1, and the GPU reaches a submit's value when it is done with it.
+/// A value of the device's timeline: submits count from 1, and the GPU reaches a submit's value
+/// when it is done with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct SubmitValue(u64);
 
@@ -46,7 +48,8 @@ struct RawDevice {
 
 impl Drop for RawDevice {
     fn drop(&mut self) {
-        // SAFETY: every object of the device holds an `Arc` of `Device` (through `Owned`), so none is left.
+        // SAFETY: every object of the device holds an `Arc` of `Device` (through `Owned`), so none
+        // is left.
         unsafe { self.functions.destroy_device(None) };
     }
 }
@@ -150,7 +153,8 @@ impl Device {
         let _named = unsafe { functions.set_debug_utils_object_name(&info) };
     }
 
-    /// Index of the first memory type of `allowed` that has all of one of the `wishes`, tried in order.
+    /// Index of the first memory type of `allowed` that has all of one of the `wishes`, tried in
+    /// order.
     pub(super) fn memory_type(
         &self,
         allowed: u32,
@@ -167,14 +171,16 @@ impl Device {
             .ok_or(GpuError::NoMemoryType { what })
     }
 
-    /// Memory types that host memory at `start` can be imported as; `None` when the device cannot import.
+    /// Memory types that host memory at `start` can be imported as; `None` when the device cannot
+    /// import.
     ///
     /// # Safety
     /// * `start` points to mapped memory.
     pub(super) unsafe fn host_memory_types(&self, start: *const u8) -> Option<u32> {
         let query = self.host_pointer_properties?;
         let mut properties = vk::MemoryHostPointerPropertiesEXT::default();
-        // SAFETY: the pointer is mapped (the caller's promise); the function comes from this device.
+        // SAFETY: the pointer is mapped (the caller's promise); the function comes from this
+        // device.
         let result = unsafe {
             query(
                 self.raw().handle(),
@@ -223,7 +229,8 @@ impl Device {
         self.wait_value(value, timeout)
     }
 
-    /// From now on the `submit`-th frame, from 1, finds the device lost; for tests, which have no other way to lose one.
+    /// From now on the `submit`-th frame, from 1, finds the device lost; for tests, which have no
+    /// other way to lose one.
     pub fn lose_at(&self, submit: u64) {
         // Relaxed: one thread submits and waits.
         self.lost_at.store(submit, Ordering::Relaxed);
@@ -241,7 +248,8 @@ impl Device {
         }
     }
 
-    /// Waits for all submits so far; whether the device is done with them (or lost, which ends them too).
+    /// Waits for all submits so far; whether the device is done with them (or lost, which ends them
+    /// too).
     pub(super) fn wait_for_all(&self) -> bool {
         let last = self.queue.lock().unwrap_or_else(PoisonError::into_inner).1;
         last == 0 || self.wait_value(SubmitValue(last), LONGEST_FRAME).unwrap_or(true)
@@ -265,8 +273,8 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: every submit was waited for by the frame slot that made it; the semaphore is destroyed once, before
-        // the device (field `raw`).
+        // SAFETY: every submit was waited for by the frame slot that made it; the semaphore is
+        // destroyed once, before the device (field `raw`).
         unsafe { self.raw().destroy_semaphore(self.timeline, None) };
     }
 }
@@ -294,7 +302,8 @@ fn open(
     if capabilities.host_import_alignment.is_some() {
         info = info.enabled_extension_names(&import);
     }
-    // SAFETY: features and extensions are those that `capabilities` found; all pointers live until the end of the call.
+    // SAFETY: features and extensions are those that `capabilities` found; all pointers live until
+    // the end of the call.
     let functions =
         unsafe { instance.raw().create_device(physical, &info, None) }.during("opening the Vulkan device")?;
     Ok(RawDevice { functions, instance: Arc::clone(instance) })

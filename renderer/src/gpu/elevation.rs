@@ -1,5 +1,5 @@
-//! Elevation arrays for the vertex shader: read in place from the shared ring where the device can import it, else
-//! copied into a buffer of the frame.
+//! Elevation arrays for the vertex shader: read in place from the shared ring where the device can
+//! import it, else copied into a buffer of the frame.
 
 use super::buffer::{Buffer, BufferUse};
 use super::device::Device;
@@ -29,7 +29,8 @@ pub struct Elevation {
 }
 
 impl Elevation {
-    /// Over the shared ring, if there is one and the device can read it in place, else staged. `slots`: frame slots.
+    /// Over the shared ring, if there is one and the device can read it in place, else staged.
+    /// `slots`: frame slots.
     ///
     /// # Errors
     /// Out of memory.

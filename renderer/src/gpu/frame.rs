@@ -1,11 +1,12 @@
-//! Frame slots: what one frame in flight has of its own. A slot is recorded, submitted, and reused when its submit's
-//! value has passed.
+//! Frame slots: what one frame in flight has of its own. A slot is recorded, submitted, and reused
+//! when its submit's value has passed.
 
 use super::barrier::{self, Access};
 use super::device::{Device, SubmitValue};
 use super::error::{During, GpuError};
 use super::owned::{Owned, destroyer};
-use super::readback::Readback;
+use super::picture::Outputs;
+use super::stamps::{FrameTimes, Stamps};
 use super::target::Target;
 use ash::vk;
 use std::sync::Arc;
@@ -15,10 +16,10 @@ use std::time::Duration;
 #[derive(Debug)]
 pub struct FrameSlot {
     pending: Option<SubmitValue>,
-    readback: Option<Readback>,
+    outputs: Option<Outputs>,
     commands: vk::CommandBuffer,
     pool: Owned<vk::CommandPool>,
-    queries: Option<Owned<vk::QueryPool>>,
+    stamps: Option<Stamps>,
     index: usize,
 }
 
@@ -40,15 +41,8 @@ impl FrameSlot {
             unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?;
         let commands = buffers[0];
         device.name(commands, &format!("frame slot {index}"));
-        let queries = if device.capabilities().timestamp_period_nanos.is_some() {
-            let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
-            // SAFETY: the queue has timestamps.
-            let queries = unsafe { device.raw().create_query_pool(&info, None) }.during("creating timestamps")?;
-            Some(Owned::new(device, queries, destroyer!(destroy_query_pool)))
-        } else {
-            None
-        };
-        Ok(Self { pending: None, readback: None, commands, pool, queries, index })
+        let stamps = Stamps::new(device)?;
+        Ok(Self { pending: None, outputs: None, commands, pool, stamps, index })
     }
 
     /// Whether a frame of this slot is with the device, or has come back and was not taken yet.
@@ -57,7 +51,8 @@ impl FrameSlot {
         self.pending.is_some()
     }
 
-    /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also without a frame).
+    /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also
+    /// without a frame).
     ///
     /// # Errors
     /// The device was lost.
@@ -65,36 +60,20 @@ impl FrameSlot {
         self.pending.map_or(Ok(true), |value| self.pool.device().wait(value, timeout))
     }
 
-    /// The pixels of the slot's frame and the nanoseconds that the GPU took; waits for them. `None` without a frame.
+    /// The pixels of the slot's frame and the times that the device took; waits for them. `None`
+    /// without a frame.
     ///
     /// # Errors
     /// The device was lost, or hangs.
-    pub fn take(&mut self) -> Result<Option<(Readback, Option<f64>)>, GpuError> {
+    pub fn take(&mut self) -> Result<Option<(Outputs, FrameTimes)>, GpuError> {
         let seconds = super::device::LONGEST_FRAME.as_secs();
         if !self.wait(super::device::LONGEST_FRAME)? {
             return Err(GpuError::Timeout { seconds });
         }
         let was_pending = self.pending.take().is_some();
-        let Some(readback) = self.readback.take() else { return Ok(None) };
-        let nanos = if was_pending { self.gpu_nanos() } else { None };
-        Ok(Some((readback, nanos)))
-    }
-
-    fn gpu_nanos(&self) -> Option<f64> {
-        let device = self.pool.device();
-        let period = device.capabilities().timestamp_period_nanos?;
-        let mut stamps = [0u64; 2];
-        // SAFETY: both queries were written by the submit that `take` waited for.
-        unsafe {
-            device.raw().get_query_pool_results(
-                self.queries.as_ref()?.get(),
-                0,
-                &mut stamps,
-                vk::QueryResultFlags::TYPE_64,
-            )
-        }
-        .ok()?;
-        Some(stamps[1].wrapping_sub(stamps[0]) as f64 * period)
+        let Some(outputs) = self.outputs.take() else { return Ok(None) };
+        let times = self.stamps.as_ref().filter(|_| was_pending).and_then(Stamps::times);
+        Ok(Some((outputs, times.unwrap_or_default())))
     }
 
     /// Begins the slot's next frame; what was read back of the last one must have been taken.
@@ -112,17 +91,9 @@ impl FrameSlot {
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the buffer was just reset.
         unsafe { device.raw().begin_command_buffer(self.commands, &info) }.during("beginning a frame")?;
-        if let Some(queries) = &self.queries {
-            // SAFETY: recording, outside of rendering; the pool has two queries.
-            unsafe {
-                device.raw().cmd_reset_query_pool(self.commands, queries.get(), 0, 2);
-                device.raw().cmd_write_timestamp2(
-                    self.commands,
-                    vk::PipelineStageFlags2::TOP_OF_PIPE,
-                    queries.get(),
-                    0,
-                );
-            }
+        if let Some(stamps) = &mut self.stamps {
+            // SAFETY: recording, outside of rendering; the slot's last frame is finished.
+            unsafe { stamps.begin(self.commands) };
         }
         Ok(Recording { slot: self, device, has_copied: false })
     }
@@ -152,19 +123,54 @@ impl Recording<'_> {
         self.slot.commands
     }
 
-    /// Copies the view of this size that was drawn to `target` to its place in `readback`.
-    pub fn copy_view(&mut self, target: &mut Target, readback: &Readback, size: [u32; 2], at: [u32; 2]) {
+    /// Records a piece of work, whose time by the device's clock comes back with the frame
+    /// ([`FrameTimes::piece`]), added up where pieces of one number are several.
+    pub fn timed<T>(&mut self, piece: usize, work: impl FnOnce(&mut Self) -> T) -> T {
+        self.begin_pieces();
+        let made = work(self);
+        self.end_piece(piece);
+        made
+    }
+
+    /// A piece begins here, before rendering begins: software devices draw what was recorded when
+    /// they meet a stamp, and clear the picture more cheaply while they draw.
+    pub fn begin_pieces(&mut self) {
+        self.stamp(None);
+    }
+
+    /// A piece ends here, and another one may begin.
+    pub fn end_piece(&mut self, piece: usize) {
+        self.stamp(Some(piece));
+    }
+
+    fn stamp(&mut self, piece: Option<usize>) {
+        let commands = self.slot.commands;
+        if let Some(stamps) = &mut self.slot.stamps {
+            // SAFETY: recording; `begin` was called for this frame.
+            unsafe { stamps.stamp(commands, piece) };
+        }
+    }
+
+    /// Copies the view of this size that was drawn to `target` to its place in the outputs.
+    pub fn copy_view(&mut self, target: &mut Target, outputs: &Outputs, size: [u32; 2], at: [u32; 2]) {
         if std::mem::replace(&mut self.has_copied, true) {
             // Views beside each other share rows of the buffer, if no byte of them.
             // SAFETY: recording, outside of rendering.
             unsafe { barrier::memory(&self.device, self.slot.commands, Access::CopyTarget, Access::CopyTarget) };
+        } else if let Some(picture) = &outputs.picture {
+            // SAFETY: recording, outside of rendering.
+            unsafe { picture.begin(self.slot.commands) };
         }
-        target.record_copy(self, readback, size, at);
+        target.record_copy(self, outputs, size, at);
     }
 
-    /// The pixels that the frame's views were copied to; they come back with the slot.
-    pub fn read_back(&mut self, readback: Readback) {
-        self.slot.readback = Some(readback);
+    /// All views were copied; the outputs come back with the slot.
+    pub fn put_out(&mut self, outputs: Outputs) {
+        if let Some(picture) = outputs.picture.as_ref().filter(|_| self.has_copied) {
+            // SAFETY: recording, outside of rendering; it was begun with the first view.
+            unsafe { picture.end(self.slot.commands) };
+        }
+        self.slot.outputs = Some(outputs);
     }
 
     /// Hands the frame to the device.
@@ -175,21 +181,15 @@ impl Recording<'_> {
         let Self { slot, device, .. } = self;
         // SAFETY: recording, outside of rendering.
         unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
-        if let Some(queries) = &slot.queries {
-            // SAFETY: recording; the query was reset in `begin`.
-            unsafe {
-                device.raw().cmd_write_timestamp2(
-                    slot.commands,
-                    vk::PipelineStageFlags2::ALL_COMMANDS,
-                    queries.get(),
-                    1,
-                );
-            }
+        if let Some(stamps) = &slot.stamps {
+            // SAFETY: recording; `begin` was called for this frame.
+            unsafe { stamps.end(slot.commands) };
         }
         // SAFETY: recording; all that was begun has ended.
         unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;
-        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`, which waits for this
-        // submit before it destroys it; the processor touches a slot's buffers only through a `Recording`.
+        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`,
+        // which waits for this submit before it destroys it; the processor touches a slot's buffers
+        // only through a `Recording`.
         slot.pending = Some(unsafe { device.submit(slot.commands) }?);
         Ok(())
     }

@@ -1,4 +1,5 @@
-//! Memory of this process that a device may import: whole pages with an owner that keeps them mapped.
+//! Memory of this process that a device may import: whole pages with an owner that keeps them
+//! mapped.
 
 use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
 use std::fmt;
@@ -6,12 +7,14 @@ use std::ptr::NonNull;
 use std::sync::Arc;
 use terravision_common::shm::SegmentMemory;
 
-/// Page size of the architectures that we run on, and the alignment that drivers ask of imported memory.
+/// Page size of the architectures that we run on, and the alignment that drivers ask of imported
+/// memory.
 const PAGE: usize = 4096;
 
 /// Pages that are mapped as long as the value (or a clone) lives.
 ///
-/// Shared bytes are never borrowed as a slice through this type: another process may be writing them.
+/// Shared bytes are never borrowed as a slice through this type: another process may be writing
+/// them.
 #[derive(Clone)]
 pub struct HostMemory {
     start: NonNull<u8>,
@@ -21,8 +24,8 @@ pub struct HostMemory {
     _owner: Arc<dyn Send + Sync>,
 }
 
-// SAFETY: the pointer is only handed out within `gpu`, which passes it to Vulkan and copies from it; the owner behind
-// the `Arc` is `Send + Sync` and keeps the pages mapped on every thread.
+// SAFETY: the pointer is only handed out within `gpu`, which passes it to Vulkan and copies from
+// it; the owner behind the `Arc` is `Send + Sync` and keeps the pages mapped on every thread.
 unsafe impl Send for HostMemory {}
 // SAFETY: as above; a reference to the bytes is given out only when nobody writes them.
 unsafe impl Sync for HostMemory {}
@@ -48,8 +51,9 @@ impl HostMemory {
     /// The bytes, when nobody writes them ([`HostMemory::copy_of`]).
     #[must_use]
     pub fn constant_bytes(&self) -> Option<&[u8]> {
-        // SAFETY: mapped for `len` bytes while `self` lives; `copy_of` was the last to write them, and a device that
-        // imports them only reads (imported buffers are storage buffers declared `read`, or sources of copies).
+        // SAFETY: mapped for `len` bytes while `self` lives; `copy_of` was the last to write them,
+        // and a device that imports them only reads (imported buffers are storage buffers declared
+        // `read`, or sources of copies).
         self.is_constant.then(|| unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) })
     }
 

@@ -22,14 +22,15 @@ pub(super) struct ImageShape {
 /// An image in the device's memory.
 #[derive(Debug)]
 pub(super) struct Image {
-    view: Owned<vk::ImageView>,
+    view: Option<Owned<vk::ImageView>>,
     handle: Owned<vk::Image>,
     _memory: Owned<vk::DeviceMemory>,
     shape: ImageShape,
 }
 
 impl Image {
-    pub(super) fn new(device: &Arc<Device>, shape: ImageShape, name: &str) -> Result<Self, GpuError> {
+    /// An image that is only copied from and to.
+    pub(super) fn without_view(device: &Arc<Device>, shape: ImageShape, name: &str) -> Result<Self, GpuError> {
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(shape.format)
@@ -53,16 +54,21 @@ impl Image {
         let memory = Owned::new(device, memory, destroyer!(free_memory));
         // SAFETY: fresh image, fresh memory of the size and type that it needs.
         unsafe { device.raw().bind_image_memory(raw, memory.get(), 0) }.during("binding an image's memory")?;
+        Ok(Self { view: None, handle, _memory: memory, shape })
+    }
+
+    pub(super) fn new(device: &Arc<Device>, shape: ImageShape, name: &str) -> Result<Self, GpuError> {
+        let image = Self::without_view(device, shape, name)?;
         let kind = if shape.is_array { vk::ImageViewType::TYPE_2D_ARRAY } else { vk::ImageViewType::TYPE_2D };
         let view_info = vk::ImageViewCreateInfo::default()
-            .image(raw)
+            .image(image.raw())
             .view_type(kind)
             .format(shape.format)
             .subresource_range(whole(shape.aspect));
         // SAFETY: the image is complete.
         let view = unsafe { device.raw().create_image_view(&view_info, None) }.during("creating an image's view")?;
         let view = Owned::new(device, view, destroyer!(destroy_image_view));
-        Ok(Self { view, handle, _memory: memory, shape })
+        Ok(Self { view: Some(view), ..image })
     }
 
     pub(super) fn raw(&self) -> vk::Image {
@@ -70,7 +76,7 @@ impl Image {
     }
 
     pub(super) fn view(&self) -> vk::ImageView {
-        self.view.get()
+        self.view.as_ref().map_or(vk::ImageView::null(), Owned::get)
     }
 
     pub(super) fn shape(&self) -> &ImageShape {

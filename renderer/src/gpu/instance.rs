@@ -33,12 +33,14 @@ impl fmt::Debug for Instance {
 }
 
 impl Instance {
-    /// Loads Vulkan; with the validation layer, every warning and error of which is counted, when `has_validation`.
+    /// Loads Vulkan; with the validation layer, every warning and error of which is counted, when
+    /// `has_validation`.
     ///
     /// # Errors
     /// No loader, no driver, no validation layer.
     pub fn new(has_validation: bool) -> Result<Arc<Self>, GpuError> {
-        // SAFETY: loads the system's libvulkan, whose initialisers are trusted as every dynamic library's are.
+        // SAFETY: loads the system's libvulkan, whose initialisers are trusted as every dynamic
+        // library's are.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| GpuError::NoLoader { reason: e.to_string() })?;
         // SAFETY: the entry is loaded; no other precondition.
         let layers = unsafe { entry.enumerate_instance_layer_properties() }.during("listing Vulkan's layers")?;
@@ -86,7 +88,8 @@ impl Instance {
             .message_type(Type::VALIDATION | Type::PERFORMANCE)
             .pfn_user_callback(Some(on_message))
             .user_data(Arc::as_ptr(&self.log).cast_mut().cast());
-        // SAFETY: the user data outlives the messenger: `Drop` destroys the messenger before the log is released.
+        // SAFETY: the user data outlives the messenger: `Drop` destroys the messenger before the
+        // log is released.
         let messenger = unsafe { functions.create_debug_utils_messenger(&info, None) }
             .during("listening to the validation layer")?;
         self.messenger = Some((functions, messenger));
@@ -108,7 +111,8 @@ impl Instance {
     /// # Errors
     /// [`GpuError::Validation`] with the number of messages and the text of the first.
     pub fn check_validation(&self) -> Result<(), GpuError> {
-        // Relaxed: a statistic; messages are written by the thread that made the faulty call, before the call returned.
+        // Relaxed: a statistic; messages are written by the thread that made the faulty call,
+        // before the call returned.
         let count = self.log.count.load(Ordering::Relaxed);
         if count == 0 {
             return Ok(());

@@ -4,8 +4,8 @@ use super::device::Device;
 use std::fmt;
 use std::sync::Arc;
 
-/// Owns one object of the device. Dropping it waits for the submits so far, which may use it; objects go when a run
-/// ends or when a buffer grows, never in the steady state.
+/// Owns one object of the device. Dropping it waits for the submits so far, which may use it;
+/// objects go when a run ends or when a buffer grows, never in the steady state.
 pub(super) struct Owned<H: Copy> {
     handle: H,
     destroy: fn(&ash::Device, H),
@@ -13,7 +13,8 @@ pub(super) struct Owned<H: Copy> {
 }
 
 impl<H: Copy> Owned<H> {
-    /// Takes `handle`, fresh from the device, into ownership; `destroy` calls the matching destroy function.
+    /// Takes `handle`, fresh from the device, into ownership; `destroy` calls the matching destroy
+    /// function.
     pub(super) fn new(device: &Arc<Device>, handle: H, destroy: fn(&ash::Device, H)) -> Self {
         Self { handle, destroy, device: Arc::clone(device) }
     }
@@ -31,7 +32,8 @@ impl<H: Copy> Owned<H> {
 
 impl<H: Copy> Drop for Owned<H> {
     fn drop(&mut self) {
-        // A device that hangs keeps the object: leaking it is better than destroying what is in use.
+        // A device that hangs keeps the object: leaking it is better than destroying what is in
+        // use.
         if self.device.wait_for_all() {
             (self.destroy)(self.device.raw(), self.handle);
         }
@@ -48,8 +50,8 @@ impl<H: Copy + fmt::Debug> fmt::Debug for Owned<H> {
 macro_rules! destroyer {
     ($function:ident) => {
         |device, handle| {
-            // SAFETY: `Owned` calls this once, with a handle that it was given at creation by this device, after all
-            // submits that may use the object.
+            // SAFETY: `Owned` calls this once, with a handle that it was given at creation by this
+            // device, after all submits that may use the object.
             unsafe { device.$function(handle, None) }
         }
     };

@@ -1,4 +1,5 @@
-//! What the renderer needs of a device, as one table and one pure function that returns all that is missing.
+//! What the renderer needs of a device, as one table and one pure function that returns all that is
+//! missing.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -1,12 +1,14 @@
-//! What views are drawn to: a picture and its depth, with 1 or 4 samples per pixel. Every view is drawn from the upper left
-//! corner on, whatever its place in the frame's picture: rasterizers work in coordinates of the target, and its bytes must not
-//! depend on where it is shown.
+//! What views are drawn to: a picture and its depth, with 1 or 4 samples per pixel. Every view is
+//! drawn from the upper left corner on, whatever its place in the frame's picture: rasterizers work
+//! in coordinates of the target, and its bytes must not depend on where it is shown.
 
 use super::barrier::{self, Access, layout_of};
+use super::buffer::Buffer;
 use super::device::Device;
 use super::error::GpuError;
 use super::frame::Recording;
 use super::image::{Image, ImageShape};
+use super::picture::{DevicePicture, Outputs};
 use super::readback::Readback;
 use ash::vk;
 use std::sync::Arc;
@@ -19,7 +21,8 @@ pub(super) const DEPTH_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 /// Bytes of a pixel, in pictures and in depth buffers.
 const BYTES_PER_PIXEL: u64 = 4;
 
-/// The images that views are drawn to. One set serves all of them, and all frames in flight: the device draws one after another.
+/// The images that views are drawn to. One set serves all of them, and all frames in flight: the
+/// device draws one after another.
 #[derive(Debug)]
 pub struct Target {
     color: Image,
@@ -95,7 +98,8 @@ impl Target {
         let commands = recording.commands();
         let images = [Some(&self.color), self.color_samples.as_ref()];
         for image in images.into_iter().flatten() {
-            // SAFETY: recording, outside of rendering; the image waits for the submit before it goes (`Owned`).
+            // SAFETY: recording, outside of rendering; the image waits for the submit before it
+            // goes (`Owned`).
             unsafe { barrier::image(&device, commands, image, Access::Discarded, Access::ColorTarget) };
         }
         // SAFETY: as above.
@@ -122,7 +126,8 @@ impl Target {
     pub fn begin_depth(&self, recording: &mut Recording<'_>, size: [u32; 2]) {
         let Some(depth) = &self.depth_of_centres else { return };
         let device = Arc::clone(recording.device());
-        // SAFETY: recording, outside of rendering; the image waits for the submit before it goes (`Owned`).
+        // SAFETY: recording, outside of rendering; the image waits for the submit before it goes
+        // (`Owned`).
         unsafe { barrier::image(&device, recording.commands(), depth, Access::Discarded, Access::DepthTarget) };
         self.begin(&device, recording.commands(), size, &[], depth);
     }
@@ -154,7 +159,8 @@ impl Target {
             .depth_attachment(&depth);
         let viewport =
             vk::Viewport { x: 0.0, y: 0.0, width: width as f32, height: height as f32, min_depth: 0.0, max_depth: 1.0 };
-        // SAFETY: recording, outside of rendering; the attachments are in the layouts named and have one size.
+        // SAFETY: recording, outside of rendering; the attachments are in the layouts named and
+        // have one size.
         unsafe {
             device.raw().cmd_begin_rendering(commands, &info);
             device.raw().cmd_set_viewport(commands, 0, &[viewport]);
@@ -168,50 +174,96 @@ impl Target {
         unsafe { recording.device().raw().cmd_end_rendering(recording.commands()) };
     }
 
-    /// Copies picture and depth of a view of this size to a place in a read-back buffer; what does not fit there is left out.
+    /// Copies picture and depth of a view of this size to its place in the outputs; what does not
+    /// fit there is left out.
     pub(super) fn record_copy(
         &mut self,
         recording: &mut Recording<'_>,
-        readback: &Readback,
+        outputs: &Outputs,
         size: [u32; 2],
         at: [u32; 2],
     ) {
-        let room = [0, 1].map(|axis| readback.size()[axis].saturating_sub(at[axis]));
-        let [width, height] = [0, 1].map(|axis| size[axis].min(self.size[axis]).min(room[axis]));
-        if width == 0 || height == 0 {
-            return;
-        }
-        let row = readback.size()[0];
+        let Outputs { readback, picture } = outputs;
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let depth = self.depth_of_centres.as_ref().unwrap_or(&self.depth);
-        let copies = [
-            (&self.color, Some(readback.color_buffer()), Access::ColorTarget),
-            (depth, readback.depth_buffer(), Access::DepthTarget),
-        ];
-        for (image, buffer, previous) in copies {
-            let Some(buffer) = buffer else { continue };
-            let region = vk::BufferImageCopy2::default()
-                .image_subresource(vk::ImageSubresourceLayers {
-                    aspect_mask: image.shape().aspect,
-                    mip_level: 0,
-                    base_array_layer: 0,
-                    layer_count: 1,
-                })
-                .buffer_offset((u64::from(at[1]) * u64::from(row) + u64::from(at[0])) * BYTES_PER_PIXEL)
-                .buffer_row_length(row)
-                .image_extent(vk::Extent3D { width, height, depth: 1 });
-            let regions = [region];
-            let info = vk::CopyImageToBufferInfo2::default()
-                .src_image(image.raw())
-                .src_image_layout(layout_of(Access::CopySource))
-                .dst_buffer(buffer.raw())
-                .regions(&regions);
-            // SAFETY: recording, outside of rendering; the region lies inside image and buffer.
-            unsafe {
-                barrier::image(&device, commands, image, previous, Access::CopySource);
-                device.raw().cmd_copy_image_to_buffer2(commands, &info);
+        let size = [0, 1].map(|axis| size[axis].min(self.size[axis]));
+        if readback.is_some() || picture.is_some() {
+            // SAFETY: recording, outside of rendering.
+            unsafe { barrier::image(&device, commands, &self.color, Access::ColorTarget, Access::CopySource) };
+        }
+        if let Some(readback) = readback {
+            copy_to_buffer(&device, commands, &self.color, (readback, readback.color_buffer()), size, at);
+            if let Some(buffer) = readback.depth_buffer() {
+                let depth = self.depth_of_centres.as_ref().unwrap_or(&self.depth);
+                // SAFETY: recording, outside of rendering.
+                unsafe { barrier::image(&device, commands, depth, Access::DepthTarget, Access::CopySource) };
+                copy_to_buffer(&device, commands, depth, (readback, buffer), size, at);
             }
         }
+        if let Some(picture) = picture {
+            copy_to_picture(&device, commands, &self.color, picture, size, at);
+        }
     }
+}
+
+/// How much of a view of this size fits into a picture at its place.
+fn room(picture: [u32; 2], size: [u32; 2], at: [u32; 2]) -> Option<vk::Extent3D> {
+    let [width, height] = [0, 1].map(|axis| size[axis].min(picture[axis].saturating_sub(at[axis])));
+    (width > 0 && height > 0).then_some(vk::Extent3D { width, height, depth: 1 })
+}
+
+fn layers(image: &Image) -> vk::ImageSubresourceLayers {
+    vk::ImageSubresourceLayers { aspect_mask: image.shape().aspect, mip_level: 0, base_array_layer: 0, layer_count: 1 }
+}
+
+/// Copies a view, whose image is a source of copies, to its place in a read-back buffer.
+fn copy_to_buffer(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    image: &Image,
+    (readback, buffer): (&Readback, &Buffer),
+    size: [u32; 2],
+    at: [u32; 2],
+) {
+    let Some(extent) = room(readback.size(), size, at) else { return };
+    let row = readback.size()[0];
+    let regions = [vk::BufferImageCopy2::default()
+        .image_subresource(layers(image))
+        .buffer_offset((u64::from(at[1]) * u64::from(row) + u64::from(at[0])) * BYTES_PER_PIXEL)
+        .buffer_row_length(row)
+        .image_extent(extent)];
+    let info = vk::CopyImageToBufferInfo2::default()
+        .src_image(image.raw())
+        .src_image_layout(layout_of(Access::CopySource))
+        .dst_buffer(buffer.raw())
+        .regions(&regions);
+    // SAFETY: recording, outside of rendering; the region lies inside image and buffer.
+    unsafe { device.raw().cmd_copy_image_to_buffer2(commands, &info) };
+}
+
+/// Likewise to its place in a picture on the device.
+fn copy_to_picture(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    image: &Image,
+    picture: &DevicePicture,
+    size: [u32; 2],
+    at: [u32; 2],
+) {
+    let Some(extent) = room(picture.size(), size, at) else { return };
+    let [x, y] = at.map(u32::cast_signed);
+    let regions = [vk::ImageCopy2::default()
+        .src_subresource(layers(image))
+        .dst_subresource(layers(picture.image()))
+        .dst_offset(vk::Offset3D { x, y, z: 0 })
+        .extent(extent)];
+    let info = vk::CopyImageInfo2::default()
+        .src_image(image.raw())
+        .src_image_layout(layout_of(Access::CopySource))
+        .dst_image(picture.image().raw())
+        .dst_image_layout(layout_of(Access::CopyTarget))
+        .regions(&regions);
+    // SAFETY: recording, outside of rendering; the region lies inside both images, and the picture
+    // was begun.
+    unsafe { device.raw().cmd_copy_image2(commands, &info) };
 }

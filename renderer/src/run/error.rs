@@ -5,6 +5,7 @@ use crate::frame::FrameError;
 use crate::gpu::{GpuError, Missing};
 use crate::sink::SinkError;
 use crate::source::SourceError;
+use crate::technique::DrawError;
 use terravision_common::shm::WaitError;
 
 /// Why a run ended before its last frame.
@@ -32,9 +33,9 @@ impl RunError {
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         match self {
-            Self::Engine { source: EngineError::Gpu { source: GpuError::Unsuitable { missing, .. } } } => {
-                missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. }))
-            }
+            Self::Engine {
+                source: EngineError::Draw { source: DrawError::Gpu { source: GpuError::Unsuitable { missing, .. } } },
+            } => missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })),
             Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => true,
             _ => false,
         }
@@ -61,7 +62,9 @@ impl RunError {
             Self::Engine {
                 source:
                     EngineError::Source { source: SourceError::Wait { source } }
-                    | EngineError::Frame { source: FrameError::Source { source: SourceError::Wait { source } } },
+                    | EngineError::Draw {
+                        source: DrawError::Frame { source: FrameError::Source { source: SourceError::Wait { source } } },
+                    },
             } => Some(source),
             _ => None,
         }

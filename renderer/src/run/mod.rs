@@ -11,9 +11,11 @@ use crate::pixels::Pixels;
 use crate::sink::workers::{SinkWorkers, Written};
 use crate::skirt::{Border, Skirt};
 use crate::source::{Done, FrameSource, SourceShape};
+use crate::technique::DrawError;
 use std::collections::VecDeque;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
+use terravision_common::ids::FrameNumber;
 use terravision_common::run::OPEN_END;
 use terravision_common::shm::{Activity, Counter};
 
@@ -23,7 +25,8 @@ const TICK: Duration = Duration::from_millis(2);
 /// Read-back buffers take no more than this together, but there are two at least.
 const READBACK_BYTES: u64 = 512 << 20;
 
-/// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a worker's queue holds.
+/// Read-back buffers that a sink may lag behind by in realtime mode. Fewer than a worker's queue
+/// holds.
 const SPARE_READBACKS: usize = 12;
 
 /// Losses of the device with not a frame written in between, after which it is given up.
@@ -40,8 +43,9 @@ pub struct RunSummary {
     pub uploads: u64,
 }
 
-/// Draws and writes all frames of `source`. `on_device` is called once, before the first frame; `observe` sees every finished
-/// frame before it goes to its sink. A device that is lost is opened again, and the frames that it had are drawn once more.
+/// Draws and writes all frames of `source`. `on_device` is called once, before the first frame;
+/// `observe` sees every finished frame before it goes to its sink. A device that is lost is opened
+/// again, and the frames that it had are drawn once more.
 ///
 /// # Errors
 /// The first thing that failed; what is incomplete of the sinks' output is removed.
@@ -69,7 +73,8 @@ pub fn run(
     source.awaits(Activity::AwaitsSink);
     workers.finish()?;
     if is_cut_short {
-        // The pictures of the last frames went with a renderer that was killed; the sink has repeated the one before.
+        // The pictures of the last frames went with a renderer that was killed; the sink has
+        // repeated the one before.
         source.written(shape.frames[1].saturating_sub(shape.frames[0]));
     }
     engine.check_validation()?;
@@ -111,8 +116,9 @@ struct FrameLoop<'a> {
     summary: RunSummary,
     /// Frames that are with a worker.
     with_workers: u64,
-    /// Frames are done with only when they are written: this process may be killed, and the one after it has to draw and
-    /// write what this one has not. Against the clock they are not: nothing may wait for a sink.
+    /// Frames are done with only when they are written: this process may be killed, and the one
+    /// after it has to draw and write what this one has not. Against the clock they are not:
+    /// nothing may wait for a sink.
     is_held_until_written: bool,
     /// Frames that are drawn and not done with, in order, and whether they are written.
     unwritten: VecDeque<(Done, bool)>,
@@ -120,13 +126,15 @@ struct FrameLoop<'a> {
 
 impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, workers: SinkWorkers) -> Result<Self, RunError> {
+        let options = EngineOptions { pixels: workers.needs(), ..options };
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
         let affordable = (READBACK_BYTES / (pixels * bytes_per_pixel).max(1)).max(2) as usize;
         let engine = engine::open(options.clone(), source)?;
         let shape = source.shape();
-        let skirt = options.skirt_low_m.map(|low| Skirt::new(&shape.world, low));
+        // Walls are drawn over pixels in memory of the processor.
+        let skirt = options.skirt_low_m.filter(|_| options.pixels.host).map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
         let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
@@ -152,7 +160,8 @@ impl<'a> FrameLoop<'a> {
         })
     }
 
-    /// With another device, behind the frames that are done with. The frames that the old one had are read again.
+    /// With another device, behind the frames that are done with. The frames that the old one had
+    /// are read again.
     fn rebuilt(mut self) -> Result<Self, RunError> {
         while self.with_workers > 0 {
             self.source.check()?;
@@ -199,7 +208,8 @@ impl<'a> FrameLoop<'a> {
         self.drain(observe)
     }
 
-    /// One frame: wait for a slot and a buffer, read the ring, record and submit; finished frames go to the sinks meanwhile.
+    /// One frame: wait for a slot and a buffer, read the ring, record and submit; finished frames
+    /// go to the sinks meanwhile.
     fn step(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         self.source.check()?;
         let pixels = self.wait_for_room(observe)?;
@@ -211,11 +221,12 @@ impl<'a> FrameLoop<'a> {
         };
         self.borders.push_back(borders);
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
-        if matches!(submitted, Err(EngineError::Frame { .. })) {
+        if matches!(submitted, Err(EngineError::Draw { source: DrawError::Frame { .. } })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;
-        telemetry::tell_of_recording(self.source, self.reader.frame().marker.frame, started, &submitted);
+        let frame = FrameNumber::new(self.reader.frame().marker.frame);
+        telemetry::tell_of_recording(self.source, frame, started, &submitted);
         self.summary.uploads += u64::from(submitted.uploads);
         self.source.progress();
         tracing::trace!(frames = self.summary.frames, "frame is with the device");
@@ -245,13 +256,13 @@ impl<'a> FrameLoop<'a> {
         }
     }
 
-    /// Reads slots until a frame is complete. While frames are with the device, what they hold of the rings must be given
-    /// back as soon as they are finished, because the preparer may be waiting for it: so it waits for the device, not for
-    /// the ring.
+    /// Reads slots until a frame is complete. While frames are with the device, what they hold of
+    /// the rings must be given back as soon as they are finished, because the preparer may be
+    /// waiting for it: so it waits for the device, not for the ring.
     ///
-    /// In a flight without a known end, unless the clock makes its frames, the next one may only come when somebody has
-    /// seen this one, or never: sinks are waited for, too, before the ring; so they are where a frame holds what it has
-    /// until it is written.
+    /// In a flight without a known end, unless the clock makes its frames, the next one may only
+    /// come when somebody has seen this one, or never: sinks are waited for, too, before the ring;
+    /// so they are where a frame holds what it has until it is written.
     fn wait_for_frame(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         let awaits_frames = self.shape.frames[1] == OPEN_END && !self.shape.has_gaps;
         loop {
@@ -279,7 +290,8 @@ impl<'a> FrameLoop<'a> {
         self.source.awaits(activity);
     }
 
-    /// Takes finished frames from the device (the oldest within `timeout`) and written ones from the workers.
+    /// Takes finished frames from the device (the oldest within `timeout`) and written ones from
+    /// the workers.
     fn collect(&mut self, timeout: Duration, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         let mut wait = timeout;
         while let Some(finished) = self.engine.poll(wait)? {

@@ -4,13 +4,14 @@ use crate::engine::{Finished, Submitted};
 use crate::sink::workers::Written;
 use crate::source::Telemetry;
 use terravision_common::event::{Event, EventContent, SpanName, TextKind, monotonic_nanos};
+use terravision_common::ids::FrameNumber;
 use terravision_common::rate::FrameTiming;
 use terravision_common::shm::Counter;
 
 /// A frame was recorded, beginning at `started`.
 pub(super) fn tell_of_recording<T: Telemetry + ?Sized>(
     telemetry: &mut T,
-    frame: u64,
+    frame: FrameNumber,
     started: u64,
     submitted: &Submitted,
 ) {
@@ -45,21 +46,27 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
         work_nanos: finished.finished_nanos.saturating_sub(finished.started_nanos.max(last_finished)),
         interval_nanos: since_last,
         finished_nanos: finished.finished_nanos,
-        camera_nanos: finished.pose.timestamp_nanos,
+        camera_nanos: finished.pose.timestamp_nanos(),
     });
     let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
-    let draw = draw.on_thread(1).of_frame(finished.frame);
+    let draw = draw.on_thread(1).of_frame(FrameNumber::new(finished.frame));
     telemetry.event(&draw.at(started).lasting(finished.finished_nanos.saturating_sub(started)));
-    let done = Event::new(EventContent::FrameDone { triangles: finished.triangles });
-    telemetry.event(&done.of_frame(finished.frame).at(finished.finished_nanos).lasting(since_last));
+    let number = FrameNumber::new(finished.frame);
+    for cost in finished.costs.iter() {
+        let Some(nanos) = cost.nanos else { continue };
+        let content = EventContent::FrameDraw { technique: cost.technique, view: cost.view as u8, tiles: cost.tiles };
+        telemetry.event(&Event::new(content).of_frame(number).at(finished.finished_nanos).lasting(nanos));
+    }
+    let done = Event::new(EventContent::FrameDone { triangles: finished.costs.triangles() });
+    telemetry.event(&done.of_frame(number).at(finished.finished_nanos).lasting(since_last));
 }
 
 /// A frame has left its sink.
 pub(super) fn tell_of_written<T: Telemetry + ?Sized>(telemetry: &mut T, written: &Written) {
     let (thread, end_nanos) = (2 + written.worker, written.started_nanos + written.duration_nanos);
     let encode = Event::new(EventContent::Span { name: SpanName::Encode, node: None });
-    let encode = encode.on_thread(thread).of_frame(written.frame);
+    let encode = encode.on_thread(thread).of_frame(FrameNumber::new(written.frame));
     telemetry.event(&encode.at(written.started_nanos).lasting(written.duration_nanos));
     let left = Event::new(EventContent::FrameWritten { is_settled: written.is_settled });
-    telemetry.event(&left.on_thread(thread).of_frame(written.frame).at(end_nanos));
+    telemetry.event(&left.on_thread(thread).of_frame(FrameNumber::new(written.frame)).at(end_nanos));
 }

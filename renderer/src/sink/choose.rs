@@ -9,14 +9,15 @@ use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 /// Most threads that write pictures into a folder.
 const MAX_WORKERS: usize = 4;
 
-/// The sinks of a run, one for each worker. So many frames were written by renderers before this one.
+/// The sinks of a run, one for each worker. This many frames were written by renderers before this
+/// one.
 ///
 /// # Errors
 /// A file, a folder or a frame ring cannot be opened.
 pub fn sinks_of(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
     let render = &config.render;
-    // Files may be written in any order. A stream and shared frames have one, and so have frames that stand in for those
-    // before them.
+    // Files may be written in any order. A stream and shared frames have one, and so have frames
+    // that stand in for those before them.
     let is_in_any_order = render.share.is_none()
         && config.realtime.is_none()
         && match &render.sink {
@@ -61,7 +62,9 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
         SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
         SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
         // What is left out of a stream the launcher makes up for.
-        SinkConfig::Stream(encoding) => return Ok(Box::new(StreamSink::stdout(*encoding)?)),
+        SinkConfig::Stream(encoding) => {
+            return Ok(Box::new(StreamSink::stdout(*encoding, [config.width, config.height])?));
+        }
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {
             let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;

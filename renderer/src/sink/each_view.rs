@@ -1,6 +1,7 @@
 //! Each view of a frame into a sink of its own, as the picture that its camera alone would make.
 
 use super::{FrameSink, Picture, SinkError};
+use crate::pixels::PixelPlaces;
 use terravision_common::rig::{View, Views};
 
 /// Hands each view on by itself.
@@ -26,6 +27,12 @@ impl EachViewSink {
 }
 
 impl FrameSink for EachViewSink {
+    /// Views are cut out of pictures in memory.
+    fn needs(&self) -> PixelPlaces {
+        let is_any = self.sinks.iter().any(|(_, sink)| sink.needs() != PixelPlaces::NOWHERE);
+        if is_any { PixelPlaces::HOST } else { PixelPlaces::NOWHERE }
+    }
+
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         if picture.views.len() != self.sinks.len() {
             return Err(SinkError::ViewCount { found: picture.views.len(), expected: self.sinks.len() });
@@ -42,6 +49,7 @@ impl FrameSink for EachViewSink {
                 size: view.size(),
                 rgba: &self.rgba,
                 reversed_depth,
+                on_device: None,
                 ..*picture
             })?;
         }
@@ -66,9 +74,8 @@ fn cut_out<T: Copy>(plane: &[T], per_pixel: usize, size: [u32; 2], view: &View, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use std::sync::{Arc, Mutex};
-    use terravision_common::camera::Camera;
+    use terravision_common::camera::{Camera, CameraFields};
 
     type Log = Arc<Mutex<Vec<(String, [u32; 2], Vec<u8>, Vec<f32>)>>>;
 
@@ -90,7 +97,10 @@ mod tests {
 
     #[test]
     fn each_view_is_cut_out_of_the_picture_and_named() {
-        let view = |at, [width, height]: [u32; 2]| View { camera: Camera { width, height, ..Camera::zeroed() }, at };
+        let view = |at, [width, height]: [u32; 2]| View {
+            camera: Camera::new(CameraFields { width, height, ..*Camera::default().fields() }).expect("valid"),
+            at,
+        };
         let views = Views::new([view([0, 0], [2, 2]), view([3, 1], [1, 1])]).unwrap();
         // Two rows of four pixels, numbered.
         let rgba: Vec<u8> = (0..8).flat_map(|n| [n, 0, 0, 255]).collect();
@@ -101,6 +111,7 @@ mod tests {
             size: [4, 2],
             rgba: &rgba,
             reversed_depth: Some(&depth),
+            on_device: None,
             views,
             is_settled: true,
         };

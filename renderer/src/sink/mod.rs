@@ -1,4 +1,5 @@
-//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own ([`workers`]).
+//! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own
+//! ([`workers`]).
 
 mod choose;
 mod each_view;
@@ -21,6 +22,8 @@ pub use shared::SharedSink;
 pub use stream::StreamSink;
 pub use tiff::{DepthSink, GroundSink};
 
+use crate::gpu::{DevicePicture, GpuError};
+use crate::pixels::PixelPlaces;
 use std::io;
 use std::path::PathBuf;
 use terravision_common::camera::Camera;
@@ -35,11 +38,15 @@ pub struct Picture<'a> {
     pub view: Option<&'a str>,
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was made up
-    /// (`terravision_common::validity`).
+    /// `[height, width, 4]` bytes RGBA, row 0 at the top. Alpha is 255, or 254 where the ground was
+    /// made up (`terravision_common::validity`). Empty where no sink needs pixels in memory of the
+    /// processor ([`FrameSink::needs`]).
     pub rgba: &'a [u8],
-    /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was asked for.
+    /// `[height, width]` near plane over metres along the view axis, 0 for sky; when depth was
+    /// asked for.
     pub reversed_depth: Option<&'a [f32]>,
+    /// The picture on the device, where a sink needs it there.
+    pub on_device: Option<&'a DevicePicture>,
     /// The views that it shows, and where.
     pub views: Views,
     /// Whether every tile that it wanted was there.
@@ -59,8 +66,14 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// Whether a picture has the one size that a sink takes.
+fn check_size(sink: &'static str, picture: &Picture<'_>, expected: [u32; 2]) -> Result<(), SinkError> {
+    let Picture { frame, size: found, .. } = *picture;
+    if found == expected { Ok(()) } else { Err(SinkError::PictureSize { sink, frame, found, expected }) }
+}
+
 /// Width and height of a picture, and its pixels, RGBA.
-pub type Pixels = ([u32; 2], Vec<u8>);
+pub type SizedRgba = ([u32; 2], Vec<u8>);
 
 /// A sink could not do its work.
 #[derive(Debug, thiserror::Error)]
@@ -100,6 +113,28 @@ pub enum SinkError {
         /// The file that needs it.
         path: PathBuf,
     },
+    /// The device could not copy a picture.
+    #[error("a picture cannot be shown: {source}")]
+    Show {
+        /// Why.
+        #[from]
+        source: GpuError,
+    },
+    /// A sink of pictures of one size was given one of another.
+    #[error(
+        "frame {frame} is a picture of {}x{} pixels, but {sink} takes {}x{} only; start a flight of its own for another size",
+        .found[0], .found[1], .expected[0], .expected[1]
+    )]
+    PictureSize {
+        /// What it is.
+        sink: &'static str,
+        /// The frame.
+        frame: u64,
+        /// Its size.
+        found: [u32; 2],
+        /// The sink's.
+        expected: [u32; 2],
+    },
     /// A frame has other views than the run's rig.
     #[error("a frame has {found} views, expected {expected}")]
     ViewCount {
@@ -120,10 +155,17 @@ pub enum SinkError {
     WorkerGone,
 }
 
-/// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing takes.
+/// Takes finished pictures, in order. Runs on a thread of its own; may block for as long as writing
+/// takes.
 ///
 /// Dropping a sink that was not finished removes what is incomplete.
 pub trait FrameSink: Send {
+    /// Where it needs the pixels of pictures. What no sink of a run needs is not made: without any
+    /// that needs them in memory, nothing is read back.
+    fn needs(&self) -> PixelPlaces {
+        PixelPlaces::HOST
+    }
+
     /// Takes the next picture; it is safely out of our hands when this returns.
     ///
     /// # Errors
@@ -141,7 +183,7 @@ pub trait FrameSink: Send {
     ///
     /// # Errors
     /// The file there is not a picture.
-    fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+    fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
         Ok(None)
     }
 }
@@ -160,6 +202,10 @@ impl std::fmt::Debug for AllOf {
 }
 
 impl FrameSink for AllOf {
+    fn needs(&self) -> PixelPlaces {
+        self.0.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()))
+    }
+
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         self.0.iter_mut().try_for_each(|sink| sink.write(picture))
     }

@@ -1,8 +1,9 @@
-//! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame that was left out the last
-//! picture is there once more, so that a film of them keeps the flight's time.
+//! A folder of a realtime flight: one picture for every frame of the flight. In place of a frame
+//! that was left out the last picture is there once more, so that a film of them keeps the flight's
+//! time.
 
-use super::{FrameSink, Picture, Pixels, SinkError};
-use bytemuck::Zeroable;
+use super::{FrameSink, Picture, SinkError, SizedRgba};
+use crate::pixels::PixelPlaces;
 use terravision_common::camera::Camera;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
@@ -15,7 +16,7 @@ pub struct RepeatSink {
     /// The frame that has to be written next.
     next: u64,
     /// What was written last: size and pixels.
-    last: Option<Pixels>,
+    last: Option<SizedRgba>,
 }
 
 impl std::fmt::Debug for RepeatSink {
@@ -25,8 +26,8 @@ impl std::fmt::Debug for RepeatSink {
 }
 
 impl RepeatSink {
-    /// Before `inner`, for a flight of these frames, the first `written` of which were written by a renderer that was
-    /// killed.
+    /// Before `inner`, for a flight of these frames, the first `written` of which were written by a
+    /// renderer that was killed.
     ///
     /// # Errors
     /// What it wrote cannot be read.
@@ -48,6 +49,10 @@ impl RepeatSink {
 }
 
 impl FrameSink for RepeatSink {
+    fn needs(&self) -> PixelPlaces {
+        self.inner.needs()
+    }
+
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
         match self.last.take() {
             Some((size, rgba)) if size == picture.size => {
@@ -67,11 +72,14 @@ impl FrameSink for RepeatSink {
     }
 
     fn finish(&mut self) -> Result<(), SinkError> {
-        // Only what went with a renderer that was killed is missing here; a flight without a known end ends where it ends.
+        // Only what went with a renderer that was killed is missing here; a flight without a known
+        // end ends where it ends.
         if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
-            let views = Views::single(&Camera::zeroed());
+            let views = Views::single(&Camera::default());
             let (frame, rgba) = (self.next, &rgba);
-            let last = Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: false };
+            let on_device = None;
+            let last =
+                Picture { frame, view: None, size, rgba, reversed_depth: None, on_device, views, is_settled: false };
             self.repeat(self.frames[1], &last)?;
         }
         self.inner.finish()
@@ -88,7 +96,7 @@ mod tests {
     /// Remembers number and first byte of what it is given, and finds `left` of a sink before it.
     struct Log {
         written: Written,
-        left: Option<Pixels>,
+        left: Option<SizedRgba>,
     }
 
     impl FrameSink for Log {
@@ -101,7 +109,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<Pixels>, SinkError> {
+        fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
             Ok(self.left.take())
         }
     }
@@ -117,9 +125,9 @@ mod tests {
     fn fill(mut sink: RepeatSink, frames: &[u64]) {
         for &frame in frames {
             let rgba = [frame as u8; 4];
-            let views = Views::single(&Camera::zeroed());
-            let picture =
-                Picture { frame, view: None, size: [1, 1], rgba: &rgba, reversed_depth: None, views, is_settled: true };
+            let views = Views::single(&Camera::default());
+            let (size, rgba, reversed_depth, on_device) = ([1, 1], &rgba[..], None, None);
+            let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         sink.finish().unwrap();

@@ -1,7 +1,8 @@
-//! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for none of them.
+//! The frame ring: pictures for other programs, in shared memory (docs/frame-ring.md). Waits for
+//! none of them.
 
 use super::tiff::{GroundView, depth_m};
-use super::{FrameSink, Picture, SinkError};
+use super::{FrameSink, Picture, SinkError, check_size};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{MadeUp, ShareConfig};
 use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
@@ -18,7 +19,8 @@ pub struct SharedSink {
 }
 
 impl SharedSink {
-    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's origin.
+    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's
+    /// origin.
     ///
     /// # Errors
     /// There is no such ring, or it is of other pictures.
@@ -37,6 +39,7 @@ impl SharedSink {
 
 impl FrameSink for SharedSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        check_size("the ring of shared frames", picture, self.shape.size)?;
         let reversed = match picture.reversed_depth {
             Some(reversed) => reversed,
             None if self.shape.has_depth || self.shape.has_ground => {

@@ -1,7 +1,8 @@
-//! Pictures as packets to the launcher, which makes a film or Y4M of them ([`terravision_common::film`]). A stream has an
-//! order and cannot be mended: so its end is kept by the process that outlives a renderer.
+//! Pictures as packets to the launcher, which makes a film or Y4M of them
+//! ([`terravision_common::film`]). A stream has an order and cannot be mended: so its end is kept
+//! by the process that outlives a renderer.
 
-use super::{FrameSink, Picture, SinkError, y4m};
+use super::{FrameSink, Picture, SinkError, check_size, y4m};
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::fd::AsFd;
@@ -12,31 +13,34 @@ use terravision_common::film::{FrameEncoding, PacketHeader, even};
 pub struct StreamSink<W> {
     out: W,
     encoding: FrameEncoding,
+    size: [u32; 2],
     frames: u64,
     encoded: Vec<u8>,
 }
 
 impl StreamSink<File> {
-    /// To standard output, which is the launcher's pipe.
+    /// Pictures of this size to standard output, which is the launcher's pipe.
     ///
     /// # Errors
     /// There is none.
-    pub fn stdout(encoding: FrameEncoding) -> Result<Self, SinkError> {
-        // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every picture.
+    pub fn stdout(encoding: FrameEncoding, size: [u32; 2]) -> Result<Self, SinkError> {
+        // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every
+        // picture.
         let own = io::stdout().as_fd().try_clone_to_owned().map_err(|source| SinkError::Stdout { source })?;
-        Ok(Self::new(File::from(own), encoding))
+        Ok(Self::new(File::from(own), encoding, size))
     }
 }
 
 impl<W: Write + Send> StreamSink<W> {
-    /// To `out`.
-    pub fn new(out: W, encoding: FrameEncoding) -> Self {
-        Self { out, encoding, frames: 0, encoded: Vec::new() }
+    /// Pictures of this size to `out`.
+    pub fn new(out: W, encoding: FrameEncoding, size: [u32; 2]) -> Self {
+        Self { out, encoding, size, frames: 0, encoded: Vec::new() }
     }
 }
 
 impl<W: Write + Send> FrameSink for StreamSink<W> {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
+        check_size("a film or a stream", picture, self.size)?;
         let bytes = match self.encoding {
             FrameEncoding::Raw if even(picture.size) == picture.size => picture.rgba,
             FrameEncoding::Raw => {
@@ -81,13 +85,12 @@ fn pad(picture: &Picture<'_>, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
     use terravision_common::camera::Camera;
     use terravision_common::rig::Views;
 
     fn picture(frame: u64, size: [u32; 2], rgba: &[u8]) -> Picture<'_> {
-        let views = Views::single(&Camera::zeroed());
-        Picture { frame, view: None, size, rgba, reversed_depth: None, views, is_settled: true }
+        let views = Views::single(&Camera::default());
+        Picture { frame, view: None, size, rgba, reversed_depth: None, on_device: None, views, is_settled: true }
     }
 
     #[test]
@@ -95,7 +98,7 @@ mod tests {
         for encoding in [FrameEncoding::Raw, FrameEncoding::Y4m] {
             let (size, rgba) = ([3, 1], [9u8; 12]);
             let mut bytes = Vec::new();
-            let mut sink = StreamSink::new(&mut bytes, encoding);
+            let mut sink = StreamSink::new(&mut bytes, encoding, size);
             for frame in [4, 6] {
                 sink.write(&picture(frame, size, &rgba)).unwrap();
             }
@@ -108,6 +111,20 @@ mod tests {
             assert_eq!(second[..PacketHeader::SIZE], PacketHeader { frame: 6, bytes: length as u64 }.to_bytes());
             assert_eq!(first[PacketHeader::SIZE..], second[PacketHeader::SIZE..]);
         }
+    }
+
+    #[test]
+    fn a_stream_takes_pictures_of_one_size() {
+        let mut bytes = Vec::new();
+        let mut sink = StreamSink::new(&mut bytes, FrameEncoding::Raw, [2, 2]);
+        sink.write(&picture(6, [2, 2], &[0; 16])).unwrap();
+        let error = sink.write(&picture(7, [4, 2], &[0; 32])).unwrap_err().to_string();
+        assert!(
+            error.starts_with("frame 7 is a picture of 4x2 pixels, but a film or a stream takes 2x2 only"),
+            "{error}"
+        );
+        drop(sink);
+        assert_eq!(bytes.len(), PacketHeader::SIZE + 16, "nothing of the other picture");
     }
 
     #[test]
@@ -130,7 +147,7 @@ mod tests {
                 Ok(())
             }
         }
-        let error = StreamSink::new(Gone, FrameEncoding::Raw).write(&picture(0, [2, 2], &[0; 16])).unwrap_err();
+        let error = StreamSink::new(Gone, FrameEncoding::Raw, [2, 2]).write(&picture(0, [2, 2], &[0; 16])).unwrap_err();
         assert!(matches!(error, SinkError::ReaderGone { frames: 0 }));
     }
 }

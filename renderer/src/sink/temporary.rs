@@ -1,4 +1,5 @@
-//! Files that appear complete or not at all: written under a temporary name in the same folder, then renamed.
+//! Files that appear complete or not at all: written under a temporary name in the same folder,
+//! then renamed.
 
 use super::SinkError;
 use std::fs::{self, File};
@@ -16,7 +17,8 @@ pub(super) fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), SinkError>,
 ) -> Result<(), SinkError> {
-    // A device or a pipe (/dev/full, /dev/stdout) is written to as it is: it has no half content to hide.
+    // A device or a pipe (/dev/full, /dev/stdout) is written to as it is: it has no half content to
+    // hide.
     if path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir()) {
         let file = File::options().write(true).open(path).map_err(|source| failure(path, source))?;
         let mut out = BufWriter::new(file);
@@ -33,7 +35,8 @@ pub(super) fn write_whole(
         })
         .and_then(|()| fs::rename(&temporary, path).map_err(|source| failure(path, source)));
     if result.is_err() {
-        // The error to tell of is the first; a leftover that cannot be removed either changes nothing.
+        // The error to tell of is the first; a leftover that cannot be removed either changes
+        // nothing.
         let _removed = fs::remove_file(&temporary);
     }
     result

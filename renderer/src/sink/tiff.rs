@@ -1,4 +1,5 @@
-//! TIFF files of what each pixel sees: depth, and ground position. One file, or one for every frame in a folder.
+//! TIFF files of what each pixel sees: depth, and ground position. One file, or one for every frame
+//! in a folder.
 
 use super::temporary::{failure, write_whole};
 use super::{FrameSink, Picture, SinkError};
@@ -14,8 +15,8 @@ use tiff::encoder::{TiffEncoder, TiffValue};
 use tiff::tags::{PhotometricInterpretation, SampleFormat, Tag};
 use tiff::{TiffError, TiffResult};
 
-/// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]` float32. With [`MadeUp::Mark`]
-/// `[height, width, 2]`: the second band says what was measured.
+/// Depth along the view axis, metres, of each pixel's centre; NaN for sky. `[height, width]`
+/// float32. With [`MadeUp::Mark`] `[height, width, 2]`: the second band says what was measured.
 #[derive(Debug)]
 pub struct DepthSink {
     target: PlaneTarget,
@@ -62,9 +63,9 @@ impl FrameSink for DepthSink {
     }
 }
 
-/// Easting, northing and height of the ground at each pixel's centre; NaN for sky. `[height, width, 3]` float64, in the
-/// database's CRS and metres, heights without exaggeration. With [`MadeUp::Mark`] `[height, width, 4]`: the last band says what
-/// was measured.
+/// Easting, northing and height of the ground at each pixel's centre; NaN for sky. `[height, width,
+/// 3]` float64, in the database's CRS and metres, heights without exaggeration. With
+/// [`MadeUp::Mark`] `[height, width, 4]`: the last band says what was measured.
 #[derive(Debug)]
 pub struct GroundSink {
     target: PlaneTarget,
@@ -74,8 +75,8 @@ pub struct GroundSink {
 }
 
 impl GroundSink {
-    /// To this file, or into this folder, which is made if it is missing. `origin`: easting and northing of the world's
-    /// origin.
+    /// To this file, or into this folder, which is made if it is missing. `origin`: easting and
+    /// northing of the world's origin.
     ///
     /// # Errors
     /// The folder cannot be made.
@@ -114,7 +115,8 @@ impl FrameSink for GroundSink {
     }
 }
 
-/// What the band of marks says of a pixel: 1 measured, 0 made up, NaN where its value is NaN, as sky is.
+/// What the band of marks says of a pixel: 1 measured, 0 made up, NaN where its value is NaN, as
+/// sky is.
 fn mark(value: f64, is_made_up: bool) -> f64 {
     match (value.is_nan(), is_made_up) {
         (true, _) => f64::NAN,
@@ -158,7 +160,8 @@ pub(super) fn depth_m(reversed: f32) -> f64 {
     if reversed > 0.0 { NEAR_M / f64::from(reversed) } else { f64::NAN }
 }
 
-/// What turns pixels with depth into ground positions; the camera's sines are computed once for all pixels.
+/// What turns pixels with depth into ground positions; the camera's sines are computed once for all
+/// pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GroundView {
     eye: DVec3,
@@ -171,7 +174,7 @@ pub(super) struct GroundView {
 
 impl GroundView {
     pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
-        let size = [f64::from(camera.width), f64::from(camera.height)];
+        let size = [f64::from(camera.width()), f64::from(camera.height())];
         let (eye, axes, half_tangents) = (camera.eye(), camera.axes_in_world(), camera.half_tangents());
         Self { eye, axes, half_tangents, size, crs: CrsFrame::new(origin), exaggeration }
     }
@@ -196,8 +199,8 @@ impl GroundView {
     }
 }
 
-/// Writes a whole file of these samples, rows from the top. A strip of about a megabyte is in memory at a time, so that
-/// several of these writers together take little.
+/// Writes a whole file of these samples, rows from the top. A strip of about a megabyte is in
+/// memory at a time, so that several of these writers together take little.
 fn write_tiff<C: ColorType>(
     path: &Path,
     [width, height]: [u32; 2],
@@ -211,8 +214,9 @@ where
             let mut encoder = TiffEncoder::new(out)?;
             let mut image = encoder.new_image::<C>(width, height)?;
             if matches!(C::BITS_PER_SAMPLE.len(), 2 | 4) {
-                // With a band of marks. All but the first are more than the picture's kind has, of no meaning that TIFF knows: as
-                // a fourth one behind red, green and blue readers would leave it out.
+                // With a band of marks. All but the first are more than the picture's kind has, of
+                // no meaning that TIFF knows: as a fourth one behind red, green and blue readers
+                // would leave it out.
                 image.encoder().write_tag(Tag::ExtraSamples, &[0u16; 4][1..C::BITS_PER_SAMPLE.len()])?;
             }
             let (mut samples, mut strip) = (samples, Vec::new());
@@ -233,7 +237,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
+    use terravision_common::camera::CameraFields;
     use terravision_common::rig::Views;
 
     #[test]
@@ -251,8 +255,9 @@ mod tests {
         let rgba = vec![255; 4 * depths.len()];
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
         for frame in [3, 4] {
-            let (views, reversed_depth) = (Views::single(&Camera::zeroed()), Some(&depths[..]));
-            let picture = Picture { frame, view: None, size, rgba: &rgba, reversed_depth, views, is_settled: true };
+            let (views, reversed_depth) = (Views::single(&Camera::default()), Some(&depths[..]));
+            let (rgba, on_device) = (&rgba[..], None);
+            let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
         let mut expected = std::io::Cursor::new(Vec::new());
@@ -269,15 +274,17 @@ mod tests {
 
     #[test]
     fn ground_is_where_the_ray_ends() {
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [100.0, 200.0, 1000.0],
             pitch_rad: -std::f64::consts::FRAC_PI_2,
             vfov_rad: std::f64::consts::FRAC_PI_2,
             width: 4,
             height: 4,
-            ..Camera::zeroed()
-        };
-        // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m north of the eye.
+            ..*Camera::default().fields()
+        })
+        .expect("valid");
+        // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m
+        // north of the eye.
         let view = GroundView::new(&camera, [5e5, 4e6], 2.0);
         let at = view.at([2, 0], (NEAR_M / 800.0) as f32);
         let ray = camera.eye() + camera.ray_in_world(2.5, 0.5) * depth_m((NEAR_M / 800.0) as f32);
@@ -289,20 +296,21 @@ mod tests {
     #[test]
     fn made_up_ground_is_not_a_number_or_has_a_band_of_marks() {
         use tiff::decoder::{Decoder, DecodingResult};
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [0.0, 0.0, 900.0],
             pitch_rad: -std::f64::consts::FRAC_PI_2,
             vfov_rad: 1.0,
             width: 3,
             height: 1,
-            ..Camera::zeroed()
-        };
+            ..*Camera::default().fields()
+        })
+        .expect("valid");
         // Measured, made up, sky.
         let (rgba, depths) =
             ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);
         let (views, reversed_depth) = (Views::single(&camera), Some(&depths[..]));
-        let picture =
-            Picture { frame: 0, view: None, size: [3, 1], rgba: &rgba, reversed_depth, views, is_settled: true };
+        let (frame, size, rgba, on_device) = (0, [3, 1], &rgba[..], None);
+        let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
         let folder = std::env::temp_dir().join(format!("terravision-tiff-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let target = PlaneTarget::File(folder.join("a.tif"));

@@ -1,19 +1,21 @@
 //! SinkWorkers: threads that run sinks, off the critical path.
 //!
-//! Frame number n of the run goes to worker n modulo the number of workers; a worker writes its frames in order. Sinks whose
-//! frames depend on each other (film, y4m) have one worker, a folder of pictures has several. Queues are bounded: the pixels
-//! travel in read-back buffers of which there is a fixed number, and a buffer comes back when its frame is written.
+//! Frame number n of the run goes to worker n modulo the number of workers; a worker writes its
+//! frames in order. Sinks whose frames depend on each other (film, y4m) have one worker, a folder
+//! of pictures has several. Queues are bounded: the pixels travel in read-back buffers of which
+//! there is a fixed number, and a buffer comes back when its frame is written.
 
 use super::{FrameSink, Picture, SinkError};
 use crate::engine::Finished;
-use crate::pixels::Pixels;
+use crate::pixels::{PixelPlaces, Pixels};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::Sequence;
 
-/// Frames that wait for one worker, at most. More than there are read-back buffers: handing one over does not wait.
+/// Frames that wait for one worker, at most. More than there are read-back buffers: handing one
+/// over does not wait.
 const QUEUE: usize = 24;
 
 /// A frame that has left its sink.
@@ -38,7 +40,8 @@ pub struct Written {
 #[expect(clippy::large_enum_variant, reason = "a box would be an allocation a frame; the queue has room for both")]
 enum Message {
     Frame(Finished),
-    /// All frames were given: complete the output. A queue that closes without it means that the run was broken off.
+    /// All frames were given: complete the output. A queue that closes without it means that the
+    /// run was broken off.
     Finish,
 }
 
@@ -51,6 +54,7 @@ struct Worker {
 pub struct SinkWorkers {
     workers: Vec<Worker>,
     written: Receiver<Result<Written, SinkError>>,
+    needs: PixelPlaces,
     /// Worker of the next frame.
     next: usize,
 }
@@ -67,8 +71,10 @@ impl SinkWorkers {
     /// # Errors
     /// A thread could not be started.
     pub fn start(sinks: Vec<Box<dyn FrameSink>>) -> Result<Self, SinkError> {
-        // Room for all frames that workers can hold, so that a worker never waits for the frame loop.
+        // Room for all frames that workers can hold, so that a worker never waits for the frame
+        // loop.
         let (done, written) = sync_channel(sinks.len() * (QUEUE + 2));
+        let needs = sinks.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()));
         let workers = sinks
             .into_iter()
             .enumerate()
@@ -83,7 +89,13 @@ impl SinkWorkers {
                 Ok(Worker { messages, thread })
             })
             .collect::<Result<_, SinkError>>()?;
-        Ok(Self { workers, written, next: 0 })
+        Ok(Self { workers, written, needs, next: 0 })
+    }
+
+    /// Where they need the pixels of pictures.
+    #[must_use]
+    pub fn needs(&self) -> PixelPlaces {
+        self.needs
     }
 
     /// Read-back buffers that keep all workers busy: one being written and one waiting, each.
@@ -137,14 +149,16 @@ impl SinkWorkers {
         }
     }
 
-    /// No more frames: completes all sinks. SinkWorkers that are dropped without it remove what is incomplete.
+    /// No more frames: completes all sinks. SinkWorkers that are dropped without it remove what is
+    /// incomplete.
     ///
     /// # Errors
     /// The first sink that could not be completed.
     pub fn finish(mut self) -> Result<(), SinkError> {
         let mut first = Ok(());
         for worker in self.workers.drain(..) {
-            // A worker that has failed has closed its queue; its error is what the join brings or was told before.
+            // A worker that has failed has closed its queue; its error is what the join brings or
+            // was told before.
             let _sent = worker.messages.send(Message::Finish);
             drop(worker.messages);
             let result = worker.thread.join().unwrap_or(Err(SinkError::WorkerGone));
@@ -158,7 +172,8 @@ impl Drop for SinkWorkers {
     fn drop(&mut self) {
         for worker in self.workers.drain(..) {
             drop(worker.messages);
-            // The run was broken off for another reason; the thread is waited for so that nothing is left behind.
+            // The run was broken off for another reason; the thread is waited for so that nothing
+            // is left behind.
             let _result = worker.thread.join();
         }
     }
@@ -179,9 +194,10 @@ fn run_worker(
         let started_nanos = monotonic_nanos();
         let picture = Picture {
             frame: frame.frame,
-            size: frame.pixels.size(),
+            size: frame.size,
             rgba: frame.pixels.rgba(),
             reversed_depth: frame.pixels.reversed_depth(),
+            on_device: frame.pixels.on_device(),
             view: None,
             views: frame.views,
             is_settled: frame.is_settled,

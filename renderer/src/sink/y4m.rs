@@ -1,5 +1,5 @@
-//! Pictures as frames of Y4M: uncompressed film for other programs, 4:4:4, 8 bits, limited range. Which matrix makes their
-//! colours stands with [`Matrix`].
+//! Pictures as frames of Y4M: uncompressed film for other programs, 4:4:4, 8 bits, limited range.
+//! Which matrix makes their colours stands with [`Matrix`].
 
 use terravision_common::film::{Matrix, Y4M_FRAME};
 
@@ -12,7 +12,8 @@ pub(super) fn frame(size: [u32; 2], rgba: &[u8], out: &mut Vec<u8>) {
     let (y_plane, rest) = out[Y4M_FRAME.len()..].split_at_mut(count);
     let (cb_plane, cr_plane) = rest.split_at_mut(count);
     let [kr, kg, kb] = weights(Matrix::for_size(size));
-    // Y = 16 + 219/255 * luma; Cb = 128 + 224/255 * (B - luma) / (2 (1 - Kb)): 2^16 fixed point, luma in 2^16ths.
+    // Y = 16 + 219/255 * luma; Cb = 128 + 224/255 * (B - luma) / (2 (1 - Kb)): 2^16 fixed point,
+    // luma in 2^16ths.
     let y_scale = 219 * 65536 / 255;
     let chroma = |k: i32| (224.0 / 255.0 / (2.0 * (1.0 - f64::from(k) / 65536.0)) * 65536.0).round() as i64;
     let (cb_scale, cr_scale) = (chroma(kb), chroma(kr));
@@ -53,7 +54,8 @@ mod tests {
             assert_eq!(planes(size, [0, 0, 0]), [16, 128, 128]);
             assert_eq!(planes(size, [255, 255, 255]), [235, 128, 128]);
         }
-        // Reference values: 601 red (81, 90, 240), 709 green (173, 42, 26), 709 blue (32, 240, 118).
+        // Reference values: 601 red (81, 90, 240), 709 green (173, 42, 26), 709 blue (32, 240,
+        // 118).
         assert_eq!(planes(small, [255, 0, 0]), [81, 90, 240]);
         assert_eq!(planes(large, [0, 255, 0]), [173, 42, 26]);
         assert_eq!(planes(large, [0, 0, 255]), [32, 240, 118]);

@@ -29,7 +29,8 @@ pub struct LiveSource {
 }
 
 impl LiveSource {
-    /// Over the renderer's ends of a run's segments (in tests, of this process's memory); colour tiles with their format.
+    /// Over the renderer's ends of a run's segments (in tests, of this process's memory); colour
+    /// tiles with their format.
     ///
     /// # Errors
     /// They do not fit the world.
@@ -68,7 +69,8 @@ impl LiveSource {
         }
     }
 
-    /// A frame that fills the whole ring cannot be held: what was taken of it is given back, and dies with this process.
+    /// A frame that fills the whole ring cannot be held: what was taken of it is given back, and
+    /// dies with this process.
     fn give_back_what_does_not_fit(&mut self) {
         if self.ring.is_all_held() {
             self.ring.give_back(self.ring.position());
@@ -161,7 +163,8 @@ impl Pools for LiveSource {
 
 impl Completion for LiveSource {
     fn complete(&mut self, done: &Done) -> Result<(), SourceError> {
-        // This first: a frame that is completed is not drawn again, whether its slots and arrays were given back or not.
+        // This first: a frame that is completed is not drawn again, whether its slots and arrays
+        // were given back or not.
         self.control.set_completed_sequence(done.sequence);
         self.ring.give_back(done.slots_end);
         Ok(self.elevation.released(done.elevation_end)?)

@@ -1,4 +1,5 @@
-//! Where frames come from: a run's shared memory ([`LiveSource`]) or a recording in memory ([`RecordedSource`]).
+//! Where frames come from: a run's shared memory ([`LiveSource`]) or a recording in memory
+//! ([`RecordedSource`]).
 
 mod live;
 mod recorded;
@@ -26,7 +27,8 @@ pub struct SourceShape {
     pub elevation_arrays: u64,
     /// What was done before: by renderers before this one, which were killed.
     pub done: Done,
-    /// Whether there was a renderer before this one: the first slots may be the rest of a frame that it could not hold.
+    /// Whether there was a renderer before this one: the first slots may be the rest of a frame
+    /// that it could not hold.
     pub is_resumed: bool,
     /// Slots of the colour pool.
     pub color_slots: u32,
@@ -88,7 +90,8 @@ pub enum SourceError {
     Ended,
 }
 
-/// The slots of frames, one after the other. What comes out of it is not trusted: `frame::FrameReader` checks every slot.
+/// The slots of frames, one after the other. What comes out of it is not trusted:
+/// `frame::FrameReader` checks every slot.
 pub trait Slots {
     /// The next slot, if there is one now.
     ///
@@ -105,12 +108,13 @@ pub trait Slots {
     /// Position of the slot that comes next; counts up over all slots.
     fn position(&self) -> RingPosition;
 
-    /// Goes back to the first slot of the first frame that is not done with, if it was held. Returns how far frames are
-    /// done with.
+    /// Goes back to the first slot of the first frame that is not done with, if it was held.
+    /// Returns how far frames are done with.
     fn rewind(&mut self) -> Done;
 }
 
-/// The elevation arrays and colour tiles that frames name: in place, for a device that may read them there, or as copies.
+/// The elevation arrays and colour tiles that frames name: in place, for a device that may read
+/// them there, or as copies.
 pub trait Pools {
     /// The elevation arrays' memory, when a device may read it in place.
     fn elevation_memory(&self) -> Option<HostMemory>;
@@ -118,7 +122,8 @@ pub trait Pools {
     /// The colour tiles' memory, likewise.
     fn color_memory(&self) -> Option<HostMemory>;
 
-    /// Byte offset of an elevation array in [`Pools::elevation_memory`]; `None` when there is no such array now.
+    /// Byte offset of an elevation array in [`Pools::elevation_memory`]; `None` when there is no
+    /// such array now.
     ///
     /// # Errors
     /// The source is damaged.
@@ -130,13 +135,15 @@ pub trait Pools {
     /// The source is damaged.
     fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError>;
 
-    /// Byte offset of a colour tile in [`Pools::color_memory`]; `None` when the slot holds another generation.
+    /// Byte offset of a colour tile in [`Pools::color_memory`]; `None` when the slot holds another
+    /// generation.
     fn color_offset(&mut self, key: SlotKey) -> Option<u64>;
 
     /// A colour tile with its mips, in place; `None` when the slot holds another generation.
     fn color(&self, key: SlotKey) -> Option<&[u8]>;
 
-    /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this generation.
+    /// Copies a colour tile with its mips (as many bytes as `out` has); whether the slot holds this
+    /// generation.
     fn read_color(&mut self, key: SlotKey, out: &mut [u8]) -> bool;
 }
 
@@ -148,7 +155,8 @@ pub trait Completion {
     /// The source is damaged.
     fn complete(&mut self, done: &Done) -> Result<(), SourceError>;
 
-    /// The elevation arrays below a position belong to no frame, and no frame before them is with the device.
+    /// The elevation arrays below a position belong to no frame, and no frame before them is with
+    /// the device.
     ///
     /// # Errors
     /// The source is damaged.
@@ -173,10 +181,11 @@ pub trait Completion {
 
 /// What the launcher and the rate control are told; nothing of it waits.
 pub trait Telemetry {
-    /// A frame is finished, which took so long: for the rate control. Sources that have none do not listen.
+    /// A frame is finished, which took so long: for the rate control. Sources that have none do not
+    /// listen.
     fn timed(&mut self, timing: &FrameTiming);
 
-    /// So many frames have left the sink.
+    /// This many frames have left the sink.
     fn written(&mut self, count: u64);
 
     /// Tells the launcher about work done; never waits.

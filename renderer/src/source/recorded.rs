@@ -1,4 +1,5 @@
-//! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages before it.
+//! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages
+//! before it.
 
 use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
@@ -93,7 +94,8 @@ impl RecordingBuilder {
         Self { texels, ..self }
     }
 
-    /// Adds an elevation array (its posts, row 0 south, and the planes of validity of a world that has them) and returns its position.
+    /// Adds an elevation array (its posts, row 0 south, and the planes of validity of a world that
+    /// has them) and returns its position.
     pub fn add_elevations(&mut self, values: &[f32]) -> u64 {
         let count = self.world.elevation_values();
         let start = self.elevations.len();
@@ -142,7 +144,8 @@ impl RecordingBuilder {
     }
 }
 
-/// Plays a recording, several times over if asked: later laps have later frame numbers and positions.
+/// Plays a recording, several times over if asked: later laps have later frame numbers and
+/// positions.
 #[derive(Debug)]
 pub struct RecordedSource {
     recording: Arc<Recording>,
@@ -217,7 +220,7 @@ impl Slots for RecordedSource {
             })
         } else if let Some(view) = frame.views.get(self.slot - 1) {
             let (index, count) = (self.slot as u32 - 1, views as u32);
-            SlotContent::View(ViewSlot { camera: view.camera, at: view.at, index, count })
+            SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count })
         } else if let Some(tile) = frame.tiles.get(self.slot - 1 - views) {
             SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
         } else {

@@ -5,6 +5,7 @@ use super::{
     Telemetry,
 };
 use crate::gpu::HostMemory;
+use terravision_common::camera::Camera;
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, SlotKey};
 use terravision_common::rate::FrameTiming;
@@ -55,7 +56,10 @@ impl<S: FrameSource> Recorder<S> {
                 self.views.clear();
                 self.tiles.clear();
             }
-            Some(SlotContent::View(ViewSlot { camera, at, .. })) => self.views.push(View { camera, at }),
+            // One that is not valid is refused by who reads the frame.
+            Some(SlotContent::View(ViewSlot { camera, at, .. })) => {
+                self.views.extend(Camera::new(camera).map(|camera| View { camera, at }));
+            }
             Some(SlotContent::Tile(tile)) => self.tiles.push(tile),
             Some(SlotContent::End(end)) => {
                 let (Some(marker), Some(views)) = (self.marker.take(), Views::new(self.views.iter().copied())) else {

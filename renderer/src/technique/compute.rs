@@ -1,8 +1,9 @@
-//! Exact rays by a Vulkan device: the same surface and the same walk as the processor's (`terravision_raycast`), one thread a pixel.
+//! Exact rays by a Vulkan device: the same surface and the same walk as the processor's
+//! (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
 use super::view::{NEAR_M, datum_above_eye_m};
-use super::{ArrayPlaces, Technique, TechniqueError, outline_of};
+use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{ColorPool, Elevation, RayNode, RayTile, RayView, RaysPass, Recording, Target};
 use glam::DVec2;
@@ -18,6 +19,7 @@ use terravision_raycast::view::View;
 pub struct ComputeRays {
     pass: RaysPass,
     world: World,
+    /// Of each draw its view.
     views: Vec<RayView>,
     tree: Tree,
     tiles: Vec<RayTile>,
@@ -25,8 +27,8 @@ pub struct ComputeRays {
 }
 
 impl ComputeRays {
-    /// For views no larger than `target`, and this many frame slots, each with this many views. `has_overlay`: outlines of the colour
-    /// leaves.
+    /// For views no larger than `target` at first, and this many frame slots, each with this many
+    /// draws. `has_overlay`: outlines of the colour leaves.
     ///
     /// # Errors
     /// The device is out of memory.
@@ -35,12 +37,12 @@ impl ComputeRays {
         target: &Target,
         world: &World,
         has_overlay: bool,
-        slots_and_views: [usize; 2],
-    ) -> Result<Self, TechniqueError> {
+        slots_and_draws: [usize; 2],
+    ) -> Result<Self, DrawError> {
         Ok(Self {
-            pass: RaysPass::new(colors, target, has_overlay, slots_and_views)?,
+            pass: RaysPass::new(colors, target, has_overlay, slots_and_draws)?,
             world: *world,
-            views: Vec::with_capacity(slots_and_views[1]),
+            views: Vec::with_capacity(slots_and_draws[1]),
             tree: Tree::default(),
             tiles: Vec::with_capacity(4096),
             nodes: Vec::with_capacity(4096),
@@ -49,51 +51,57 @@ impl ComputeRays {
 }
 
 impl Technique for ComputeRays {
-    fn name(&self) -> &'static str {
-        TechniqueChoice::Rays.name()
+    fn choice(&self) -> TechniqueChoice {
+        TechniqueChoice::Rays
+    }
+
+    /// Rays meet ground that facets, as they are drawn, hide to the last pixel's edge.
+    fn wants_unseen(&self) -> bool {
+        true
     }
 
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
+        draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         self.views.clear();
-        for (index, view) in frame.views.iter().enumerate() {
-            self.prepare_view(index, &view.camera, recording, frame, elevation, places)?;
+        for draw in draws {
+            self.prepare_draw(draw, recording, frame, elevation, places)?;
         }
         Ok(())
     }
 
-    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, _is_depth_only: bool) {
-        if let Some(parameters) = self.views.get(view) {
-            self.pass.draw(recording, colors, (view, parameters));
+    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, _is_depth_only: bool) {
+        if let Some(parameters) = self.views.get(draw) {
+            self.pass.draw(recording, colors, (draw, parameters));
         }
     }
 
-    fn triangles(&self) -> u64 {
+    fn triangles(&self, _draw: usize) -> u64 {
         0
     }
 }
 
 impl ComputeRays {
-    fn prepare_view(
+    fn prepare_draw(
         &mut self,
-        index: usize,
-        camera: &Camera,
+        draw: Draw<'_>,
         recording: &mut Recording<'_>,
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         let (world, surface) = (&self.world, self.world.surface());
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let camera = &frame.views[draw.view.min(frame.views.len() - 1)].camera;
         self.tiles.clear();
         self.tree.clear(world.elevation_tile().ilog2(), u32::from(world.root().q()));
         let mut ground = [DVec2::INFINITY, DVec2::NEG_INFINITY];
-        for (index, tile) in frame.tiles.iter().enumerate() {
+        for (index, tile) in draw.tiles.of(&frame.tiles) {
             let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
             let start = *places.starts.get(array).ok_or_else(|| fail(index, TileFault::Elevation))?;
             let block = block_of(world, tile).ok_or_else(|| fail(index, TileFault::Block))?;
@@ -115,14 +123,17 @@ impl ComputeRays {
         let view = RayView {
             has_undersides: u32::from(!surface.is_over(camera.eye()) || world.has_holes()),
             plane: if world.has_validity() { world.elevation_posts().pow(2) } else { 0 },
-            datum_m: datum_above_eye_m(camera, world, surface.height_m(frame.marker.camera.eye())),
+            datum_m: datum_above_eye_m(camera, world, surface.height_m(frame.pose.eye())),
             root: code(self.tree.root()),
             root_low: (-eye).as_vec2().to_array(),
             root_side: surface.node_side_m(world.root().q()) as f32,
             ..ray_view(camera, [ground[0] - eye, ground[1] - eye])
         };
+        let index = self.views.len();
         self.views.push(view);
-        Ok(self.pass.prepare(recording, elevation, (index, &view), &mut self.tiles, &self.nodes)?)
+        let Self { pass, tiles, nodes, .. } = self;
+        Ok(recording
+            .timed(draw.number, |recording| pass.prepare(recording, elevation, (index, &view), tiles, nodes))?)
     }
 }
 
@@ -164,7 +175,7 @@ fn ray_view(camera: &Camera, ground: [DVec2; 2]) -> RayView {
         per_column: per_column.to_array(),
         root: RayNode::EMPTY,
         per_row: per_row.to_array(),
-        size: camera.width | camera.height << 16,
+        size: camera.width() | camera.height() << 16,
         bounds_low: ground[0].as_vec2().to_array(),
         bounds_high: ground[1].as_vec2().to_array(),
         root_low: [0.0; 2],

@@ -1,12 +1,14 @@
-//! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as triangles.
+//! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as
+//! triangles.
 
 use super::view::view_parameters;
-use super::{ArrayPlaces, Technique, TechniqueError, outline_of};
-use crate::frame::Frame;
+use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
+use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
     Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
     ViewParameters,
 };
+use std::ops::Range;
 use terravision_common::camera::Camera;
 use terravision_common::rig::MAX_VIEWS;
 use terravision_common::run::TechniqueChoice;
@@ -14,12 +16,13 @@ use terravision_common::slot::TileSlot;
 use terravision_common::surface::EyeCell;
 use terravision_common::world::World;
 
-/// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about `r_c` pixels, so the
-/// hardware's choice among three mips matters at the far ends of a tile only. 0 is the textbook value; negative is
-/// sharper and flickers.
+/// Added to the mip level of colour sampling. The tree already chooses tiles whose texels are about
+/// `r_c` pixels, so the hardware's choice among three mips matters at the far ends of a tile only.
+/// 0 is the textbook value; negative is sharper and flickers.
 pub const LOD_BIAS: f32 = 0.0;
-/// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so texels at glancing
-/// angles are too coarse along the line of sight and too fine across it by up to about this ratio.
+/// Anisotropy on hardware devices (never on the processor's): the tree's measure is by area, so
+/// texels at glancing angles are too coarse along the line of sight and too fine across it by up to
+/// about this ratio.
 pub const MAX_ANISOTROPY: f32 = 8.0;
 
 /// Draws tiles as triangle meshes.
@@ -28,10 +31,19 @@ pub struct MeshTechnique {
     pass: TerrainPass,
     world: World,
     views: Vec<MeshView>,
-    /// The tiles of all views: as seen from one eye after the other.
+    /// All tiles of the frame, as seen from one eye after the other.
     tiles: Vec<TileParameters>,
-    blocks: Vec<Block>,
-    triangles: u64,
+    /// What is drawn of them, one draw after the other.
+    blocks: Vec<(u32, Block)>,
+    draws: Vec<MeshDraw>,
+}
+
+/// A draw of the frame.
+#[derive(Debug, Clone)]
+struct MeshDraw {
+    view: usize,
+    /// Of the technique's blocks.
+    blocks: Range<usize>,
 }
 
 /// A view of the frame.
@@ -46,7 +58,8 @@ struct MeshView {
 }
 
 impl MeshTechnique {
-    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of the colour leaves.
+    /// For pictures like those of `target`, and this many frame slots. `has_overlay`: outlines of
+    /// the colour leaves.
     ///
     /// # Errors
     /// The device is out of memory.
@@ -63,72 +76,94 @@ impl MeshTechnique {
             views: Vec::with_capacity(MAX_VIEWS),
             tiles: Vec::with_capacity(4096),
             blocks: Vec::with_capacity(4096),
-            triangles: 0,
+            draws: Vec::with_capacity(MAX_VIEWS),
         })
     }
 }
 
 impl Technique for MeshTechnique {
-    fn name(&self) -> &'static str {
-        TechniqueChoice::Mesh.name()
+    fn choice(&self) -> TechniqueChoice {
+        TechniqueChoice::Mesh
+    }
+
+    fn wants_unseen(&self) -> bool {
+        false
     }
 
     fn prepare(
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
+        draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError> {
+    ) -> Result<(), DrawError> {
         self.views.clear();
         self.tiles.clear();
         self.blocks.clear();
-        let datum_m = self.world.surface().height_m(frame.marker.camera.eye());
+        self.draws.clear();
+        let datum_m = self.world.surface().height_m(frame.pose.eye());
         for view in frame.views.iter() {
-            let (parameters, cell) = view_parameters(&view.camera, &self.world, datum_m);
-            let sides = visible_sides(&view.camera, &self.world);
-            // Eyes in one cell see the same tiles.
-            let seen =
-                self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
-            let first_tile = seen.unwrap_or(self.tiles.len());
-            self.views.push(MeshView { parameters, sides, cell, first_tile });
-            if seen.is_none() {
-                self.tiles.extend(
-                    drawn_tiles(frame, places).map(|(tile, start)| tile_parameters(tile, &self.world, cell, start)),
-                );
-            }
+            self.add_view(frame, &view.camera, datum_m, places)?;
         }
-        self.blocks.extend(drawn_tiles(frame, places).map(|(tile, _)| block(tile)));
-        let triangles = |Block { size, snap, .. }: &Block| 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
-        self.triangles = frame.views.len() as u64 * self.blocks.iter().map(triangles).sum::<u64>();
+        for Draw { view, tiles, .. } in draws {
+            let Some(first_tile) = self.views.get(view).map(|view| view.first_tile) else { continue };
+            let start = self.blocks.len();
+            let drawn = tiles.of(&frame.tiles);
+            self.blocks.extend(drawn.map(|(number, tile)| ((first_tile + number) as u32, block(tile))));
+            self.draws.push(MeshDraw { view, blocks: start..self.blocks.len() });
+        }
         Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
     }
 
-    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
-        let Some(MeshView { parameters, sides, first_tile, .. }) = self.views.get(view) else { return };
-        let (blocks, sides, first_tile) = (&self.blocks[..], *sides, *first_tile);
-        self.pass.draw(recording, colors, &TerrainView { parameters, blocks, first_tile, sides, is_depth_only });
+    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
+        let Some(MeshDraw { view, blocks }) = self.draws.get(draw) else { return };
+        let MeshView { parameters, sides, .. } = &self.views[*view];
+        let blocks = &self.blocks[blocks.clone()];
+        self.pass.draw(recording, colors, &TerrainView { parameters, blocks, sides: *sides, is_depth_only });
     }
 
-    fn triangles(&self) -> u64 {
-        self.triangles
+    fn triangles(&self, draw: usize) -> u64 {
+        let triangles = |Block { size, snap, .. }: &Block| 2 * u64::from(size[0] >> snap) * u64::from(size[1] >> snap);
+        let drawn = self.draws.get(draw).map_or(0..0, |draw| draw.blocks.clone());
+        self.blocks[drawn].iter().map(|(_, block)| triangles(block)).sum()
     }
 }
 
-/// Which sides of the ground the eye can see. Ground is a height field: an eye over it sees the upper side first along
-/// any ray, so the lower one (the far slopes of ridges, from behind) need not be drawn: a fifth of the time in mountains.
-/// An eye beside the world may look under its edge, and any eye through holes.
+impl MeshTechnique {
+    /// Takes a view in, and the tiles as its eye sees them.
+    fn add_view(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        datum_m: f64,
+        places: ArrayPlaces<'_>,
+    ) -> Result<(), DrawError> {
+        let (parameters, cell) = view_parameters(camera, &self.world, datum_m);
+        let sides = visible_sides(camera, &self.world);
+        // Eyes in one cell see the same tiles.
+        let seen = self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
+        let first_tile = seen.unwrap_or(self.tiles.len());
+        self.views.push(MeshView { parameters, sides, cell, first_tile });
+        if seen.is_some() {
+            return Ok(());
+        }
+        for (index, tile) in frame.tiles.iter().enumerate() {
+            let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
+            let (frame, fault) = (frame.marker.frame, TileFault::Elevation);
+            let start = places.starts.get(array).ok_or(FrameError::Tile { frame, index, fault })?;
+            self.tiles.push(tile_parameters(tile, &self.world, cell, *start));
+        }
+        Ok(())
+    }
+}
+
+/// Which sides of the ground the eye can see. Ground is a height field: an eye over it sees the
+/// upper side first along any ray, so the lower one (the far slopes of ridges, from behind) need
+/// not be drawn: a fifth of the time in mountains. An eye beside the world may look under its edge,
+/// and any eye through holes.
 fn visible_sides(camera: &Camera, world: &World) -> Sides {
     if world.surface().is_over(camera.eye()) && !world.has_holes() { Sides::Upper } else { Sides::Both }
-}
-
-/// The tiles that are drawn, each with the first value of its elevation array.
-fn drawn_tiles<'a>(frame: &'a Frame, places: ArrayPlaces<'a>) -> impl Iterator<Item = (&'a TileSlot, u32)> {
-    frame.tiles.iter().filter(|tile| tile.is_hidden == 0).filter_map(move |tile| {
-        let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
-        // `FrameReader` checked that every tile's array is one of the frame's.
-        Some((tile, *places.starts.get(array)?))
-    })
 }
 
 fn block(tile: &TileSlot) -> Block {

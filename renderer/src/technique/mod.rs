@@ -1,24 +1,27 @@
-//! How terrain is drawn. A device draws the mesh, or casts rays, behind one drawing trait; the processor casts rays without any, so that
-//! its part here is what a slot means to rays.
+//! How terrain is drawn. A device draws the mesh, or casts rays, behind one drawing trait; the
+//! processor casts rays without any, so that its part here is what a slot means to rays.
 
 mod compute;
+mod draw;
 mod mesh;
 mod rays;
 mod view;
 
 pub use compute::ComputeRays;
+pub use draw::{Draw, TileSubset};
 pub use mesh::{LOD_BIAS, MAX_ANISOTROPY, MeshTechnique};
 pub use rays::BlockReader;
 pub use view::{NEAR_M, view_parameters};
 
 use crate::frame::{Frame, FrameError, leaf_level};
 use crate::gpu::{ColorPool, Elevation, GpuError, Recording};
+use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 
-/// A technique could not draw.
+/// A frame could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum TechniqueError {
+pub enum DrawError {
     /// The device failed.
     #[error(transparent)]
     Gpu {
@@ -42,15 +45,19 @@ pub struct ArrayPlaces<'a> {
     pub starts: &'a [u32],
 }
 
-/// Draws a frame's tiles into the picture of each of its views, and its depth. It knows no sink.
+/// Draws subsets of a frame's tiles into the pictures of its views and their depth, where other
+/// techniques may draw others. It knows no sink.
 ///
-/// One thread calls it: [`Technique::prepare`], then, within rendering, [`Technique::draw`] of each view once for the picture
-/// and perhaps once more for depth.
+/// One thread calls it: [`Technique::prepare`] with all draws of a frame, then, within rendering,
+/// [`Technique::draw`] of each once for the picture and perhaps once more for depth.
 pub trait Technique: Send {
-    /// What it is called in reports.
-    fn name(&self) -> &'static str;
+    /// What it is.
+    fn choice(&self) -> TechniqueChoice;
 
-    /// Takes a checked frame in.
+    /// Whether a tile is to be drawn where a view may see no facet of it ([`TileSlot::unseen_by`]).
+    fn wants_unseen(&self) -> bool;
+
+    /// Takes the draws of a checked frame in.
     ///
     /// # Errors
     /// The device is out of memory, or a tile of the frame is wrong.
@@ -58,16 +65,17 @@ pub trait Technique: Send {
         &mut self,
         recording: &mut Recording<'_>,
         frame: &Frame,
+        draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
-    ) -> Result<(), TechniqueError>;
+    ) -> Result<(), DrawError>;
 
-    /// Draws one view, counted from 0, of the frame that was prepared last. `is_depth_only`: no picture, depth at pixel
-    /// centres.
-    fn draw(&self, view: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
+    /// Draws one of the draws, counted from 0, that were prepared last. `is_depth_only`: no
+    /// picture, depth at pixel centres.
+    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
 
-    /// Triangles of the frame that was prepared last, in all of its views.
-    fn triangles(&self) -> u64;
+    /// Triangles of such a draw.
+    fn triangles(&self, draw: usize) -> u64;
 }
 
 /// Outline colours by level, finest first: neighbours in level differ in hue and in brightness.

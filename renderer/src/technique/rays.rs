@@ -1,5 +1,5 @@
-//! From a slot of the ring to a tile of ground for rays: the same block of the same elevation array that the mesh draws, at
-//! the step that it is drawn with.
+//! From a slot of the ring to a tile of ground for rays: the same block of the same elevation array
+//! that the mesh draws, at the step that it is drawn with.
 
 use crate::frame::TileFault;
 use crate::source::{Pools, SourceError};
@@ -31,8 +31,8 @@ impl BlockReader {
         Self { world: *world, array: vec![0.0; world.elevation_values()], position: None, planes }
     }
 
-    /// The tile of a checked slot: all of its colour leaf, also what was culled, with the colours of this layer. Heights are
-    /// above `eye_z_m`.
+    /// The tile of a checked slot: all of its colour leaf, also what was culled, with the colours
+    /// of this layer. Heights are above `eye_z_m`.
     ///
     /// # Errors
     /// The source is damaged; within, what is wrong with the slot.
@@ -105,7 +105,8 @@ pub(super) struct SlotBlock {
     pub(super) start: [u32; 2],
     /// Its cells inside of the world, at the step that it is drawn with.
     pub(super) cells: [u32; 2],
-    /// By how much the last cells east and north reach over the world's border, where vertices past it lie; 1 for not at all.
+    /// By how much the last cells east and north reach over the world's border, where vertices past
+    /// it lie; 1 for not at all.
     pub(super) stretch: [f32; 2],
 }
 
@@ -141,8 +142,8 @@ pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
     Some(SlotBlock { node, start, cells, stretch })
 }
 
-/// Vertices past the world's border lie on it. Here every cell has its full width, and the ground ends within the last one: its
-/// far posts continue the slope that leads to the border.
+/// Vertices past the world's border lie on it. Here every cell has its full width, and the ground
+/// ends within the last one: its far posts continue the slope that leads to the border.
 fn reach_over_border(heights: &mut [f32], axis: usize, [columns, rows]: [usize; 2], factor: f32) {
     if factor == 1.0 {
         return;

@@ -6,14 +6,17 @@ use terravision_common::camera::Camera;
 use terravision_common::surface::EyeCell;
 use terravision_common::world::{COLOR_BORDER, World};
 
-/// Near plane, metres. Depth is reversed and the far plane infinitely far: a depth buffer of 32-bit floats then has a
-/// relative precision of 2^-24 at any distance, so nothing is gained by moving it out.
+/// Near plane, metres. Depth is reversed and the far plane infinitely far: a depth buffer of 32-bit
+/// floats then has a relative precision of 2^-24 at any distance, so nothing is gained by moving it
+/// out.
 pub const NEAR_M: f64 = 0.5;
 
-/// Places between two pixels that rasterizers take vertices to: 8 bits, lavapipe's and the usual `subPixelPrecisionBits`.
+/// Places between two pixels that rasterizers take vertices to: 8 bits, lavapipe's and the usual
+/// `subPixelPrecisionBits`.
 const SUBPIXELS: f32 = 256.0;
 
-/// The view, and the eye's lattice cell, which all lattice points are relative to. `datum_z_m`: what elevations are above.
+/// The view, and the eye's lattice cell, which all lattice points are relative to. `datum_z_m`:
+/// what elevations are above.
 #[must_use]
 pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewParameters, EyeCell) {
     let surface = world.surface();
@@ -34,7 +37,7 @@ pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewP
         extent_from_cell: [0, 1].map(|axis| cell.count(axis, extent[axis])),
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,
-        grid: [camera.width, camera.height].map(|side| 0.5 * side as f32 * SUBPIXELS),
+        grid: [camera.width(), camera.height()].map(|side| 0.5 * side as f32 * SUBPIXELS),
         datum_m: datum_above_eye_m(camera, world, datum_z_m),
         reserved: [0; 3],
     };

@@ -4,14 +4,14 @@
 use bytemuck::Zeroable;
 use std::sync::Arc;
 use std::time::Duration;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
 use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
-use terravision_renderer::engine::{self, EngineError, EngineOptions, Finished};
+use terravision_renderer::engine::{self, Engine, EngineError, EngineOptions, Finished};
 use terravision_renderer::frame::FrameReader;
 use terravision_renderer::gpu::ElevationPath;
 use terravision_renderer::source::{FrameSource, RecordedFrame, RecordedSource, Recording, RecordingBuilder};
@@ -28,7 +28,7 @@ pub fn world(extent: [u32; 2]) -> World {
 
 /// A camera over the world, metres and degrees.
 pub fn camera(eye: [f64; 3], heading: f64, pitch: f64, size: [u32; 2]) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: eye,
         heading_rad: heading.to_radians(),
         pitch_rad: pitch.to_radians(),
@@ -37,7 +37,8 @@ pub fn camera(eye: [f64; 3], heading: f64, pitch: f64, size: [u32; 2]) -> Camera
         width: size[0],
         height: size[1],
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 /// Builds one frame after the other.
@@ -102,7 +103,7 @@ impl<'a> Scene<'a> {
             for i in 0..u64::from(self.world.elevation_posts()) {
                 let at = |axis: usize, k: u64| (origin[axis] + (k << node.q())).min(extent[axis].into()) as f64 * unit;
                 let [ground, measured] = (self.shares)(at(0, i), at(1, j));
-                let height = ((self.height)(at(0, i), at(1, j)) - camera.eye_in_world[2]) as f32;
+                let height = ((self.height)(at(0, i), at(1, j)) - camera.fields().eye_in_world[2]) as f32;
                 planes.iter_mut().zip([height, ground, measured]).for_each(|(plane, value)| plane.push(value));
             }
         }
@@ -145,7 +146,7 @@ impl<'a> Scene<'a> {
 
     /// Adds a frame of these tiles, whose heights are above the pose's eye, seen by these views.
     pub fn frame_of_views(&mut self, pose: &Camera, views: Views, tiles: Vec<TileSlot>) {
-        let (frame, camera) = (self.frame, *pose);
+        let (frame, camera) = (self.frame, *pose.fields());
         let picture = views.picture();
         let marker = FrameMarker { frame, camera, r_z_px: 10.0, r_c_px: 1.0, picture, ..FrameMarker::zeroed() };
         let end = FrameEnd {
@@ -175,16 +176,25 @@ pub fn options(size: [u32; 2]) -> EngineOptions {
 /// Draws all frames of a recording.
 pub fn draw(options: &EngineOptions, recording: &Arc<Recording>) -> Result<Vec<Finished>, EngineError> {
     let mut source = RecordedSource::new(Arc::clone(recording), 1);
-    let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut engine = engine::open(options.clone(), &source)?;
+    draw_on(&mut *engine, options, &mut source)
+}
+
+/// Draws all frames of a source on an engine.
+pub fn draw_on(
+    engine: &mut dyn Engine,
+    options: &EngineOptions,
+    source: &mut RecordedSource,
+) -> Result<Vec<Finished>, EngineError> {
+    let mut reader = FrameReader::new(source.shape(), options.size)?;
     let mut finished = Vec::new();
     while reader.remaining() > 0 {
         while !engine.has_room() {
             finished.extend(engine.poll(Duration::from_secs(20))?);
         }
-        reader.read(&mut source, true)?;
+        reader.read(source, true)?;
         let pixels = engine.new_pixels()?;
-        engine.submit(reader.frame(), &mut source, pixels)?;
+        engine.submit(reader.frame(), source, pixels)?;
     }
     while engine.is_busy() {
         finished.extend(engine.poll(Duration::from_secs(20))?);

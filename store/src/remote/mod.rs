@@ -75,20 +75,19 @@ impl Remote {
     pub(crate) fn new(
         manifest: &Manifest,
         manifest_text: Bytes,
-        world: World,
         network: Option<Network>,
         cache: DiskCache,
         place: String,
         log: Arc<ErrorLog>,
     ) -> Self {
         Self {
-            world,
+            world: *manifest.world(),
             manifest_text,
             network,
             cache: Arc::new(cache),
             archives: [
-                RemoteArchive::new(Layer::Elevation, ELEVATION_FILE, manifest.elevation.archive),
-                RemoteArchive::new(Layer::Color, COLOR_FILE, manifest.color.archive),
+                RemoteArchive::new(Layer::Elevation, ELEVATION_FILE, manifest.fields().elevation.archive),
+                RemoteArchive::new(Layer::Color, COLOR_FILE, manifest.fields().color.archive),
             ],
             memory: Memory::new(MEMORY_BYTES),
             reads: RequestCoalescer::default(),

@@ -5,7 +5,7 @@
 //!   Closed ─────────────────────▶ Open: one probes ──────────────▶ Closed
 //!                                   │      ▲
 //!           nothing for a deadline  ▼      │ a probe now and then
-//!                                Given up ─┘   (whoever comes fails at once)
+//!                                Given up ─┘   (every read fails at once)
 //! ```
 
 use super::RetryOptions;

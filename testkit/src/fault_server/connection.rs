@@ -34,7 +34,7 @@ pub(crate) fn talk(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     Ok(())
 }
 
-/// The next request; `None` when there is none to come.
+/// The next request; `None` at the end of the connection.
 fn next_request(stream: &mut TcpStream, waiting: &mut Vec<u8>, shared: &Shared) -> io::Result<Option<Request>> {
     let mut part = [0; 4096];
     loop {

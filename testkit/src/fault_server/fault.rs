@@ -23,7 +23,7 @@ pub enum Fault {
     RedirectLoop,
     /// All of the file, as if no range had been asked for.
     IgnoreRange,
-    /// The answer comes, but so many milliseconds late.
+    /// The answer comes, but this many milliseconds late.
     Late(u64),
 }
 
@@ -58,14 +58,14 @@ impl Rule {
         self
     }
 
-    /// Only after so many requests.
+    /// Only after this many requests.
     #[must_use]
     pub fn after(mut self, skip: u64) -> Self {
         self.skip = skip;
         self
     }
 
-    /// Only at so many requests.
+    /// Only at this many requests.
     #[must_use]
     pub fn times(mut self, most: u64) -> Self {
         self.most = most;

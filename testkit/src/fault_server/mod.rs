@@ -27,7 +27,7 @@ use std::time::{Duration, Instant};
 /// How often threads look whether the server ends.
 const TICK: Duration = Duration::from_millis(20);
 
-/// The link between the server and whoever asks, shared by all connections.
+/// The link between server and clients, shared by all connections.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Link {
     /// Wait before each answer.
@@ -185,7 +185,7 @@ impl Shared {
         None
     }
 
-    /// Waits until the link has carried so many bytes more.
+    /// Waits until the link has carried this many bytes more.
     fn carry(&self, bytes: usize) {
         self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
         let until = {

@@ -3,7 +3,7 @@
 use super::quality::eroded;
 use crate::reference::Picture;
 
-/// Pixels of the colour of the sky where there is none.
+/// Pixels of the colour of the sky where there is no sky.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holes {
     /// Sky pixels of the picture where the reference sees land, `tolerance` pixels or more away

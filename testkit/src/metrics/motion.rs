@@ -35,7 +35,7 @@ pub struct Frame<'a> {
 /// frame, where a pop is not.
 #[must_use]
 pub fn motion_compensated_change(before: Frame<'_>, after: Frame<'_>) -> MotionChange {
-    let (width, height) = (after.camera.width as usize, after.camera.height as usize);
+    let (width, height) = (after.camera.width() as usize, after.camera.height() as usize);
     let blocks_wide = width.div_ceil(BLOCK);
     let mut blocks = vec![(0.0, 0usize); blocks_wide * height.div_ceil(BLOCK)];
     let mut differences = Vec::with_capacity(width * height);
@@ -104,7 +104,7 @@ impl Projection {
             eye: camera.eye(),
             axes: camera.axes_in_world(),
             tangents: camera.half_tangents(),
-            size: [f64::from(camera.width), f64::from(camera.height)],
+            size: [f64::from(camera.width()), f64::from(camera.height())],
         }
     }
 
@@ -122,7 +122,7 @@ impl Projection {
 
 /// Bilinear fetch, if the pixels around see what lies at `depth`.
 fn fetch(frame: &Frame<'_>, px: f64, py: f64, depth: f64) -> Option<[f64; 3]> {
-    let (width, height) = (frame.camera.width as usize, frame.camera.height as usize);
+    let (width, height) = (frame.camera.width() as usize, frame.camera.height() as usize);
     let (x, y) = (px - 0.5, py - 0.5);
     if !(0.0..(width - 1) as f64).contains(&x) || !(0.0..(height - 1) as f64).contains(&y) {
         return None;
@@ -140,9 +140,10 @@ fn fetch(frame: &Frame<'_>, px: f64, py: f64, depth: f64) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
     use crate::reference::{Colors, Heights, RenderOptions, Scene, render};
+    use terravision_common::camera::CameraFields;
 
     fn camera(x: f64) -> Camera {
-        Camera {
+        Camera::new(CameraFields {
             eye_in_world: [x, 200.0, 300.0],
             heading_rad: 0.3,
             pitch_rad: -0.6,
@@ -151,7 +152,8 @@ mod tests {
             width: 160,
             height: 96,
             timestamp_nanos: 0,
-        }
+        })
+        .expect("valid")
     }
 
     #[test]

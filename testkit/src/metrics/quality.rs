@@ -113,7 +113,7 @@ pub(super) fn eroded(width: usize, mask: &[bool], radius: usize) -> Vec<bool> {
     out
 }
 
-/// Median of |a - b| over the pairs where both are numbers; NaN when there is none.
+/// Median of |a - b| over the pairs where both are numbers; NaN without pairs.
 #[must_use]
 pub fn median_absolute_error(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
     let mut errors: Vec<f64> = pairs.map(|(a, b)| (a - b).abs()).filter(|e| e.is_finite()).collect();

@@ -1,7 +1,7 @@
 //! Grounds to cast rays on.
 
 use glam::DVec2;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::surface::Surface;
 use terravision_common::surface::facet::facet_linear;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
@@ -194,7 +194,7 @@ impl Field {
 /// A camera, angles in degrees.
 #[must_use]
 pub fn camera(eye: [f64; 3], [heading, pitch, roll]: [f64; 3], vfov_deg: f64, [width, height]: [u32; 2]) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: eye,
         heading_rad: heading.to_radians(),
         pitch_rad: pitch.to_radians(),
@@ -203,5 +203,6 @@ pub fn camera(eye: [f64; 3], [heading, pitch, roll]: [f64; 3], vfov_deg: f64, [w
         width,
         height,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }

@@ -47,42 +47,23 @@ impl AnyMethod {
         let options = CastOptions { method, ..*options };
         match self {
             Self::Coherent | Self::Mipmap => caster.draw(ground, colors, camera, &options, picture),
-            Self::Plain | Self::PlainMipmap => caster.draw_by(&Plain, ground, colors, camera, &options, picture),
-            Self::FromEye => caster.draw_by(&FromEye, ground, colors, camera, &options, picture),
+            Self::Plain | Self::PlainMipmap => {
+                caster.draw_by(&Plain::<true>, ground, colors, camera, &options, picture)
+            }
+            Self::FromEye => caster.draw_by(&Plain::<false>, ground, colors, camera, &options, picture),
             Self::ForwardOnly => caster.draw_by(&ForwardOnly, ground, colors, camera, &options, picture),
         }
     }
 }
 
-/// Every ray starts where it comes below the top of the ground.
+/// No ray takes anything over from another one: each starts where it comes below the top of the
+/// ground, or where it comes over the ground.
 #[derive(Debug)]
-struct Plain;
+struct Plain<const STARTS_BELOW_TOP: bool>;
 
-impl StartRule for Plain {
+impl<const BELOW_TOP: bool> StartRule for Plain<BELOW_TOP> {
     const RELIES: bool = false;
-    const STARTS_BELOW_TOP: bool = true;
-
-    fn find_witness<K>(
-        &self,
-        _ray: &Ray,
-        _below: impl Iterator<Item = K>,
-        _of: impl Fn(&K) -> (&Ray, f32),
-    ) -> Option<(K, Unproven)> {
-        None
-    }
-
-    fn slopes(&self) -> Option<&Steepness> {
-        None
-    }
-}
-
-/// Every ray starts where it comes over the ground.
-#[derive(Debug)]
-struct FromEye;
-
-impl StartRule for FromEye {
-    const RELIES: bool = false;
-    const STARTS_BELOW_TOP: bool = false;
+    const STARTS_BELOW_TOP: bool = BELOW_TOP;
 
     fn find_witness<K>(
         &self,

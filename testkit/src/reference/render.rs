@@ -60,7 +60,7 @@ struct Pixel {
 /// Draws the scene as `camera` sees it, its eye in the rasters' CRS. Uses all cores.
 #[must_use]
 pub fn render(scene: Scene<'_>, camera: &Camera, options: &RenderOptions) -> Picture {
-    let (width, height) = (camera.width as usize, camera.height as usize);
+    let (width, height) = (camera.width() as usize, camera.height() as usize);
     let blank = Pixel { rgb: options.sky_rgb, hits: 0, centre: None };
     let mut pixels = vec![blank; width * height];
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -140,6 +140,7 @@ fn footprint(hit: &Hit, camera: &Camera, px: f64, py: f64) -> DVec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use terravision_common::camera::CameraFields;
 
     #[test]
     fn a_plane_from_above_shows_its_map_north_up_with_depth_and_ground() {
@@ -153,7 +154,7 @@ mod tests {
             })
             .collect();
         let colors = Colors::new(100, 100, [0.0, 0.0], 10.0, rgb);
-        let camera = Camera {
+        let camera = Camera::new(CameraFields {
             eye_in_world: [500.0, 500.0, 500.0],
             heading_rad: 0.0,
             pitch_rad: -std::f64::consts::FRAC_PI_2,
@@ -162,7 +163,8 @@ mod tests {
             width: 40,
             height: 40,
             timestamp_nanos: 0,
-        };
+        })
+        .expect("valid");
         let picture = render(Scene { heights: &heights, colors: &colors }, &camera, &RenderOptions::default());
         // The view is exactly 1000 m wide.
         let at = |x: usize, y: usize| picture.rgb[y * 40 + x];

@@ -184,7 +184,7 @@ fn requests_for_metrics() {
         let answer = ask(port, &right);
         assert!(answer.starts_with(b"HTTP/1.1 200 OK\r\n"), "{}", String::from_utf8_lossy(&answer));
     });
-    // Nobody sent a pose, and it says so.
+    // No pose was sent, and it says so.
     end(&poses);
     flight.wait().assert_code(1);
 }

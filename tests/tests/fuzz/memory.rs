@@ -6,6 +6,7 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use terravision_common::event::{Event, SpanName};
+use terravision_common::ids::FrameNumber;
 use terravision_common::shm::{
     FrameRing, FrameRingReader, FrameShape, PoseInbox, PoseRecord, PoseSender, SharedFrame, Stage,
 };
@@ -34,7 +35,7 @@ fn events_of_a_stage() {
     };
     target.run(|bytes| {
         within(16 << 20, || {
-            let mut collector = Collector::new(0, 8, false);
+            let mut collector = Collector::new(FrameNumber::new(0), 8, false);
             for event in bytes.chunks_exact(size_of::<Event>()) {
                 let event: Event = bytemuck::pod_read_unaligned(event);
                 for stage in [Stage::Generator, Stage::Preparer, Stage::Renderer, Stage::Prefetcher] {
@@ -92,7 +93,7 @@ fn frames_of_another_program() {
             assert!(
                 (reader.newest(), reader.is_ended(), reader.launcher_pid()).2 < u32::MAX || reader.shape() == shape
             );
-            // Whoever comes now believes nothing either.
+            // A new reader does not trust the content either.
             drop(FrameRingReader::open(&name));
         });
         file.write_all_at(&whole, 0).unwrap();

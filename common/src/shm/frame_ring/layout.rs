@@ -1,22 +1,22 @@
-//! Where things lie in a frame ring. Public: docs/frame-ring.md says the same, and other programs
+//! The layout of a frame ring. It is public: docs/frame-ring.md documents it, and other programs
 //! rely on it.
 
 use super::super::error::ShmError;
 use super::super::region::{Region, SharedWords};
 use crate::sync::{AtomicU32, AtomicU64, Ordering};
 
-/// Slots of a ring: one is written, so a reader has the time of this many frames, less one, to copy
-/// one.
+/// Slots of a ring. One of them is being written, so a reader has the time of this many frames,
+/// less one, to copy a frame.
 pub(super) const SLOTS: u32 = 4;
 const LARGEST_SIDE: u32 = 1 << 16;
-/// Entries of the table of pose times: more than poses can be under way at a time.
+/// Entries of the table of pose times: more than there can be poses in flight.
 pub(super) const POSE_TIMES: u64 = 1024;
 pub(super) const POSE_TIMES_OFFSET: u64 = 4096;
 /// Bytes of an entry: moment of the camera, time.
 pub(super) const POSE_TIME_BYTES: u64 = 16;
 /// Bytes of a slot before its pixels.
 pub(super) const SLOT_HEADER_BYTES: u64 = 256;
-/// What every frame of a ring has.
+/// The planes and the size of all frames of a ring.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameShape {
     /// Width and height, pixels.
@@ -38,9 +38,9 @@ pub(super) struct RingLayout {
     pub(super) slots_offset: u64,
     pub(super) slot_bytes: u64,
     pub(super) color: u64,
-    /// 0 when there is none.
+    /// 0 without this plane.
     pub(super) depth: u64,
-    /// 0 when there is none.
+    /// 0 without this plane.
     pub(super) ground: u64,
     pub(super) total_bytes: u64,
 }
@@ -78,7 +78,7 @@ const _: () = {
 unsafe impl SharedWords for RingHeader {}
 
 impl RingLayout {
-    /// The layout of a ring of such frames; `None` when there are no such pictures.
+    /// The layout of a ring of such frames; `None` for an invalid size.
     pub(super) fn new(shape: FrameShape, slots: u32) -> Option<Self> {
         let [width, height] = shape.size;
         if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) || !(2..=64).contains(&slots) {
@@ -123,8 +123,8 @@ impl RingLayout {
         header.ground.store(self.ground, Ordering::Relaxed);
     }
 
-    /// The layout that the header of a ring tells (`region` has the first page of its file at
-    /// least), which must be the one that follows from its sizes.
+    /// Reads the layout from the header of a ring (`region` contains at least the first page of its
+    /// file), and checks that it follows from the sizes.
     pub(super) fn read(region: &Region, file_bytes: u64, name: &str) -> Result<Self, ShmError> {
         let corrupt = |field, found, expected| ShmError::Corrupt { name: name.to_owned(), field, found, expected };
         let room = RING_HEADER_OFFSET + size_of::<RingHeader>() as u64;

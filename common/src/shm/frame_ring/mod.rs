@@ -1,11 +1,11 @@
 //! The frame ring: finished frames for other programs, newest wins (docs/frame-ring.md).
 //!
-//! The launcher makes it ([`FrameRing`]), the renderer writes it ([`FrameRingWriter`]), any number
-//! of programs read it, of which [`FrameRingReader`] is one: they need no more than a mapping for
-//! reading, come and go at will, and are not known to the writer, which waits for nobody. Readers
-//! load pixels as atomic words, so one that is overtaken copies nonsense, notices, and takes the
-//! newer frame. The writer stores them as one writes a file ([`super::public_file`]): a program
-//! that cuts the file under it ends the flight with a sentence.
+//! The launcher creates it ([`FrameRing`]), the renderer writes it ([`FrameRingWriter`]), and any
+//! number of programs read it, for example with [`FrameRingReader`]. Readers only need a read-only
+//! mapping, come and go at any time, and are unknown to the writer, which never waits. Readers load
+//! pixels as atomic words: a reader that is overtaken copies garbage, notices it, and takes the
+//! newer frame. The writer stores pixels by file writes ([`super::public_file`]): if a program
+//! truncates the file, the flight ends with a message.
 
 mod layout;
 mod reader;
@@ -28,7 +28,8 @@ use layout::{
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A frame ring that this process has made; dropped, it is marked as ended and its name is removed.
+/// A frame ring that this process has created. When dropped, it is marked as ended and its name is
+/// removed.
 #[derive(Debug)]
 pub struct FrameRing {
     segment: NamedSegment,
@@ -64,15 +65,14 @@ impl FrameRing {
         self.layout.total_bytes
     }
 
-    /// Where the pilot notes the time of a pose.
+    /// The table in which the pilot records the times of poses.
     #[must_use]
     pub fn pose_times(&self) -> PoseTimes {
         PoseTimes { file: Arc::clone(&self.segment.file), next: 0 }
     }
 }
 
-/// The times of poses, in the clock of who sent them, from the pilot to the frames that come of
-/// them.
+/// The times of poses in the clock of their sender, from the pilot to the frames made from them.
 #[derive(Debug)]
 pub struct PoseTimes {
     file: Arc<PublicFile>,
@@ -80,20 +80,21 @@ pub struct PoseTimes {
 }
 
 impl PoseTimes {
-    /// The pose that was made a camera at this moment has this time; to be said before the camera
-    /// is sent.
+    /// Records the time of the pose from which a camera was made at this moment. To be called
+    /// before the camera is sent.
     ///
     /// # Errors
-    /// The ring was cut short.
+    /// The ring was truncated.
     pub fn note(&mut self, camera_nanos: u64, seconds: f64) -> Result<(), ShmError> {
         let offset = RingLayout::pose_time_offset(self.next);
         self.next += 1;
-        // The camera, which is sent later, brings it to the renderer (SYNC ring.publish and so on).
+        // The camera, which is sent later, publishes it to the renderer (SYNC ring.publish and so
+        // on).
         self.file.write_words(offset, &[camera_nanos, seconds.to_bits()])
     }
 }
 
-/// The renderer's end. One at a time; another one goes on behind the last frame that was published.
+/// The renderer's end. One at a time; another one continues after the last published frame.
 #[derive(Debug)]
 pub struct FrameRingWriter {
     file: PublicFile,
@@ -118,17 +119,18 @@ impl FrameRingWriter {
         }
         let header: &RingHeader = head.words(RING_HEADER_OFFSET);
         let last = newest(&header.newest);
-        // A number that no flight reaches was not written by a renderer: begin again.
+        // A number that no flight reaches was not written by a renderer: start again.
         let next = if last < 1 << 60 { last + 1 } else { 1 };
         Ok(Self { file: opened, layout, next, buffer: Vec::new() })
     }
 
     /// Publishes a frame: `rgba` in rows from the top, `depth` and `ground` by pixel; the latter
-    /// two are looked at only when the ring has such a plane. Waits for nobody. Returns the number
-    /// of the publication.
+    /// two are used only if the ring has these planes. Never waits. Returns the number of the
+    /// publication.
     ///
     /// # Errors
-    /// [`ShmError::CutShort`]: another program has cut the file; who maps it may be dead of it.
+    /// [`ShmError::CutShort`]: another program has truncated the file; this may have killed
+    /// programs that map it.
     pub fn write(
         &mut self,
         info: &FrameInfo,
@@ -149,9 +151,9 @@ impl FrameRingWriter {
         Ok(number)
     }
 
-    /// The time that was noted of a camera.
+    /// The recorded time of a camera.
     fn noted_time(&mut self, camera_nanos: u64) -> Result<Option<f64>, ShmError> {
-        // A moment of 0 is that of a path's camera.
+        // Cameras of a path have the moment 0.
         if camera_nanos == 0 {
             return Ok(None);
         }

@@ -1,4 +1,5 @@
-//! A reader of the frame ring, as other programs are: it maps for reading alone and trusts nothing.
+//! A reader of the frame ring, like those of other programs: it maps the ring read-only and trusts
+//! nothing.
 
 use super::super::error::ShmError;
 use super::super::frame_core::{FrameSlot, newest};
@@ -8,15 +9,15 @@ use super::layout::{FrameShape, RING_HEADER_OFFSET, RingHeader, RingLayout};
 use super::slot::{FrameInfo, plane};
 use crate::sync::{AtomicU64, Ordering};
 
-/// Copies that were overtaken before a reader gives up for now.
+/// After this many overtaken copies a reader gives up for now.
 const TRIES: u32 = 16;
 
-/// A frame copied out of the ring. Keep it, and its memory is used again.
+/// A frame copied out of the ring. Keep it to reuse its memory.
 #[derive(Debug, Clone, Default)]
 pub struct SharedFrame {
-    /// Number of the publication, from 1: a gap is frames that were not seen.
+    /// Number of the publication, from 1; a gap means missed frames.
     pub number: u64,
-    /// What the slot says of it; `None` before the first.
+    /// Its description in the slot; `None` before the first.
     pub info: Option<FrameInfo>,
     /// `[height, width, 4]` bytes RGBA, row 0 at the top.
     pub rgba: Vec<u8>,
@@ -27,7 +28,7 @@ pub struct SharedFrame {
 }
 
 impl SharedFrame {
-    /// Empty, with its memory kept.
+    /// Empties it, keeps its memory.
     fn clear(&mut self) {
         (self.number, self.info) = (0, None);
         self.rgba.clear();
@@ -63,14 +64,14 @@ impl FrameRingReader {
         self.layout.shape
     }
 
-    /// Whether the flight has ended in order; what is in the ring stays readable. Of a launcher
-    /// that was killed see [`FrameRingReader::launcher_pid`].
+    /// Whether the flight has ended in order; the content of the ring remains readable. For a
+    /// killed launcher see [`FrameRingReader::launcher_pid`].
     #[must_use]
     pub fn is_ended(&self) -> bool {
         named::is_ended(&self.region)
     }
 
-    /// Process id of the launcher, as the header tells.
+    /// Process id of the launcher, from the header.
     #[must_use]
     pub fn launcher_pid(&self) -> u32 {
         named::launcher_pid(&self.region)
@@ -82,9 +83,8 @@ impl FrameRingReader {
         newest(&self.region.words::<RingHeader>(RING_HEADER_OFFSET).newest)
     }
 
-    /// Copies the newest frame if it was not seen yet; does not wait. `false` when there is no
-    /// newer one (`into` keeps what it has), or when the writer overtook every copy (`into` is
-    /// empty).
+    /// Copies the newest frame if it is new; does not wait. `false` when there is no newer frame
+    /// (`into` is unchanged), or when the writer overtook every copy (`into` is empty).
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the slot of the newest frame does not hold it; `into` is empty.
@@ -108,7 +108,7 @@ impl FrameRingReader {
                 self.seen = number;
                 return Ok(true);
             }
-            // What was copied, if anything, was no frame.
+            // The copy, if any, is not a valid frame.
             into.clear();
             if self.newest() == number {
                 let found = sequence.load(Ordering::Relaxed);

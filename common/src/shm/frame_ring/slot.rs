@@ -1,4 +1,4 @@
-//! A slot's words behind its sequence: what they say of the frame, and its planes.
+//! The words of a slot after its sequence: description and planes of the frame.
 
 use super::super::error::ShmError;
 use super::super::public_file::PublicFile;
@@ -6,18 +6,17 @@ use super::layout::{RingLayout, SLOT_HEADER_BYTES};
 use crate::camera::Camera;
 use crate::sync::{AtomicU64, Ordering};
 
-/// What a slot says of its frame. Degrees and the database's CRS, as on the command line: other
-/// programs read it.
+/// The description of a frame in its slot. Degrees and the database's CRS, as on the command line,
+/// because other programs read it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameInfo {
     /// Number of the frame in its flight.
     pub frame: u64,
     /// When it was published, nanoseconds of the monotonic clock.
     pub published_nanos: u64,
-    /// When its pose was made or came in, nanoseconds of the monotonic clock; 0 when time plays no
-    /// part.
+    /// When its pose was made or received, nanoseconds of the monotonic clock; 0 in exact mode.
     pub camera_nanos: u64,
-    /// Time of its pose in the clock of who sent it, seconds; NaN for poses of a path, or without a
+    /// Time of its pose in the clock of the sender, seconds; NaN for poses of a path, or without a
     /// time.
     pub pose_time_s: f64,
     /// Easting, northing and height of the eye, in the database's CRS, metres.
@@ -30,7 +29,7 @@ pub struct FrameInfo {
     pub roll_deg: f64,
     /// Vertical field of view, degrees.
     pub vfov_deg: f64,
-    /// Whether every tile that it wanted was there.
+    /// Whether every tile that it wanted was drawn.
     pub is_settled: bool,
 }
 
@@ -40,20 +39,20 @@ const IS_SETTLED: u64 = 1;
 const _: () = assert!(8 + INFO_WORDS as u64 * 8 <= SLOT_HEADER_BYTES);
 
 impl FrameInfo {
-    /// Of a frame of this camera over a world with this origin.
+    /// The description of a frame of this camera over a world with this origin.
     #[must_use]
     pub fn new(frame: u64, camera: &Camera, origin: [f64; 2], is_settled: bool, published_nanos: u64) -> Self {
-        let [x, y, z] = camera.eye_in_world;
+        let [x, y, z] = camera.fields().eye_in_world;
         Self {
             frame,
             published_nanos,
-            camera_nanos: camera.timestamp_nanos,
+            camera_nanos: camera.timestamp_nanos(),
             pose_time_s: f64::NAN,
             position: [origin[0] + x, origin[1] + y, z],
-            heading_deg: camera.heading_rad.to_degrees(),
-            pitch_deg: camera.pitch_rad.to_degrees(),
-            roll_deg: camera.roll_rad.to_degrees(),
-            vfov_deg: camera.vfov_rad.to_degrees(),
+            heading_deg: camera.heading_rad().to_degrees(),
+            pitch_deg: camera.pitch_rad().to_degrees(),
+            roll_deg: camera.roll_rad().to_degrees(),
+            vfov_deg: camera.vfov_rad().to_degrees(),
             is_settled,
         }
     }
@@ -92,11 +91,11 @@ pub(super) fn plane(words: &[AtomicU64], offset: u64, bytes: u64) -> &[AtomicU64
     words.get(first..first + bytes.div_ceil(8) as usize).unwrap_or_default()
 }
 
-/// Bytes of a plane that are made at a time.
+/// Bytes of a plane that are converted at a time.
 const CHUNK: usize = 1 << 18;
 
-/// Stores a whole slot but for its sequence, at `offset` of the file; called between `begin` and
-/// `publish`.
+/// Stores a slot, except for its sequence, at `offset` of the file; to be called between `begin`
+/// and `publish`.
 #[expect(clippy::too_many_arguments, reason = "the place, and the planes as they come")]
 pub(super) fn store(
     file: &PublicFile,
@@ -108,7 +107,7 @@ pub(super) fn store(
     depth: impl Iterator<Item = f32>,
     ground: impl Iterator<Item = [f64; 3]>,
 ) -> Result<(), ShmError> {
-    // In any order: SYNC frame.begin and frame.end order them all.
+    // In any order: SYNC frame.begin and frame.end order all stores.
     file.write_words(offset + 8, &info.words())?;
     let pixels = layout.pixels() as usize;
     file.write_at(offset + layout.color, &rgba[..rgba.len().min(pixels * 4)])?;

@@ -97,7 +97,7 @@ fn loom_frame_ring_always_has_a_newest_frame_that_is_whole_unless_it_is_overtake
             let ring = Arc::clone(&ring);
             loom::thread::spawn(move || ring.write(2))
         };
-        // One more frame is no lap: the copy cannot fail.
+        // One more frame does not overtake the reader: the copy cannot fail.
         let (number, words) = ring.read().expect("a frame was published");
         assert_eq!(words, vec![100 + number; FRAME_WORDS]);
         writer.join().unwrap();

@@ -1,4 +1,4 @@
-//! Where each node's tile is, as a reader of a pool is told; and which of them it holds on to.
+//! A reader's index of a pool: where each node's tile is, and which tiles the reader pins.
 
 use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader};
@@ -7,9 +7,9 @@ use crate::node::NodeId;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
-/// A reader with a map from node to slot. The map is made of what the reader was told, each time
-/// checked against the pool's table; an entry whose slot has been filled anew finds nothing. After
-/// it was made it allocates nothing.
+/// A reader with a map from node to slot. The map is built from outcomes, each of which is checked
+/// against the pool's table; an entry whose slot has been refilled finds nothing. Allocates nothing
+/// after construction.
 #[derive(Debug)]
 pub struct PoolIndex {
     reader: PoolReader,
@@ -21,16 +21,16 @@ pub struct PoolIndex {
 struct Entry {
     node: NodeId,
     generation: Generation,
-    /// Sequence of the last frame that this reader keeps it for; `None` before the first.
+    /// Sequence of the last frame for which this reader pins it; `None` before the first.
     kept_for: Option<Sequence>,
 }
 
 impl PoolIndex {
-    /// An index of what a pool holds now.
+    /// An index of the current content of a pool.
     #[must_use]
     pub fn new(reader: PoolReader) -> Self {
         let capacity = reader.capacity() as usize;
-        // Twice the room: a map of this fill never grows, it only cleans itself in place.
+        // Twice the capacity: a map that is half full never grows, it only rehashes in place.
         let slot_of = HashMap::with_capacity_and_hasher(2 * capacity, BuildHasherDefault::default());
         let mut index = Self { reader: reader.clone(), slot_of, entries: vec![None; capacity] };
         for info in reader.slots() {
@@ -47,8 +47,8 @@ impl PoolIndex {
         &self.reader
     }
 
-    /// A node's tile is said to lie there. `false` when it is not: it has gone again, or what was
-    /// said cannot be.
+    /// Records the place of a node's tile. `false` when the tile is not there: it has been evicted
+    /// since, or the key is not valid.
     pub fn note(&mut self, node: NodeId, key: SlotKey) -> bool {
         let SlotKey { slot, generation } = key;
         let is_there = self
@@ -67,12 +67,12 @@ impl PoolIndex {
         true
     }
 
-    /// Frame `sequence` wants a node's tile: it stays until that frame is completed. `false` when
-    /// it is not there.
+    /// Pins a node's tile for frame `sequence`: it stays until that frame is completed. `false`
+    /// when it is not resident.
     pub fn keep(&mut self, node: NodeId, sequence: Sequence) -> bool {
         let Some(&slot) = self.slot_of.get(&node.pack()) else { return false };
         let Some(Some(entry)) = self.entries.get_mut(slot.index()) else { return false };
-        // The wish first, then the look: what is readable after the wish stays so.
+        // Pin first, then check: a tile that is readable after pinning stays readable.
         let key = SlotKey { slot, generation: entry.generation };
         let is_kept = self.reader.touch(key, sequence) && self.reader.bytes(key).is_some();
         if is_kept {
@@ -81,8 +81,8 @@ impl PoolIndex {
         is_kept
     }
 
-    /// Where a node's tile lies, if it is kept for frame `sequence`. One that came after the frame
-    /// looked is not: it might go while the frame is drawn.
+    /// The place of a node's tile, if it is pinned for frame `sequence`. A tile that arrived after
+    /// the frame looked is not pinned: it might be evicted while the frame is drawn.
     #[must_use]
     pub fn kept(&self, node: NodeId, sequence: Sequence) -> Option<SlotKey> {
         let slot = *self.slot_of.get(&node.pack())?;
@@ -90,7 +90,7 @@ impl PoolIndex {
         Some(SlotKey { slot, generation: entry.generation })
     }
 
-    /// The bytes of a node's tile, if it is kept for frame `sequence`.
+    /// The bytes of a node's tile, if it is pinned for frame `sequence`.
     #[must_use]
     pub fn bytes(&self, node: NodeId, sequence: Sequence) -> Option<PoolBytes<'_>> {
         self.reader.bytes(self.kept(node, sequence)?)

@@ -1,10 +1,10 @@
-//! Tile pools: slots of one size, each with a tile, in a segment that the renderer and the device
-//! read in place.
+//! Tile pools: slots of equal size, each for one tile, in a segment that the renderer and the
+//! device read in place.
 //!
-//! The table before the slots says of each which tile it holds, which generation of it, and the
-//! last frame that wanted it. A slot that a frame in flight names is not filled anew: its last
-//! frame has to be completed first (design §7). A full pool makes [`PoolWriter::allocate`] return
-//! `None`, and the caller waits for frames to complete.
+//! The table before the slots has for each slot its tile, its generation, and the last frame that
+//! wanted it. A slot that a frame in flight uses is not refilled: its last frame has to be
+//! completed first. When the pool is full, [`PoolWriter::allocate`] returns `None`, and the caller
+//! waits for frames to complete.
 
 mod index;
 mod node_hasher;

@@ -2,8 +2,8 @@
 
 use std::hash::Hasher;
 
-/// Hash of a packed node id: one multiplication. The ids are ours, so nobody chooses them to
-/// collide.
+/// Hash of a packed node id: one multiplication. Ids do not come from an attacker, so collisions
+/// cannot be provoked.
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct NodeHasher(u64);
 

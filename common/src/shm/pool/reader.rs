@@ -1,4 +1,4 @@
-//! The pool as its readers see it.
+//! Readers of a pool.
 
 use super::{check_is_pool, table};
 use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
@@ -20,7 +20,7 @@ pub struct PoolReader {
 
 impl PoolReader {
     /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]); waits a
-    /// moment for the segment to become ready.
+    /// short time for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -64,39 +64,39 @@ impl PoolReader {
 
     /// The tile of this key, in place; `None` when its slot does not exist or holds another.
     ///
-    /// The bytes stay as they are while a frame that wanted the slot is not completed: read them
-    /// for such frames only.
+    /// The bytes do not change while a frame that wanted the slot is not completed: read them only
+    /// for such frames.
     #[must_use]
     pub fn bytes(&self, key: SlotKey) -> Option<PoolBytes<'_>> {
         bytes(&self.segment, key)
     }
 
-    /// What a slot holds; `None` for a slot that does not exist.
+    /// The content of a slot; `None` for a slot that does not exist.
     #[must_use]
     pub fn info(&self, slot: SlotIndex) -> Option<SlotInfo> {
         table(&self.segment).get(slot.index()).map(|words| words.info(slot))
     }
 
-    /// What the slots hold, each read consistently for itself.
+    /// The contents of the slots, each read consistently.
     pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
         slots(&self.segment)
     }
 
-    /// Where a node's tile lies, if it is readable. Looks through the whole table.
+    /// The place of a node's tile, if it is readable. Searches the whole table.
     #[must_use]
     pub fn find(&self, node: NodeId) -> Option<SlotKey> {
         self.slots().find(|info| info.node == Some(node) && info.state.is_readable()).map(|info| info.key())
     }
 
-    /// Frame `sequence` wants the tile of this key: it stays until that frame is completed. `false`
-    /// when it is gone already.
+    /// Pins the tile of this key for frame `sequence`: it stays until that frame is completed.
+    /// `false` when it has already been evicted.
     #[must_use]
     pub fn touch(&self, key: SlotKey, sequence: Sequence) -> bool {
         table(&self.segment).get(key.slot.index()).is_some_and(|words| words.touch(Some(key.generation), sequence))
     }
 }
 
-/// What the slots of a pool hold, each read consistently for itself.
+/// The contents of the slots of a pool, each read consistently.
 pub(super) fn slots(segment: &Segment) -> impl Iterator<Item = SlotInfo> {
     numbered(segment).map(|(slot, words)| words.info(slot))
 }
@@ -112,7 +112,7 @@ pub(super) fn bytes(segment: &Segment, key: SlotKey) -> Option<PoolBytes<'_>> {
         return None;
     }
     let offset = segment.item_offset(key.slot.get().into());
-    // SAFETY: published (SYNC pool.publish), and not filled anew before the frames that want it are
+    // SAFETY: published (SYNC pool.publish), and not refilled before the frames that want it are
     // completed, by the protocol that `PoolReader::bytes` states.
     let bytes = unsafe { segment.region().slice(offset, segment.geometry().item_bytes) };
     Some(PoolBytes { bytes, words, generation: key.generation })
@@ -140,8 +140,8 @@ impl<'a> PoolBytes<'a> {
         bytemuck::cast_slice(&self.bytes[..whole])
     }
 
-    /// Whether the slot still holds this tile. After a use that the protocol covers it does; a
-    /// reader that lost its place sees that it did.
+    /// Whether the slot still holds this tile. Within the protocol it does; a reader that violated
+    /// it can detect that.
     #[must_use]
     pub fn is_still_valid(&self) -> bool {
         self.words.is_readable(self.generation)

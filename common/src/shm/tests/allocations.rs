@@ -77,7 +77,7 @@ fn frames_pass_without_an_allocation() {
                 slots.pop(&control).unwrap();
             }
             read.released(RingPosition::new(4 * number)).unwrap();
-            control.publish_camera(&Camera::zeroed());
+            control.publish_camera(&Camera::default());
             control.heartbeat(Stage::Preparer);
             control.count(Counter::FramesPrepared, 1);
             control.set_completed_sequence(sequence);

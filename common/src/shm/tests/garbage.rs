@@ -1,6 +1,7 @@
 //! Readers of bytes that may be anything: they say so, and neither panic nor read out of bounds nor
 //! hang.
 
+use crate::camera::Camera;
 use crate::database::{Layer, Tile};
 use crate::ids::{RingPosition, Sequence, SlotIndex, SlotKey};
 use crate::shm::control::{Control, Counter};
@@ -229,7 +230,7 @@ proptest! {
             black_box((control.heartbeat_of(stage), control.pid_of(stage)));
             control.heartbeat(stage);
         }
-        prop_assert!(control.camera().is_none_or(|camera| camera.is_valid()));
+        prop_assert!(control.camera().is_none_or(|camera| Camera::new(*camera.fields()).is_ok()));
         prop_assert!(control.r_z_px().is_none_or(|value| value > 0.0));
         black_box((control.counter(Counter::EventsDropped), control.state()));
         control.set_state(crate::shm::RunState::Failed);

@@ -86,8 +86,8 @@ proptest! {
                     let guard = writer.allocate(node(number), sequence, completed);
                     prop_assert_eq!(guard.is_some(), has_room);
                     let Some(mut guard) = guard else { continue };
-                    // Whoever was in that slot was the least recently wanted, and only gone if no
-                    // slot was free.
+                    // The tile in that slot was the least recently wanted one, and was evicted only
+                    // if no slot was free.
                     let evicted = model.iter().find(|(_, entry)| entry.key.slot == guard.key().slot).map(|(n, e)| (*n, *e));
                     if let Some((evicted, entry)) = evicted {
                         prop_assert_eq!(Some(entry.last_used), oldest);
@@ -233,7 +233,7 @@ fn expected_tiles_take_only_what_nobody_wants_or_expects_and_are_evicted_in_one_
     writer.allocate_expected(node(11), at(5), at(3)).unwrap().publish();
     assert_eq!(writer.find(node(3)), None);
     assert!(writer.allocate_expected(node(12), at(5), at(9)).is_none(), "all others are as much expected");
-    // A tile that is wanted now takes one of them, and expectation is no protection from it.
+    // A tile that is wanted now takes one of them: predicted tiles are not pinned.
     writer.allocate(node(20), at(6), at(5)).unwrap().publish();
     assert!(writer.find(node(1)).is_some());
     assert_eq!([2, 10, 11].iter().filter(|number| writer.find(node(**number)).is_none()).count(), 1);

@@ -1,7 +1,7 @@
 //! How waits end.
 
 use super::within_deadline;
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraFields};
 use crate::ids::Sequence;
 use crate::shm::control::{Control, RunState};
 use crate::shm::control_words::ControlWords;
@@ -112,7 +112,7 @@ fn a_wait_ends_with_an_error_when_the_peer_writes_nonsense() {
 fn numbers_of_the_control_block_read_back() {
     let control = memory::control().unwrap();
     assert_eq!((control.camera(), control.r_z_px(), control.heartbeat_of(Stage::Renderer)), (None, None, None));
-    let camera = Camera {
+    let camera = Camera::new(CameraFields {
         eye_in_world: [1.0, 2.0, 3.0],
         heading_rad: 0.5,
         pitch_rad: -0.25,
@@ -121,10 +121,12 @@ fn numbers_of_the_control_block_read_back() {
         width: 1280,
         height: 720,
         timestamp_nanos: 5,
-    };
+    })
+    .expect("valid");
     control.publish_camera(&camera);
     assert_eq!(control.camera(), Some(camera));
-    control.publish_camera(&Camera { vfov_rad: f64::NAN, ..camera });
+    let words = bytemuck::cast(CameraFields { vfov_rad: f64::NAN, ..*camera.fields() });
+    control.words().camera.0.write(&words);
     assert_eq!(control.camera(), None);
     control.set_resolutions(10.0, 1.5);
     assert_eq!((control.r_z_px(), control.r_c_px()), (Some(10.0), Some(1.5)));

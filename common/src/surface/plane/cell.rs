@@ -1,15 +1,15 @@
-//! The lattice from an eye, where numbers have to be small.
+//! The lattice relative to an eye, where numbers have to be small.
 
 use super::Plane;
 use glam::DVec3;
 
-/// The lattice cell that an eye is over: lattice points are counted from it where numbers are
+/// The lattice cell that an eye is over: lattice points are counted from it where integers are
 /// small, as on a graphics device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EyeCell {
     /// Its south west corner.
     pub corner: [i64; 2],
-    /// The eye's place in it, metres east and north of the corner.
+    /// The eye's position in it, metres east and north of the corner.
     pub eye_m: [f32; 2],
 }
 

@@ -1,16 +1,17 @@
-//! The edge of the system: from places in a database's CRS to world coordinates.
+//! Conversion between a database's CRS and world coordinates.
 
 use glam::{DVec2, DVec3};
 
-/// Where a world lies in its database's CRS. A place there is easting, northing and height.
+/// The position of a world in its database's CRS. A place in the CRS is easting, northing and
+/// height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrsFrame {
-    /// Of the world's origin.
+    /// The world's origin.
     origin: DVec2,
 }
 
 impl CrsFrame {
-    /// Of a world whose origin has this easting and northing.
+    /// For a world whose origin has this easting and northing.
     #[inline]
     #[must_use]
     pub const fn new([easting, northing]: [f64; 2]) -> Self {

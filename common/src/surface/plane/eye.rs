@@ -1,17 +1,18 @@
-//! A plane from an eye: distances and depths of points, and vertices relative to it.
+//! A plane as seen from an eye: distances and depths of points, and relative positions of vertices.
 
 use super::{Column, Row};
 use crate::surface::{Sight, WorldBox};
 use glam::{DVec3, Vec3};
 
-/// What an eye sees of points of the surface. The same inputs give the same bits in every process.
+/// Distances and depths of points of the surface from an eye. The same inputs give the same bits in
+/// every process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EyeFrame {
     eye: DVec3,
     forward: DVec3,
 }
 
-/// What all points of a row have in common.
+/// Terms that are common to all points of a row.
 #[derive(Debug, Clone, Copy)]
 pub struct EyeRow {
     north2: f64,
@@ -30,7 +31,8 @@ impl EyeFrame {
         self.eye
     }
 
-    /// What the points of a row share: the part of [`EyeFrame::sight`] that is done once.
+    /// Terms that are common to the points of a row: the part of [`EyeFrame::sight`] that is
+    /// computed once.
     #[inline(always)]
     #[must_use]
     pub fn row(&self, row: Row) -> EyeRow {
@@ -38,7 +40,7 @@ impl EyeFrame {
         EyeRow { north2: north * north, depth: north * self.forward.y }
     }
 
-    /// How the point of a row, a column and a height (exaggerated) lies.
+    /// Depth and distances of the point at a row, a column and a height (exaggerated).
     #[inline(always)]
     #[must_use]
     pub fn sight(&self, row: EyeRow, column: Column, height_m: f64) -> Sight {
@@ -50,7 +52,7 @@ impl EyeFrame {
         Sight { depth, horizontal2, vertical2, distance2: horizontal2 + vertical2 }
     }
 
-    /// Bounds of how the points of a box lie: the least depth and distances, the greatest
+    /// Bounds over the points of a box: the smallest depth and distances, and the largest
     /// difference in height.
     #[must_use]
     pub fn bound(&self, bounds: &WorldBox) -> Sight {
@@ -63,21 +65,21 @@ impl EyeFrame {
         Sight { depth, horizontal2, vertical2: highest * highest, distance2 }
     }
 
-    /// Of a column's vertices, what their position relative to the eye takes from it: metres east.
+    /// The term of a column in the position of its vertices relative to the eye: metres east.
     #[inline(always)]
     #[must_use]
     pub fn column_from_eye(&self, column: Column) -> f32 {
         (column - self.eye.x) as f32
     }
 
-    /// Of a row's vertices, what their position relative to the eye takes from it: metres north.
+    /// The term of a row in the position of its vertices relative to the eye: metres north.
     #[inline(always)]
     #[must_use]
     pub fn row_from_eye(&self, row: Row) -> f32 {
         (row - self.eye.y) as f32
     }
 
-    /// A height, exaggerated, as elevation arrays hold it: metres above the eye.
+    /// A height (exaggerated) as stored in elevation arrays: metres above the eye.
     #[inline(always)]
     #[must_use]
     pub fn height_from_eye(&self, height_m: f64) -> f32 {

@@ -13,9 +13,9 @@ use super::{LatticePoint, WorldBox};
 use crate::node::NodeId;
 use glam::{DVec2, DVec3};
 
-/// What the position of a vertex takes from its column: metres east of the world's origin.
+/// The term of a column in the position of a vertex: metres east of the world's origin.
 pub type Column = f64;
-/// What the position of a vertex takes from its row: metres north of the world's origin.
+/// The term of a row in the position of a vertex: metres north of the world's origin.
 pub type Row = f64;
 
 /// A world's rectangle of a plane, cut into nodes whose vertices are lattice points.
@@ -25,13 +25,13 @@ pub struct Plane {
     unit_m: f64,
     /// Where the ground ends east and north, lattice units.
     extent: [u32; 2],
-    /// Side of a finest node, lattice units: a power of two.
+    /// Side of a node of level 0, lattice units: a power of two.
     side: u32,
 }
 
 impl Plane {
     /// A plane of lattice points `unit_m` apart that ends `extent` units east and north of its
-    /// origin, with finest nodes of `side` units.
+    /// origin, with nodes of level 0 of `side` units.
     #[inline]
     #[must_use]
     pub const fn new(unit_m: f64, extent: [u32; 2], side: u32) -> Self {
@@ -62,14 +62,14 @@ impl Plane {
 
 /// Positions, world coordinates: metres.
 impl Plane {
-    /// What the vertices of a column have in common.
+    /// The term that the vertices of a column share.
     #[inline(always)]
     #[must_use]
     pub fn column(&self, lattice: u64) -> Column {
         lattice as f64 * self.unit_m
     }
 
-    /// What the vertices of a row have in common.
+    /// The term that the vertices of a row share.
     #[inline(always)]
     #[must_use]
     pub fn row(&self, lattice: u64) -> Row {
@@ -90,21 +90,21 @@ impl Plane {
         lattice * self.unit_m
     }
 
-    /// Where a foot is on the lattice, in lattice units.
+    /// The place of a foot on the lattice, in lattice units.
     #[inline(always)]
     #[must_use]
     pub fn lattice_of_foot(&self, foot: DVec2) -> DVec2 {
         foot / self.unit_m
     }
 
-    /// Where a place on the lattice, in lattice units, lies from the foot of an eye.
+    /// The vector from the foot of an eye to a place on the lattice, in lattice units.
     #[inline(always)]
     #[must_use]
     pub fn lattice_from_eye(&self, lattice: DVec2, eye: DVec3) -> DVec2 {
         self.foot_of_lattice(lattice) - self.foot(eye)
     }
 
-    /// Where a point that lies so from the foot of an eye is on the lattice, in lattice units.
+    /// The place on the lattice, in lattice units, at this vector from the foot of an eye.
     #[inline(always)]
     #[must_use]
     pub fn lattice_of_way(&self, way: DVec2, eye: DVec3) -> DVec2 {
@@ -125,7 +125,7 @@ impl Plane {
         position.z
     }
 
-    /// How high a position is above ground of that height under it.
+    /// Height of a position above ground of this height below it.
     #[inline(always)]
     #[must_use]
     pub fn height_above(&self, position: DVec3, ground_m: f64) -> f64 {
@@ -146,7 +146,7 @@ impl Plane {
         DVec3::Z
     }
 
-    /// The lattice point south west of a position, the nearest to it that is inside.
+    /// The lattice point south west of a position, clamped to the extent.
     #[inline]
     #[must_use]
     pub fn lattice_under(&self, position: DVec3) -> LatticePoint {
@@ -170,15 +170,15 @@ impl Plane {
         foot.x >= 0.0 && foot.y >= 0.0 && foot.x <= end.x && foot.y <= end.y
     }
 
-    /// Whether a position is over (or under) the world. An eye that is not, beside it, may look
-    /// under its edge.
+    /// Whether a position is over (or under) the world. An eye beside the world may look below its
+    /// edge.
     #[inline]
     #[must_use]
     pub fn is_over(&self, position: DVec3) -> bool {
         self.holds(self.foot(position))
     }
 
-    /// The node of a level that a foot inside the world is in.
+    /// The node of a level that contains a foot inside the world.
     #[inline]
     #[must_use]
     pub fn node_at(&self, foot: DVec2, q: u8) -> Option<NodeId> {
@@ -186,7 +186,7 @@ impl Plane {
         NodeId::new(((foot.x / side_m) as u32).min(columns - 1), ((foot.y / side_m) as u32).min(rows - 1), q)
     }
 
-    /// Where a foot is in the tile of a node, in cells from its corner.
+    /// The position of a foot in the tile of a node, in cells from its corner.
     #[inline]
     #[must_use]
     pub fn place_in_node(&self, foot: DVec2, node: NodeId) -> DVec2 {
@@ -194,8 +194,8 @@ impl Plane {
         (foot - corner) / self.spacing_m(node.q())
     }
 
-    /// The space that the ground of a node may fill, clipped to the extent: its heights,
-    /// exaggerated, lie between these two.
+    /// Bounds of the ground of a node, clipped to the extent. Its heights, exaggerated, lie between
+    /// these two.
     #[must_use]
     pub fn node_bounds(&self, node: NodeId, [a, b]: [f64; 2]) -> WorldBox {
         let (side, low) = (self.node_side(node.q()), self.node_origin(node));
@@ -206,14 +206,14 @@ impl Plane {
         }
     }
 
-    /// Whether a node's bounds touch the border of the world, under which there may be a wall.
+    /// Whether a node's bounds touch the border of the world, below which there may be a skirt.
     #[must_use]
     pub fn reaches_border(&self, bounds: &WorldBox) -> bool {
         let end = self.end();
         (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= end[axis])
     }
 
-    /// The surface as an eye sees it that looks along a unit vector.
+    /// The surface as seen by an eye that looks along a unit vector.
     #[must_use]
     pub fn seen_by(&self, eye: DVec3, forward: DVec3) -> EyeFrame {
         EyeFrame::new(eye, forward)

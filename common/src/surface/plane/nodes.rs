@@ -1,4 +1,4 @@
-//! Nodes and lattice points: integers, and the lengths of their sides.
+//! Nodes and lattice points in integers, and the lengths of sides.
 
 use super::Plane;
 use crate::node::NodeId;
@@ -34,7 +34,7 @@ impl Plane {
         [u64::from(node.m()) * side, u64::from(node.n()) * side]
     }
 
-    /// Columns and rows of nodes of level `q` that some ground is in.
+    /// Columns and rows of nodes of level `q` that contain ground.
     #[inline]
     #[must_use]
     pub fn nodes_at(&self, q: u8) -> [u32; 2] {
@@ -42,7 +42,7 @@ impl Plane {
         self.extent.map(|e| u64::from(e).div_ceil(side) as u32)
     }
 
-    /// The node of the same level `east` columns and `north` rows away, if there may be one.
+    /// The node of the same level `east` columns and `north` rows away, if it can exist.
     #[inline]
     #[must_use]
     pub fn neighbor(&self, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
@@ -63,8 +63,8 @@ impl Plane {
         [nearest, nearest ^ second, nearest ^ third, nearest ^ 3]
     }
 
-    /// The lattice coordinate along an axis (0 east, 1 north) that a vertex is at: points past the
-    /// extent lie on it.
+    /// The canonical lattice coordinate of a vertex along an axis (0 east, 1 north): points past
+    /// the extent are clamped to it.
     #[inline(always)]
     #[must_use]
     pub fn canonical(&self, axis: usize, lattice: u64) -> u64 {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::Camera;
+use crate::camera::{Camera, CameraFields};
 use crate::surface::{SIDES, Vertices};
 use glam::Vec3;
 use proptest::prelude::*;
@@ -19,7 +19,7 @@ fn node() -> impl Strategy<Value = (Plane, NodeId)> {
 }
 
 fn camera(eye: [f64; 3], angles: [f64; 3]) -> Camera {
-    Camera {
+    Camera::new(CameraFields {
         eye_in_world: eye,
         heading_rad: angles[0],
         pitch_rad: angles[1],
@@ -28,7 +28,8 @@ fn camera(eye: [f64; 3], angles: [f64; 3]) -> Camera {
         width: 320,
         height: 200,
         timestamp_nanos: 0,
-    }
+    })
+    .expect("valid")
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! Elevation between the posts of a tile: the height under a point, of the lattice or of the plane.
+//! Elevation between the posts of a tile: the height at a point of the lattice or of the plane.
 //!
 //! Tiles and elevation arrays have `(cells + 1)²` numbers, row 0 the southern one.
 
@@ -12,8 +12,7 @@ mod sampler;
 
 pub use sampler::TileSampler;
 
-/// Where one coordinate of a lattice point falls in a tile: the cell, and the offset within it in
-/// [0, 1].
+/// The position of one coordinate in a tile: the cell, and the offset within it in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CellPosition {
     /// Index of the cell, 0 to Nz − 1.
@@ -35,7 +34,7 @@ impl CellPosition {
         CellPosition { cell, offset: rest as f64 / (1u64 << level) as f64 }
     }
 
-    /// Position of a coordinate in cells from the tile's corner, taken to its border likewise.
+    /// Position of a coordinate given in cells from the tile's corner, clamped in the same way.
     #[inline]
     #[must_use]
     pub fn within(at: f64, cells: u32) -> CellPosition {
@@ -68,7 +67,7 @@ pub fn node_elevation(surface: &Surface, node: NodeId, posts: &[f32], point: Lat
 /// The ground at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundPoint {
-    /// Height, metres; also where there is a hole: that of the surface that has it.
+    /// Height, metres; in a hole, the height of the surface that contains it.
     pub height_m: f64,
     /// Whether it was measured.
     pub validity: Validity,

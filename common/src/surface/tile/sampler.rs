@@ -1,30 +1,30 @@
-//! A tile whose elevation is wanted at the columns of an array, row after row.
+//! Samples the elevation of a tile at the columns of an array, row by row.
 //!
-//! Rows of the array that fall into the same row of the tile's cells share its corners, which are
-//! gathered once: a level up that is every second row, at the smooth level all of them or nearly
-//! so. What is left for each row compiles to SIMD. All of it gives the bits of [`facet_linear`],
-//! which is exact.
+//! Rows of the array within the same row of the tile's cells share the corners of these cells,
+//! which are gathered once: one level up for every second row, at the smooth level for all rows or
+//! nearly so. The rest of the work per row compiles to SIMD. The result has the bits of
+//! [`facet_linear`], which is exact.
 
 use super::CellPosition;
 use crate::surface::facet::facet_linear;
 
-/// Where an array's columns are in a tile; keeps its buffers.
+/// The positions of an array's columns in a tile; keeps its buffers.
 #[derive(Debug)]
 pub struct TileSampler {
     stride: usize,
     cells: Vec<u32>,
     /// Offsets within the cells.
     us: Vec<f64>,
-    /// Columns are the tile's own posts.
+    /// Whether columns are the tile's own posts.
     is_own: bool,
-    /// The row of cells that `corners` is of.
+    /// The row of cells of `corners`.
     gathered: Option<u32>,
     /// South west, south east, north west, north east corner of each column's cell.
     corners: [Vec<f64>; 4],
 }
 
 impl TileSampler {
-    /// Buffers for arrays with so many columns.
+    /// Buffers for arrays with this many columns.
     #[must_use]
     pub fn new(columns: usize) -> Self {
         Self {

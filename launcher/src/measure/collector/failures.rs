@@ -42,7 +42,7 @@ impl Failures {
         untold.into_iter().filter(|(_, message)| is_news(message)).collect()
     }
 
-    /// The user was told these before the flight: their failures are no news.
+    /// These were reported before the flight, so they are not reported again.
     pub fn note_told(&mut self, messages: &[String]) {
         self.told_before.extend_from_slice(messages);
     }

@@ -1,9 +1,22 @@
 //! What is known of one frame.
 
 use terravision_common::event::{Event, EventContent, SpanName};
+use terravision_common::run::TechniqueChoice;
 
 /// Spans of which each frame has a sum: all names.
 pub const SPANS: usize = SpanName::ALL.len();
+
+/// Techniques of which each frame has a sum.
+pub const TECHNIQUES: [TechniqueChoice; 2] = [TechniqueChoice::Mesh, TechniqueChoice::Rays];
+
+/// What the draws of one technique cost in a frame.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct DrawStats {
+    /// By the clock of what drew.
+    pub nanos: u64,
+    /// Tiles, in each view for itself.
+    pub tiles: u64,
+}
 
 /// What is known of one frame. Times are nanoseconds of the monotonic clock, 0 for what has not
 /// come.
@@ -17,6 +30,8 @@ pub struct FrameStats {
     pub done_nanos: u64,
     /// When it had left the sink.
     pub written_nanos: u64,
+    /// By technique, as in [`TECHNIQUES`].
+    pub draws: [DrawStats; TECHNIQUES.len()],
     /// Triangles drawn.
     pub triangles: u64,
     /// Tiles that it wanted.
@@ -59,6 +74,13 @@ impl FrameStats {
                 self.r_px = [r_z_px, r_c_px];
             }
             EventContent::FrameLacked { tiles, sharp_share } => (self.lacked, self.sharp) = (tiles, sharp_share),
+            EventContent::FrameDraw { technique, tiles, .. } => {
+                let own = TECHNIQUES.iter().position(|other| *other == technique);
+                if let Some(draws) = own.and_then(|index| self.draws.get_mut(index)) {
+                    draws.nanos = draws.nanos.saturating_add(event.duration_nanos);
+                    draws.tiles += u64::from(tiles);
+                }
+            }
             // About the run, not about a frame.
             EventContent::Text { .. } | EventContent::TileUnavailable { .. } | EventContent::TileCame { .. } => {}
         }

@@ -14,6 +14,7 @@ use frame::FrameStats;
 use std::collections::BTreeMap;
 use terravision_common::database::Tile;
 use terravision_common::event::{Event, EventContent, SpanName, TextKind};
+use terravision_common::ids::FrameNumber;
 use terravision_common::outcome::TileFailure;
 use terravision_common::run::{TechniqueChoice, UNDECIDED_RAYS};
 use terravision_common::shm::Stage;
@@ -50,7 +51,7 @@ impl EventText {
 /// What the stages told in a run.
 #[derive(Debug)]
 pub struct Collector {
-    first_frame: u64,
+    first_frame: FrameNumber,
     /// Frames that are kept, at most.
     most_frames: usize,
     /// By frame, from the first.
@@ -78,7 +79,7 @@ pub struct Collector {
 impl Collector {
     /// For a run of `count` frames from `first_frame`.
     #[must_use]
-    pub fn new(first_frame: u64, count: usize, is_traced: bool) -> Self {
+    pub fn new(first_frame: FrameNumber, count: usize, is_traced: bool) -> Self {
         Self {
             first_frame,
             most_frames: count,
@@ -109,16 +110,16 @@ impl Collector {
     /// Notes when the pose of each frame came: until then the pipeline had nothing to do.
     pub fn note_poses(&mut self, poses: &[FlownFrame]) {
         for pose in poses {
-            let index = pose.frame.checked_sub(self.first_frame).and_then(|index| usize::try_from(index).ok());
+            let index = pose.frame.since(self.first_frame).and_then(|index| usize::try_from(index).ok());
             if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
-                frame.pose_nanos = pose.camera.timestamp_nanos;
+                frame.pose_nanos = pose.camera.timestamp_nanos();
             }
         }
     }
 
     /// Number of the first frame.
     #[must_use]
-    pub fn first_frame(&self) -> u64 {
+    pub fn first_frame(&self) -> FrameNumber {
         self.first_frame
     }
 
@@ -194,7 +195,7 @@ impl Collector {
         if span == Some(SpanName::FetchTile) {
             self.round_trips_ms.push((event.duration_nanos as f64 / 1e6) as f32);
         }
-        match self.frame_mut(event.frame) {
+        match self.frame_mut(event.frame()) {
             Some(frame) => frame.take(content, event),
             // Loading of the locked top levels belongs to no frame.
             None => return span.map(|_| ()),
@@ -203,8 +204,8 @@ impl Collector {
     }
 
     /// A frame of this run; of a flight without a known end also one that is new.
-    fn frame_mut(&mut self, frame: u64) -> Option<&mut FrameStats> {
-        let index = usize::try_from(frame.checked_sub(self.first_frame)?).ok()?;
+    fn frame_mut(&mut self, frame: FrameNumber) -> Option<&mut FrameStats> {
+        let index = usize::try_from(frame.since(self.first_frame)?).ok()?;
         let is_new = (self.frames.len()..self.most_frames).contains(&index);
         if is_new && index - self.frames.len() < FRAMES_UNDER_WAY {
             self.frames.resize(index + 1, FrameStats::default());

@@ -3,10 +3,11 @@
 use super::*;
 use proptest::prelude::*;
 use terravision_common::database::Layer;
+use terravision_common::ids::FrameNumber;
 use terravision_common::node::NodeId;
 
 fn event(content: EventContent, frame: u64, start: u64, duration: u64) -> Event {
-    Event::new(content).of_frame(frame).at(start).lasting(duration)
+    Event::new(content).of_frame(FrameNumber::new(frame)).at(start).lasting(duration)
 }
 
 fn span(name: SpanName) -> EventContent {
@@ -15,7 +16,7 @@ fn span(name: SpanName) -> EventContent {
 
 #[test]
 fn events_become_stats_of_their_frame() {
-    let mut collector = Collector::new(10, 2, true);
+    let mut collector = Collector::new(FrameNumber::new(10), 2, true);
     collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 5, 7));
     collector.take(Stage::Prefetcher, event(span(SpanName::LoadTile), 11, 9, 3));
     collector.take(Stage::Renderer, event(span(SpanName::Record), 11, 20, 3));
@@ -36,7 +37,7 @@ fn events_become_stats_of_their_frame() {
 
 #[test]
 fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
-    let mut collector = Collector::new(0, 0, false).open_ended(true);
+    let mut collector = Collector::new(FrameNumber::new(0), 0, false).open_ended(true);
     for frame in 0..3 {
         collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, frame, 7, 0));
     }
@@ -48,7 +49,7 @@ fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
 
 #[test]
 fn a_tile_is_listed_once_with_its_cause() {
-    let mut collector = Collector::new(0, 1, false);
+    let mut collector = Collector::new(FrameNumber::new(0), 1, false);
     let node = NodeId::new(3, 4, 1).unwrap();
     let [elevation, color] = [Layer::Elevation, Layer::Color].map(|layer| Tile { layer, node });
     let unavailable = EventContent::TileUnavailable { tile: color, failure: TileFailure::Damaged };
@@ -67,7 +68,7 @@ fn a_tile_is_listed_once_with_its_cause() {
 proptest! {
     #[test]
     fn any_event_is_taken(words in prop::array::uniform6(any::<u64>()), kind in 0u32..20, frame in 0u64..4) {
-        let mut collector = Collector::new(1, 2, false);
+        let mut collector = Collector::new(FrameNumber::new(1), 2, false);
         // The kind is the first number of an event, the frame begins eight bytes later.
         let mut words = words;
         (words[0], words[1]) = (words[0] << 32 | u64::from(kind), frame);

@@ -2,6 +2,7 @@
 
 use crate::measure::timing::ON_TIME_PERIODS;
 use terravision_common::event::{Event, EventContent};
+use terravision_common::ids::FrameNumber;
 use terravision_common::outcome::TileFailure;
 use terravision_common::run::RunConfig;
 
@@ -12,7 +13,7 @@ pub(super) const BOUNDS_S: [f64; 14] =
 /// What is known of frames.
 #[derive(Debug, Clone, Default)]
 pub struct FrameTally {
-    first_frame: u64,
+    first_frame: FrameNumber,
     /// Of a flight against the clock.
     period_nanos: Option<f64>,
     /// Frames drawn.
@@ -35,7 +36,7 @@ impl FrameTally {
     #[must_use]
     pub fn new(config: &RunConfig) -> Self {
         let period_nanos = config.realtime.as_ref().map(|_| config.period_nanos());
-        Self { first_frame: config.frames[0], period_nanos, ..Self::default() }
+        Self { first_frame: config.frame_numbers().start, period_nanos, ..Self::default() }
     }
 
     /// Takes an event of any stage. `clock_start`: moment of the first frame of a flight against
@@ -63,7 +64,7 @@ impl FrameTally {
         self.drawn += 1;
         self.time_s += seconds;
         self.by_time[BOUNDS_S.iter().position(|bound| seconds <= *bound).unwrap_or(BOUNDS_S.len())] += 1;
-        let index = event.frame.saturating_sub(self.first_frame);
+        let index = event.frame().since(self.first_frame).unwrap_or(0);
         if let (Some(period), Some(start)) = (self.period_nanos, clock_start) {
             let due = start as f64 + (index as f64 + ON_TIME_PERIODS) * period;
             self.late += u64::from(index > 0 && event.start_nanos as f64 > due);
@@ -91,7 +92,10 @@ mod tests {
         let config = RunConfig { realtime: Some(realtime), fps: 100.0, ..config() };
         let mut tally = FrameTally::new(&config);
         let mut take = |content: EventContent, frame: u64, at: u64, took: u64| {
-            tally.take(&Event::new(content).of_frame(frame).at(at * MS).lasting(took * MS), Some(100 * MS));
+            tally.take(
+                &Event::new(content).of_frame(FrameNumber::new(frame)).at(at * MS).lasting(took * MS),
+                Some(100 * MS),
+            );
         };
         // Moments are 100, 110, 120...; a frame has 20 ms. The first frame is number 5.
         for (frame, at, took) in [(5, 100, 60), (6, 130, 30), (8, 151, 21), (9, 154, 3)] {

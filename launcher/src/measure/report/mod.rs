@@ -9,7 +9,7 @@ pub mod network;
 pub mod realtime;
 pub mod summary;
 
-use super::collector::frame::FrameStats;
+use super::collector::frame::{FrameStats, TECHNIQUES};
 use super::stats::RunStats;
 use super::timing::{NANOS_PER_MS, frame_ms, frame_times, frames_per_second, median, renderer_ms, seconds};
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ use std::io::{self, Write};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::event::SpanName;
 use terravision_common::outcome::TileFailure;
-use terravision_common::report::{self as schema, FrameTimes, Report, SCHEMA, Settings, TilesReport};
+use terravision_common::report::{self as schema, DrawReport, FrameTimes, Report, SCHEMA, Settings, TilesReport};
 use terravision_common::run::RunConfig;
 use terravision_common::shm::Stage;
 
@@ -38,7 +38,7 @@ pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
         mode: if config.realtime.is_some() { "realtime" } else { "exact" }.to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         frames: stats.written_frames,
-        first_frame: collector.first_frame(),
+        first_frame: collector.first_frame().get(),
         fps: frames_per_second(frames),
         wall_s: seconds(stats.started_nanos, stats.ended_nanos),
         frame_ms_median: spread.ms_median,
@@ -53,6 +53,7 @@ pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
         settings: settings(config),
         stages: stages(frames),
         spans: SpanName::ALL.iter().map(|name| (name.as_str().to_owned(), span_times(frames, *name))).collect(),
+        draws: draws(frames),
         nodes_median: median_of(frames, |frame| f64::from(frame.nodes)),
         triangles_median: median_of(frames, |frame| frame.triangles as f64),
         rss_peak_mb: stats.memory.rss_mb.clone(),
@@ -104,6 +105,18 @@ fn stages(frames: &[FrameStats]) -> BTreeMap<String, FrameTimes> {
 fn span_times(frames: &[FrameStats], name: SpanName) -> FrameTimes {
     let nanos = frames.iter().map(|frame| frame.span_nanos[name as usize - 1]).filter(|nanos| *nanos > 0);
     frame_times(&nanos.map(|nanos| nanos as f64 / NANOS_PER_MS).collect::<Vec<_>>())
+}
+
+/// Of each technique that has drawn, over the frames that it has drawn in.
+fn draws(frames: &[FrameStats]) -> BTreeMap<String, DrawReport> {
+    let of = |index: usize| {
+        let own = frames.iter().map(move |frame| frame.draws[index]).filter(|draws| draws.nanos > 0);
+        let ms: Vec<f64> = own.clone().map(|draws| draws.nanos as f64 / NANOS_PER_MS).collect();
+        let tiles_median = median(&mut own.map(|draws| draws.tiles as f64).collect::<Vec<_>>());
+        (!ms.is_empty()).then(|| DrawReport { times: frame_times(&ms), tiles_median })
+    };
+    let named = TECHNIQUES.iter().enumerate().map(|(index, technique)| Some((technique.name().to_owned(), of(index)?)));
+    named.flatten().collect()
 }
 
 /// Of the frames that were drawn.

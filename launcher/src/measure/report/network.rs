@@ -119,7 +119,7 @@ mod tests {
         live.sort();
         assert_eq!(live.iter().map(|(cause, _)| cause.as_str()).collect::<Vec<_>>(), ["damaged", "timeout"]);
         assert_eq!((stats.collector.failures.take_untold().len(), failure_messages(&stats).len()), (0, 2));
-        // What was told before the flight is no news either.
+        // Failures reported before the flight are not repeated either.
         stats.collector.failures.note_told(&["2 times: the cache is broken: /c".to_owned()]);
         for event in Event::text(TextKind::Failure, "cache the cache is broken: /c") {
             stats.collector.take(Stage::Prefetcher, event);

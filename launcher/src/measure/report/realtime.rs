@@ -13,7 +13,7 @@ pub fn part(config: &RunConfig, stats: &RunStats) -> Option<RealtimeReport> {
     let start = stats.clock_start_nanos?;
     let period = config.period_nanos();
     let frames = &stats.collector.frames;
-    let drawn = drawn_frames(frames, stats.collector.first_frame(), start, period);
+    let drawn = drawn_frames(frames, stats.collector.first_frame().get(), start, period);
     let slots = frames.len() as u64;
     let on_time = drawn.is_on_time.iter().filter(|is_on_time| **is_on_time).count() as u64;
     let count = drawn.frame.len() as u64;

@@ -5,63 +5,49 @@ use crate::data_set::FlownFrame;
 use crate::measure::collector::Collector;
 use crate::measure::memory::MemoryPeaks;
 use crate::measure::stats::{PrefetchStats, TileStats};
-use bytemuck::Zeroable;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::database::{Layer, Tile};
 use terravision_common::event::{Event, EventContent, SpanName};
-use terravision_common::level::Measure;
+use terravision_common::ids::FrameNumber;
 use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
-use terravision_common::run::{DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, SinkConfig, TechniqueChoice};
+use terravision_common::run::TechniqueChoice;
+use terravision_common::run::{DatabaseConfig, RenderConfig};
+use terravision_testkit::runs;
 
 pub(crate) fn config() -> RunConfig {
+    let run = runs::config([5, 8]);
     RunConfig {
         run_id: "tv-1-2".into(),
         world: "w.tv".into(),
         database: DatabaseConfig::folder("w.tv".as_ref()),
         width: 64,
         height: 36,
-        fps: 30.0,
-        frames: [5, 8],
-        r_z_px: 10.0,
-        r_c_px: 1.0,
-        measure: Measure::Area,
-        exaggeration: 1.0,
-        texels: terravision_common::texels::TexelFormat::Rgba8,
         decoder_threads: 2,
-        prefetch: PrefetchConfig::EXACT,
-        render: RenderConfig {
-            technique: TechniqueChoice::Mesh,
-            rays: RaysChoice::Mipmap,
-            sky_rgb: [1, 2, 3],
-            samples: 1,
-            skirt_low_m: None,
-            has_tree_overlay: false,
-            has_validation: false,
-            frames_in_flight: 2,
-            sink: SinkConfig::Null,
-            depth: Vec::new(),
-            ground: Vec::new(),
-            share: None,
-            made_up: Default::default(),
-        },
-        realtime: None,
-        rig: None,
+        render: RenderConfig { sky_rgb: [1, 2, 3], ..run.render.clone() },
+        ..run
     }
 }
 
 /// Three frames of 10 ms each, of which the renderer works 8, 10 and 4.
 pub(crate) fn stats() -> RunStats {
-    let mut collector = Collector::new(5, 3, true);
+    let mut collector = Collector::new(FrameNumber::new(5), 3, true);
     const MS: u64 = 1_000_000;
     for (frame, started, done) in [(5u64, 102, 110), (6, 109, 120), (7, 126, 130)] {
         let mut event = |stage, content, start, duration| {
-            collector.take(stage, Event::new(content).of_frame(frame).at(start * MS).lasting(duration * MS));
+            collector.take(
+                stage,
+                Event::new(content).of_frame(FrameNumber::new(frame)).at(start * MS).lasting(duration * MS),
+            );
         };
         let span = |name| EventContent::Span { name, node: None };
         event(Stage::Generator, span(SpanName::Generate), started - 50, 1);
         event(Stage::Preparer, span(SpanName::Prepare), started - 20, frame - 4);
         event(Stage::Renderer, span(SpanName::Record), started, 1);
+        for view in 0..2 {
+            let draw = EventContent::FrameDraw { technique: TechniqueChoice::Mesh, view, tiles: 30 };
+            event(Stage::Renderer, draw, done, frame - 3);
+        }
         event(Stage::Renderer, EventContent::FrameDone { triangles: 1000 + frame }, done, 10);
         event(Stage::Renderer, EventContent::FrameWritten { is_settled: true }, done + 5, 0);
     }
@@ -93,8 +79,9 @@ fn waiting_for_a_pose_is_no_part_of_a_frames_time() {
     let mut stats = stats();
     const MS: u64 = 1_000_000;
     let pose = |frame, at: u64| {
-        let camera = Camera { timestamp_nanos: at * MS, ..Camera::zeroed() };
-        FlownFrame { frame, time_s: 0.0, camera }
+        let camera =
+            Camera::new(CameraFields { timestamp_nanos: at * MS, ..*Camera::default().fields() }).expect("valid");
+        FlownFrame { frame: FrameNumber::new(frame), time_s: 0.0, camera }
     };
     stats.collector.note_poses(&[pose(5, 101), pose(6, 117), pose(7, 118), pose(99, 1)]);
     let report = serde_json::to_value(report(&config(), &stats)).unwrap();
@@ -131,7 +118,7 @@ fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
     let mut stats = stats();
     let tile = Tile { layer: Layer::Elevation, node: NodeId::new(3, 4, 1).unwrap() };
     let content = EventContent::TileUnavailable { tile, failure: TileFailure::Damaged };
-    stats.collector.take(Stage::Preparer, Event::new(content).of_frame(6));
+    stats.collector.take(Stage::Preparer, Event::new(content).of_frame(FrameNumber::new(6)));
     let report = report(&config(), &stats);
     assert!(!report.settled && !report.is_as_promised());
     let told = summary::unavailable(&report).unwrap();
@@ -144,7 +131,7 @@ fn a_tile_that_could_not_be_had_is_listed_and_the_run_is_not_settled() {
 #[test]
 fn a_run_of_nothing_has_a_report() {
     let mut stats = stats();
-    stats.collector = Collector::new(0, 0, false);
+    stats.collector = Collector::new(FrameNumber::new(0), 0, false);
     stats.written_frames = 0;
     let report = report(&config(), &stats);
     assert!(report.frame_ms.is_empty() && report.fps == 0.0);

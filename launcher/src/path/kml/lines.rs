@@ -1,5 +1,5 @@
-//! Tracks (`gx:Track`, `gx:MultiTrack`) and, where there are none, lines (`LineString`), as
-//! segments of a way.
+//! Tracks (`gx:Track`, `gx:MultiTrack`) and, without these, lines (`LineString`), as segments of a
+//! way.
 
 use super::super::crs::Transform;
 use super::super::gpx::{MAX_POINTS, stamp, wrapped};

@@ -211,7 +211,7 @@ fn views_of_placemarks_are_flown_one_after_the_other() {
     assert_eq!(frames(&document(&place(-122.0))), 1);
     let opening = place(-122.0).replace("Placemark", "Folder").replace("Point", "X");
     assert_eq!(frames(&document(&opening)), 1);
-    // A change of a view is no view.
+    // A change of a view is not a view.
     let update =
         "<gx:AnimatedUpdate><Update><Change><Placemark><Camera/></Placemark></Change></Update></gx:AnimatedUpdate>";
     assert!(parse_text(&document(update)).is_err());

@@ -1,7 +1,7 @@
 use super::*;
 use crate::cli::values::Triple;
 use crate::path::tests::{Plain, utm10};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, CameraFields};
 
 fn place(text: &str) -> Option<Place> {
     Some(text.parse().unwrap())
@@ -15,7 +15,7 @@ fn resolved(args: &PoseArgs, is_agl: bool) -> Result<Pose, String> {
 
 /// Where the middle of the picture is, at the distance of a place.
 fn middle(pose: &Pose, target: DVec3) -> DVec3 {
-    let camera = Camera {
+    let camera = Camera::new(CameraFields {
         eye_in_world: pose.position.to_array(),
         heading_rad: pose.heading_rad,
         pitch_rad: pose.pitch_rad,
@@ -24,7 +24,8 @@ fn middle(pose: &Pose, target: DVec3) -> DVec3 {
         width: 640,
         height: 480,
         timestamp_nanos: 0,
-    };
+    })
+    .expect("valid");
     let [_, _, forward] = camera.axes_in_world();
     pose.position + forward * pose.position.distance(target)
 }

@@ -66,8 +66,8 @@ impl FloorPass {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
-        // SAFETY: recording, within rendering of the pipeline's formats; the indices name vertices of the grid; every
-        // object waits for the submit before it goes.
+        // SAFETY: recording, within rendering of the pipeline's formats; the indices name vertices
+        // of the grid; every object waits for the submit before it goes.
         unsafe {
             device.raw().cmd_bind_pipeline(commands, graphics, self.pipeline.get());
             device.raw().cmd_bind_descriptor_sets(commands, graphics, self.layout.get(), 1, &[colors.set()], &[]);

@@ -108,8 +108,8 @@ pub(super) struct PipelineShape {
     pub(super) name: &'static str,
 }
 
-/// A pipeline: lists of triangles (strips with restart measured no faster on lavapipe), counter-clockwise ones in front,
-/// culling set while recording, reversed depth.
+/// A pipeline: lists of triangles (strips with restart measured no faster on lavapipe),
+/// counter-clockwise ones in front, culling set while recording, reversed depth.
 pub(super) fn pipeline(
     device: &Arc<Device>,
     module: &Owned<vk::ShaderModule>,
@@ -160,15 +160,16 @@ pub(super) fn pipeline(
         .dynamic_state(&dynamic)
         .layout(layout.get())
         .push_next(&mut rendering);
-    // SAFETY: module and layout are alive, the entries exist (the shader names them), states are complete.
+    // SAFETY: module and layout are alive, the entries exist (the shader names them), states are
+    // complete.
     let made = unsafe { device.raw().create_graphics_pipelines(vk::PipelineCache::null(), &[info], None) };
     let raw = made.map_err(|(_, result)| result).during("creating a pipeline")?[0];
     device.name(raw, shape.name);
     Ok(Owned::new(device, raw, destroyer!(destroy_pipeline)))
 }
 
-/// Indices of a grid's triangles, two a cell, split from south west to north east, row by row from row 0.
-/// `steps`: from a vertex to the next one east, and north.
+/// Indices of a grid's triangles, two a cell, split from south west to north east, row by row from
+/// row 0. `steps`: from a vertex to the next one east, and north.
 pub(super) fn grid_indices(columns: u32, rows: u32, steps: [u32; 2]) -> impl Iterator<Item = u32> {
     let [east, north] = steps;
     (0..rows).flat_map(move |row| {

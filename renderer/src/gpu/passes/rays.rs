@@ -1,4 +1,5 @@
-//! The rays pass: exact rays through blocks of elevation arrays, by compute shaders, then colour and depth of what they meet.
+//! The rays pass: exact rays through blocks of elevation arrays, by compute shaders, then colour
+//! and depth of what they meet.
 
 use super::pipeline::{self, PipelineShape, Words};
 use crate::gpu::barrier::{self, Access};
@@ -85,8 +86,8 @@ pub struct RayTile {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayNode {
-    /// South west, south east, north west, north east: [`RayNode::EMPTY`], a tile's index with [`RayNode::IS_TILE`], or a
-    /// node's.
+    /// South west, south east, north west, north east: [`RayNode::EMPTY`], a tile's index with
+    /// [`RayNode::IS_TILE`], or a node's.
     pub children: [u32; 4],
     /// Where the children meet, metres from the eye.
     pub middle: [f32; 2],
@@ -122,14 +123,19 @@ const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::VERTEX.as_raw(),
 );
 
-/// What one view of one frame in flight has of its own.
+/// What one draw of one frame in flight has of its own.
 #[derive(Debug)]
-struct ViewInputs {
+struct DrawInputs {
+    buffers: Option<InputBuffers>,
+    set: vk::DescriptorSet,
+}
+
+#[derive(Debug)]
+struct InputBuffers {
     tiles: Buffer,
     nodes: Buffer,
     maxima: Buffer,
     hits: Buffer,
-    set: vk::DescriptorSet,
 }
 
 /// Pipelines and inputs of the rays pass.
@@ -141,12 +147,13 @@ pub struct RaysPass {
     layout: Owned<vk::PipelineLayout>,
     _set_layout: Owned<vk::DescriptorSetLayout>,
     _descriptors: Owned<vk::DescriptorPool>,
-    /// Of each frame slot its views.
-    slots: Vec<Vec<ViewInputs>>,
+    /// Of each frame slot its draws.
+    slots: Vec<Vec<DrawInputs>>,
 }
 
 impl RaysPass {
-    /// For views no larger than `target`, and this many frame slots, each with this many views. `has_overlay`: outlines of the blocks.
+    /// For views no larger than `target` at first, and this many frame slots, each with this many
+    /// draws. `has_overlay`: outlines of the blocks.
     ///
     /// # Errors
     /// Out of memory, or the picture is too large for the device's buffers.
@@ -154,13 +161,12 @@ impl RaysPass {
         colors: &ColorPool,
         target: &Target,
         has_overlay: bool,
-        [slots, views]: [usize; 2],
+        [slots, draws]: [usize; 2],
     ) -> Result<Self, GpuError> {
         let device = colors.device();
-        let hit_bytes = hit_bytes(target.size());
-        checked(device, "bytes of what pixels see", hit_bytes)?;
+        checked(device, "bytes of what pixels see", hit_bytes(target.size()))?;
         let set_layout = pipeline::storage_layout(device, BINDINGS, STAGES)?;
-        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, BINDINGS, slots * views)?;
+        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, BINDINGS, slots * draws)?;
         let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], STAGES)?;
         let module = pipeline::module(device, &CAST.0, "rays")?;
         let model = pipeline::compute(device, &module, &layout, c"model", "models of rays")?;
@@ -175,22 +181,13 @@ impl RaysPass {
             name: "colours of rays",
         };
         let color = pipeline::pipeline(device, &module, &layout, &shape)?;
-        let inputs = |set: &vk::DescriptorSet| {
-            Ok(ViewInputs {
-                tiles: tile_buffer(device, FIRST_TILES)?,
-                nodes: node_buffer(device, FIRST_TILES)?,
-                maxima: maxima_buffer(device, FIRST_MAXIMA)?,
-                hits: hit_buffer(device, hit_bytes)?,
-                set: *set,
-            })
-        };
-        let slots = sets.chunks(views.max(1)).map(|sets| sets.iter().map(inputs).collect());
-        let slots = slots.collect::<Result<Vec<Vec<_>>, GpuError>>()?;
+        let inputs = |set: &vk::DescriptorSet| DrawInputs { buffers: None, set: *set };
+        let slots = sets.chunks(draws.max(1)).map(|sets| sets.iter().map(inputs).collect()).collect();
         Ok(Self { model, cast, color, layout, _set_layout: set_layout, _descriptors: descriptors, slots })
     }
 
-    /// Casts the rays of a view, the `index`-th, of the frame being recorded; before rendering begins. Blocks lie within the elevations, and the tree of
-    /// nodes is one.
+    /// Casts the rays of a view in the `index`-th draw of the frame being recorded; before
+    /// rendering begins. Blocks lie within the elevations, and the tree of nodes is one.
     ///
     /// # Errors
     /// Out of memory, or no elevations were staged.
@@ -206,15 +203,12 @@ impl RaysPass {
         let device = Arc::clone(recording.device());
         let limit = self.slots.first().map_or(0, Vec::len) as u64;
         let (Some(slot), Some(elevations)) =
-            (self.slots.get_mut(slot).and_then(|views| views.get_mut(index)), elevation.buffer(slot))
+            (self.slots.get_mut(slot).and_then(|draws| draws.get_mut(index)), elevation.buffer(slot))
         else {
-            return Err(GpuError::TooMany { what: "views of a frame", found: index as u64 + 1, limit });
+            return Err(GpuError::TooMany { what: "draws of a frame by rays", found: index as u64 + 1, limit });
         };
         let size = [view.size & 0xffff, view.size >> 16];
         checked(&device, "bytes of what pixels see", hit_bytes(size))?;
-        if slot.hits.len() < hit_bytes(size) {
-            slot.hits = hit_buffer(&device, hit_bytes(size))?;
-        }
         let (mut maxima, mut most) = (0u64, 0u32);
         for tile in tiles.iter_mut() {
             let count = maxima_of(tile.cells);
@@ -223,14 +217,14 @@ impl RaysPass {
             most = most.max(count);
         }
         checked(&device, "bytes of maxima", maxima * 4)?;
-        slot.fill(&device, tiles, nodes, maxima as usize)?;
+        slot.fill(&device, tiles, nodes, maxima as usize, hit_bytes(size))?;
         slot.bind(&device, elevations);
         let commands = recording.commands();
         let compute = vk::PipelineBindPoint::COMPUTE;
         let groups = size.map(|side| side.div_ceil(GROUP_SIDE));
         let constants = |turn: u32| RayView { turn, ..*view };
-        // SAFETY: recording, outside of rendering; the set's buffers have room for all that the shaders index; every object
-        // waits for the submit before it goes.
+        // SAFETY: recording, outside of rendering; the set's buffers have room for all that the
+        // shaders index; every object waits for the submit before it goes.
         unsafe {
             device.raw().cmd_bind_descriptor_sets(commands, compute, self.layout.get(), 0, &[slot.set], &[]);
             device.raw().cmd_bind_pipeline(commands, compute, self.model.get());
@@ -250,14 +244,16 @@ impl RaysPass {
         Ok(())
     }
 
-    /// Draws what the rays of a view of the frame being recorded have met; within rendering.
+    /// Draws what the rays of the `index`-th draw of the frame being recorded have met; within
+    /// rendering.
     pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, (index, view): (usize, &RayView)) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
-        let Some(slot) = self.slots.get(recording.slot_index()).and_then(|views| views.get(index)) else { return };
+        let Some(slot) = self.slots.get(recording.slot_index()).and_then(|draws| draws.get(index)) else { return };
         let sets = [slot.set, colors.set()];
         let graphics = vk::PipelineBindPoint::GRAPHICS;
-        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
+        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the
+        // submit before it goes.
         unsafe {
             device.raw().cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
             device.raw().cmd_bind_pipeline(commands, graphics, self.color.get());
@@ -268,32 +264,46 @@ impl RaysPass {
     }
 }
 
-impl ViewInputs {
-    /// Takes a frame's blocks and nodes in, and makes room for their maxima.
+impl DrawInputs {
+    /// Takes a draw's blocks and nodes in, and makes room for their maxima and for what pixels see.
     fn fill(
         &mut self,
         device: &Arc<Device>,
         tiles: &[RayTile],
         nodes: &[RayNode],
         maxima: usize,
+        hit_bytes: u64,
     ) -> Result<(), GpuError> {
+        let buffers = match &mut self.buffers {
+            Some(buffers) => buffers,
+            None => self.buffers.insert(InputBuffers {
+                tiles: tile_buffer(device, FIRST_TILES)?,
+                nodes: node_buffer(device, FIRST_TILES)?,
+                maxima: maxima_buffer(device, FIRST_MAXIMA)?,
+                hits: hit_buffer(device, hit_bytes)?,
+            }),
+        };
         let (tile_bytes, node_bytes): (&[u8], &[u8]) = (bytemuck::cast_slice(tiles), bytemuck::cast_slice(nodes));
-        if self.tiles.len() < tile_bytes.len() as u64 {
-            self.tiles = tile_buffer(device, tiles.len().next_power_of_two())?;
+        if buffers.tiles.len() < tile_bytes.len() as u64 {
+            buffers.tiles = tile_buffer(device, tiles.len().next_power_of_two())?;
         }
-        if self.nodes.len() < node_bytes.len() as u64 {
-            self.nodes = node_buffer(device, nodes.len().next_power_of_two())?;
+        if buffers.nodes.len() < node_bytes.len() as u64 {
+            buffers.nodes = node_buffer(device, nodes.len().next_power_of_two())?;
         }
-        if self.maxima.len() < maxima as u64 * 4 {
-            self.maxima = maxima_buffer(device, maxima.next_power_of_two())?;
+        if buffers.maxima.len() < maxima as u64 * 4 {
+            buffers.maxima = maxima_buffer(device, maxima.next_power_of_two())?;
         }
-        self.tiles.bytes_mut()[..tile_bytes.len()].copy_from_slice(tile_bytes);
-        self.nodes.bytes_mut()[..node_bytes.len()].copy_from_slice(node_bytes);
+        if buffers.hits.len() < hit_bytes {
+            buffers.hits = hit_buffer(device, hit_bytes)?;
+        }
+        buffers.tiles.bytes_mut()[..tile_bytes.len()].copy_from_slice(tile_bytes);
+        buffers.nodes.bytes_mut()[..node_bytes.len()].copy_from_slice(node_bytes);
         Ok(())
     }
 
     fn bind(&self, device: &Device, elevations: &Buffer) {
-        let buffers = [elevations, &self.tiles, &self.nodes, &self.maxima, &self.hits]
+        let Some(InputBuffers { tiles, nodes, maxima, hits }) = &self.buffers else { return };
+        let buffers = [elevations, tiles, nodes, maxima, hits]
             .map(|buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)]);
         let writes: [_; BINDINGS] = std::array::from_fn(|binding| {
             vk::WriteDescriptorSet::default()
@@ -302,12 +312,14 @@ impl ViewInputs {
                 .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
                 .buffer_info(&buffers[binding])
         });
-        // SAFETY: buffers and set are alive, and the set is in no pending submit: a frame of its slot is being recorded.
+        // SAFETY: buffers and set are alive, and the set is in no pending submit: a frame of its
+        // slot is being recorded.
         unsafe { device.raw().update_descriptor_sets(&writes, &[]) };
     }
 }
 
-/// Maxima of a block: those of a square of a power of two, of which it may fill a part (`level_start` of `rays/cast.wgsl`).
+/// Maxima of a block: those of a square of a power of two, of which it may fill a part
+/// (`level_start` of `rays/cast.wgsl`).
 fn maxima_of(cells: [u32; 2]) -> u32 {
     let side = cells[0].max(cells[1]).next_power_of_two();
     (side * side - 1) / 3

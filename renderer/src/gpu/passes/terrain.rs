@@ -77,7 +77,8 @@ pub struct TileParameters {
 
 const _: () = assert!(size_of::<ViewParameters>() == 96 && size_of::<TileParameters>() == 48);
 
-/// Columns and rows of a block, in posts: `start` within the array, `size` at least 1, both multiples of `1 << snap`.
+/// Columns and rows of a block, in posts: `start` within the array, `size` at least 1, both
+/// multiples of `1 << snap`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
     /// First column and row.
@@ -102,10 +103,8 @@ pub enum Sides {
 pub struct TerrainView<'a> {
     /// The view.
     pub parameters: &'a ViewParameters,
-    /// The n-th block belongs to the n-th tile of [`TerrainPass::prepare`] behind `first_tile`.
-    pub blocks: &'a [Block],
-    /// Where the tiles as this view sees them begin.
-    pub first_tile: usize,
+    /// Blocks, each with the number of its tile among those of [`TerrainPass::prepare`].
+    pub blocks: &'a [(u32, Block)],
     /// Which sides.
     pub sides: Sides,
     /// The pass of [`Target::begin_depth`].
@@ -222,7 +221,8 @@ impl TerrainPass {
                 .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
                 .buffer_info(&buffers[binding as usize])
         };
-        // SAFETY: buffers and set are alive, and the set is in no pending submit: `recording` is of its slot.
+        // SAFETY: buffers and set are alive, and the set is in no pending submit: `recording` is of
+        // its slot.
         unsafe { device.raw().update_descriptor_sets(&[write(0), write(1)], &[]) };
         Ok(())
     }
@@ -240,7 +240,8 @@ impl TerrainPass {
             Sides::Upper => vk::CullModeFlags::BACK,
             Sides::Both => vk::CullModeFlags::NONE,
         };
-        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the submit before it goes.
+        // SAFETY: recording, within rendering of the pipeline's formats; every object waits for the
+        // submit before it goes.
         unsafe {
             device.raw().cmd_set_cull_mode(commands, culled);
             device.raw().cmd_bind_pipeline(commands, graphics, pipeline.get());
@@ -254,14 +255,14 @@ impl TerrainPass {
                 bytemuck::bytes_of(view.parameters),
             );
         }
-        let room = (slot.tiles.len() / size_of::<TileParameters>() as u64) as usize;
-        for (instance, block) in (view.first_tile..room).zip(view.blocks) {
+        for &(instance, block) in view.blocks {
             let draw = |indices: u32, first: u32, row: u32| {
                 let vertex = (block.start[1] + (row << block.snap)) * self.posts + block.start[0];
-                // SAFETY: as above; indices and first lie inside the index buffer (`sections`), vertices inside the
-                // array: `Block`s were checked against its size, and `robustBufferAccess` is on.
+                // SAFETY: as above; indices and first lie inside the index buffer (`sections`),
+                // vertices inside the array: `Block`s were checked against its size, and
+                // `robustBufferAccess` is on.
                 unsafe {
-                    device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance as u32);
+                    device.raw().cmd_draw_indexed(commands, indices, 1, first, vertex.cast_signed(), instance);
                 }
             };
             let Some(sections) = self.sections.get(block.snap as usize) else { continue };
@@ -276,8 +277,9 @@ impl TerrainPass {
     }
 }
 
-/// The shader's entries for pictures: with outlines or not, of a world with validity or not. Pixels of several samples are in a hole
-/// or not as a whole, by their centre, as their depth is: naga writes no sample mask that Vulkan takes.
+/// The shader's entries for pictures: with outlines or not, of a world with validity or not. Pixels
+/// of several samples are in a hole or not as a whole, by their centre, as their depth is: naga
+/// writes no sample mask that Vulkan takes.
 fn entries(has_overlay: bool, has_validity: bool) -> (&'static CStr, &'static CStr) {
     match (has_overlay, has_validity) {
         (false, false) => (c"vertex", c"fragment"),
@@ -287,7 +289,8 @@ fn entries(has_overlay: bool, has_validity: bool) -> (&'static CStr, &'static CS
     }
 }
 
-/// Index sections by snap, for rows of 1, 2, 4, … facets' sides; a block of fewer rows uses the first part of a section.
+/// Index sections by snap, for rows of 1, 2, 4, … facets' sides; a block of fewer rows uses the
+/// first part of a section.
 fn index_sections(posts: u32) -> (Vec<u32>, Vec<Vec<u32>>) {
     let intervals = posts - 1;
     let mut indices = Vec::new();

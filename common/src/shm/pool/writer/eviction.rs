@@ -1,5 +1,5 @@
-//! Which tile leaves memory when another one needs its slot: the one that was wanted, or expected
-//! to be, least recently, of those that no frame in flight uses.
+//! Eviction: when a tile needs a slot, the least recently wanted (or predicted) tile is evicted, of
+//! those that no frame in flight uses.
 
 use super::PoolWriter;
 use crate::ids::{Sequence, SlotIndex, SlotKey};
@@ -8,18 +8,18 @@ use crate::shm::pool::SlotState;
 use crate::shm::pool::reader::numbered;
 use crate::shm::slot_words::SlotWords;
 
-/// Eviction candidates taken from one look through the table.
+/// Eviction candidates that are collected in one scan of the table.
 const CANDIDATES: usize = 256;
 
 impl PoolWriter {
-    /// The frame as of which a reusable slot's tile was last wanted or expected; none for a free
-    /// slot.
+    /// The sequence at which a reusable slot's tile was last wanted or predicted;
+    /// [`Sequence::NONE`] for a free slot. `None` for a slot that is in use.
     pub(super) fn rank(&self, slot: SlotIndex, words: &SlotWords, completed: Sequence) -> Option<Sequence> {
         let usage = words.usage();
         match usage.state {
             SlotState::Free => Some(Sequence::NONE),
-            // Never none: a tile that nobody is known to have wanted or expected (a writer before
-            // this one knew) still makes room only when no slot is free.
+            // Never `Sequence::NONE`: a tile without a known use (from before a restart of the
+            // writer) is evicted only when no slot is free.
             _ if usage.is_reusable(completed) => {
                 Some(usage.sequence.max(self.expected_at[slot.index()]).max(Sequence::FIRST))
             }
@@ -27,8 +27,8 @@ impl PoolWriter {
         }
     }
 
-    /// A slot for a tile of `node` that frame `sequence` wants: the free, then the one that was
-    /// wanted least recently, if that was before `limit`.
+    /// A slot for a tile of `node` that frame `sequence` wants: a free one, otherwise the least
+    /// recently wanted one, if that was before `limit`.
     pub(super) fn claim(
         &mut self,
         node: NodeId,
@@ -39,7 +39,7 @@ impl PoolWriter {
         let mut looks = 0;
         loop {
             if self.candidates.is_empty() {
-                // Candidates of a fresh look fail only when readers want them at this very moment.
+                // Candidates of a fresh scan fail only when readers pin them at this very moment.
                 if looks == 2 {
                     return None;
                 }
@@ -48,18 +48,18 @@ impl PoolWriter {
             }
             let (seen, slot) = self.candidates.pop()?;
             let words = self.place.words(slot)?;
-            // A candidate that was wanted since is no longer one.
+            // A slot that was wanted since the scan is no longer a candidate.
             if self.rank(slot, words, completed) != Some(seen) {
                 continue;
             }
             if looks == 0 && seen > self.looked_at && completed > self.looked_at {
-                // It is only expected, and frames that were completed since may have left slots
-                // that are not.
+                // It is predicted, and frames that were completed since may have left slots that
+                // are not.
                 self.candidates.clear();
                 continue;
             }
             if limit.is_some_and(|limit| seen >= limit) {
-                // So are all others; but this one may be taken for a tile that is wanted.
+                // So are all others; but this one may be evicted for a wanted tile.
                 self.candidates.push((seen, slot));
                 return None;
             }
@@ -69,9 +69,9 @@ impl PoolWriter {
         }
     }
 
-    /// Collects the reusable slots that were wanted least recently. Later candidates were all
-    /// wanted later than these (but for the expected, of which `claim` takes care), so the order
-    /// over several looks is the order of one.
+    /// Collects the least recently wanted reusable slots. Candidates of later scans were all wanted
+    /// later than these (except predicted ones, which `claim` handles), so several scans give the
+    /// same order as one.
     fn find_candidates(&mut self, completed: Sequence) {
         self.looked_at = completed;
         let mut candidates = std::mem::take(&mut self.candidates);

@@ -1,5 +1,5 @@
-//! The pool as its only writer sees it: who is in it. Which tile goes when room is needed is
-//! decided in [`eviction`].
+//! The only writer of a pool, which knows where each tile is. [`eviction`] decides which tile is
+//! evicted.
 
 mod eviction;
 
@@ -22,21 +22,21 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct PoolWriter {
     place: Arc<WriterPlace>,
-    /// Slot of each node that is in the pool or was put into a slot that has not been claimed
-    /// again.
+    /// The slot of each node that is in the pool, or was in a slot that has not been claimed again.
     slot_of: HashMap<u64, SlotIndex, BuildHasherDefault<NodeHasher>>,
-    /// The node that [`PoolWriter::slot_of`] has for each slot.
+    /// The node of each slot, the inverse of [`PoolWriter::slot_of`].
     node_of: Vec<Option<NodeId>>,
-    /// Sequence at which each slot's tile was last expected ([`PoolWriter::expect`]).
+    /// Sequence at which each slot's tile was last predicted ([`PoolWriter::expect`]).
     expected_at: Vec<Sequence>,
-    /// Slots to claim next, the least recently wanted last, with the sequence that they had.
+    /// Slots to claim next, the least recently wanted last, with their sequences at the time of the
+    /// scan.
     candidates: Vec<(Sequence, SlotIndex)>,
-    /// The completed sequence of that look.
+    /// The completed sequence at the time of the scan.
     looked_at: Sequence,
 }
 
-/// The writer's place, which lasts until its last fill guard is gone: guards are dropped on other
-/// threads.
+/// The writer's role, which is held until its last fill guard is dropped, possibly on another
+/// thread.
 #[derive(Debug)]
 struct WriterPlace {
     segment: Arc<Segment>,
@@ -52,11 +52,11 @@ impl WriterPlace {
 /// Whether a node's tile is in a pool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Residency {
-    /// It is not.
+    /// It is not in the pool.
     Absent,
     /// It is being loaded.
     Filling,
-    /// It is, and can be read.
+    /// It is in the pool, and can be read.
     Resident {
         /// Where it lies.
         key: SlotKey,
@@ -64,9 +64,9 @@ pub enum Residency {
 }
 
 impl PoolWriter {
-    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) to write;
-    /// waits a moment for the segment to become ready. After a writer that was killed, the tiles
-    /// that it published stay, and slots that it was filling are free.
+    /// Opens a run's pool ([`SegmentKind::ColorPool`] or [`SegmentKind::ElevationPool`]) for
+    /// writing; waits a short time for the segment to become ready. After a killed writer, the
+    /// tiles that it published remain, and the slots that it was filling are free.
     ///
     /// # Errors
     /// See [`ShmError`]; [`ShmError::RoleTaken`] while another writer lives.
@@ -118,7 +118,7 @@ impl PoolWriter {
         PoolReader::of(&self.place.segment)
     }
 
-    /// Whether a node's tile is in the pool. Costs one look into a hash table.
+    /// Whether a node's tile is in the pool. Costs one hash table lookup.
     #[must_use]
     pub fn residency(&self, node: NodeId) -> Residency {
         let Some(&slot) = self.slot_of.get(&node.pack()) else { return Residency::Absent };
@@ -133,7 +133,7 @@ impl PoolWriter {
         }
     }
 
-    /// Where a node's tile lies, if it can be read. Costs one look into a hash table.
+    /// The place of a node's tile, if it can be read. Costs one hash table lookup.
     #[must_use]
     pub fn find(&self, node: NodeId) -> Option<SlotKey> {
         match self.residency(node) {
@@ -142,10 +142,10 @@ impl PoolWriter {
         }
     }
 
-    /// A slot for a node's tile, which frame `sequence` wants. Takes a free slot, else the one
-    /// wanted least recently whose last frame is at most `completed_sequence`
-    /// ([`crate::shm::Control::completed_sequence`]) and that is not locked. `None` when there is
-    /// none (wait for a frame to complete), or when the tile is in the pool or being loaded
+    /// A slot for a node's tile that frame `sequence` wants. Takes a free slot, otherwise the least
+    /// recently wanted one that is not locked and whose last frame is at most `completed_sequence`
+    /// ([`crate::shm::Control::completed_sequence`]). `None` when there is no such slot (wait for a
+    /// frame to complete), or when the tile is in the pool or being loaded
     /// ([`PoolWriter::residency`] tells which).
     ///
     /// Allocates no memory. The guard may be filled and published on any thread.
@@ -153,9 +153,9 @@ impl PoolWriter {
         self.fill(node, sequence, completed_sequence, None)
     }
 
-    /// A slot for a tile that no frame wants yet, but one is expected to, as of frame `sequence`.
-    /// Takes a free slot, else one that was neither wanted nor expected since before `sequence`.
-    /// Nothing but that order protects the tile.
+    /// A slot for a predicted tile that no frame wants yet, as of frame `sequence`. Takes a free
+    /// slot, otherwise one that was neither wanted nor predicted since `sequence`. The tile is not
+    /// pinned.
     pub fn allocate_expected(
         &mut self,
         node: NodeId,
@@ -190,9 +190,9 @@ impl PoolWriter {
         Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true })
     }
 
-    /// A view that is expected at frame `sequence` wants a node's tile: it is evicted as if that
-    /// frame had wanted it. Unlike a wish ([`PoolWriter::touch_node`]) this protects nothing.
-    /// Returns what it found.
+    /// Records that a predicted view at frame `sequence` wants a node's tile: for eviction, this
+    /// counts as if that frame had wanted it. Unlike [`PoolWriter::touch_node`], this does not pin
+    /// the tile. Returns the residency of the tile.
     pub fn expect(&mut self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if let (true, Some(&slot)) = (residency != Residency::Absent, self.slot_of.get(&node.pack())) {
@@ -202,7 +202,7 @@ impl PoolWriter {
         residency
     }
 
-    /// Slots that [`PoolWriter::allocate_expected`] would take. Looks through the whole table.
+    /// Number of slots that [`PoolWriter::allocate_expected`] would take. Scans the whole table.
     #[must_use]
     pub fn unexpected_slots(&self, sequence: Sequence, completed_sequence: Sequence) -> u32 {
         let slots = numbered(&self.place.segment);
@@ -210,20 +210,20 @@ impl PoolWriter {
             as u32
     }
 
-    /// Slots that hold a tile. Looks through the whole table.
+    /// Number of slots that hold a tile. Scans the whole table.
     #[must_use]
     pub fn used_slots(&self) -> u32 {
         table(&self.place.segment).iter().filter(|words| words.usage().state.is_readable()).count() as u32
     }
 
-    /// Frame `sequence` wants the tile in this slot (or the one that is being loaded into it): it
-    /// stays until that frame is completed. `false` when the slot holds nothing or does not exist.
+    /// Pins the tile in this slot (or the one that is being loaded into it) for frame `sequence`:
+    /// it stays until that frame is completed. `false` when the slot is empty or does not exist.
     pub fn touch(&self, slot: SlotIndex, sequence: Sequence) -> bool {
         self.place.words(slot).is_some_and(|words| words.touch(None, sequence))
     }
 
-    /// [`PoolWriter::touch`] by node: of the tile that is in the pool or being loaded. Returns what
-    /// it found.
+    /// [`PoolWriter::touch`] by node, for a tile that is in the pool or being loaded. Returns the
+    /// residency of the tile.
     pub fn touch_node(&self, node: NodeId, sequence: Sequence) -> Residency {
         let residency = self.residency(node);
         if residency != Residency::Absent
@@ -234,7 +234,7 @@ impl PoolWriter {
         residency
     }
 
-    /// Keeps the tile in this slot for ever; `false` when the slot holds none.
+    /// Locks the tile in this slot: it is never evicted. `false` when the slot holds no tile.
     pub fn lock(&self, slot: SlotIndex) -> bool {
         self.place.words(slot).is_some_and(SlotWords::lock)
     }
@@ -245,14 +245,14 @@ impl PoolWriter {
         bytes(&self.place.segment, key)
     }
 
-    /// What the slots hold.
+    /// The contents of the slots.
     pub fn slots(&self) -> impl Iterator<Item = SlotInfo> {
         slots(&self.place.segment)
     }
 }
 
-/// A slot that is being filled, on whichever thread. Dropped without [`FillGuard::publish`] the
-/// slot is free again.
+/// A slot that is being filled, on any thread. If dropped without [`FillGuard::publish`], the slot
+/// is free again.
 #[derive(Debug)]
 #[must_use]
 pub struct FillGuard {
@@ -262,18 +262,19 @@ pub struct FillGuard {
 }
 
 impl FillGuard {
-    /// Where the tile will lie.
+    /// The place of the tile.
     #[must_use]
     pub fn key(&self) -> SlotKey {
         self.key
     }
 
-    /// The slot's bytes, with whatever an earlier tile left there.
+    /// The slot's bytes, with the content of an earlier tile.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         let segment = &self.place.segment;
         let offset = segment.item_offset(self.key.slot.get().into());
-        // SAFETY: the claim made the slot ours alone (no frame in flight names it, and no reader
-        // takes a slot that is being filled); the slice borrows `self`, the one guard of the slot.
+        // SAFETY: the claim gave us exclusive access to the slot (no frame in flight uses it, and
+        // no reader takes a slot that is being filled); the slice borrows `self`, the only guard of
+        // the slot.
         unsafe { segment.region().slice_mut(offset, segment.geometry().item_bytes) }
     }
 
@@ -284,13 +285,13 @@ impl FillGuard {
         bytemuck::cast_slice_mut(&mut bytes[..whole])
     }
 
-    /// Leaves the slot as a process that is killed here would.
+    /// For tests: leaves the slot as if the process were killed here.
     #[cfg(test)]
     pub(crate) fn abandon_as_if_killed(mut self) {
         self.is_open = false;
     }
 
-    /// Makes the tile visible. Returns where it lies.
+    /// Makes the tile visible. Returns its place.
     pub fn publish(mut self) -> SlotKey {
         self.is_open = false;
         if let Some(words) = self.place.words(self.key.slot) {
