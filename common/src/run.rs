@@ -299,6 +299,8 @@ pub enum RaysChoice {
     Mipmap,
     /// Samples of voxels along lines of pixels.
     Coherent,
+    /// Vertical planes through the eye, swept outwards once.
+    Sweep,
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
     /// On a GPU, if there is one; otherwise the faster of the first two, measured on one of the

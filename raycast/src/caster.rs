@@ -11,6 +11,7 @@ use crate::proof::{StartRule, Steepness};
 use crate::scene::{Placed, Scene};
 use crate::shade::strip::{Line, Strips};
 use crate::shade::{Canvas, Footprints, outline};
+use crate::sweep::{Instructions, Sweep, SweepDetail};
 use crate::view::View;
 use crate::workers::{Workers, WorkersError};
 use std::ops::Range;
@@ -27,6 +28,8 @@ pub enum Method {
     /// One exact ray per pixel through a pyramid of maxima: no voxels, no assumption about lines. A
     /// ground without voxels is always drawn with this method.
     Mipmap,
+    /// Vertical planes, swept outwards once: heights sampled at steps of some pixels.
+    Sweep,
 }
 
 /// Options of a picture.
@@ -42,6 +45,8 @@ pub struct CastOptions {
     pub looks_between: bool,
     /// How densely rays are sampled.
     pub sampling: Sampling,
+    /// How densely the ground is sampled by a sweep.
+    pub sweep: SweepDetail,
     /// Colour where no ground is.
     pub sky_rgb: [u8; 3],
     /// Whether an eye above the ground also sees its underside, through holes.
@@ -55,6 +60,7 @@ impl Default for CastOptions {
             is_approximate: false,
             looks_between: true,
             sampling: Sampling { interval_voxels: 0.6, voxel_px: 1.0 },
+            sweep: SweepDetail::DEFAULT,
             sky_rgb: [150, 190, 235],
             has_undersides: false,
         }
@@ -74,6 +80,7 @@ pub struct Caster {
     projected: Projected,
     /// For exact rays, one for each worker.
     exact: Vec<Mutex<ExactMemory>>,
+    sweep: Sweep,
 }
 
 /// What a worker needs for a block of lines of exact rays.
@@ -93,6 +100,7 @@ impl Caster {
         let workers = Workers::new(workers)?;
         Ok(Self {
             exact: (0..workers.count()).map(|_| Mutex::default()).collect(),
+            sweep: Sweep::new(workers.count()),
             workers,
             lines: Lines::default(),
             placed: Vec::new(),
@@ -118,14 +126,15 @@ impl Caster {
         options: &CastOptions,
         picture: &Picture,
     ) -> Counts {
+        let method = method_for(ground, options);
+        if method == Method::Sweep {
+            return self.sweep(ground, colors, camera, options, picture);
+        }
         let eye = camera.eye();
         let plane = ground.shape().surface;
         let on_lattice = plane.lattice_of_foot(plane.foot(eye)).to_array();
         let above_datum = plane.height_above(eye, ground.datum_m()) as f32;
-        let surface = match method_for(ground, options) {
-            Method::Coherent => Surface::Voxels,
-            Method::Mipmap => Surface::Facets,
-        };
+        let surface = if method == Method::Coherent { Surface::Voxels } else { Surface::Facets };
         let mut steepness = std::mem::take(&mut self.steepness);
         steepness.set(ground, on_lattice, above_datum, surface);
         let counts = self.draw_by(&steepness, ground, colors, camera, options, picture);
@@ -133,7 +142,38 @@ impl Caster {
         counts
     }
 
-    /// The same with another start rule, for comparisons.
+    fn sweep(
+        &mut self,
+        ground: &Ground,
+        colors: &[&[u8]],
+        camera: &Camera,
+        options: &CastOptions,
+        picture: &Picture,
+    ) -> Counts {
+        assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
+        let Self { workers, placed, sweep, .. } = self;
+        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
+        let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
+        let counts = sweep.draw(&canvas, camera, &options.sweep, workers);
+        if ground.is_partly_unmeasured() {
+            canvas.look_at_shares(workers);
+        }
+        counts
+    }
+
+    /// By which instructions sweeps are done: the widest that there are, unless another choice has been made.
+    #[must_use]
+    pub fn instructions(&self) -> Instructions {
+        self.sweep.instructions()
+    }
+
+    /// Has sweeps done by other instructions, to compare with. The picture does not depend on them.
+    pub fn set_instructions(&mut self, instructions: Instructions) {
+        self.sweep.set_instructions(instructions);
+    }
+
+    /// The same with another start rule, for comparisons. A sweep, which has no rays that start, is drawn by exact
+    /// rays.
     ///
     /// # Panics
     /// As [`Caster::draw`].
@@ -151,14 +191,13 @@ impl Caster {
         self.lines.set(picture.size(), camera.roll_rad());
         let Self { workers, lines, placed, planes, projected, exact, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
-        let [r, g, b] = options.sky_rgb;
-        let canvas = Canvas { scene: &scene, colors, picture, sky: u32::from_le_bytes([r, g, b, 255]) };
+        let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
         let counts = match method_for(ground, options) {
             Method::Coherent => {
                 planes.set_for(&scene, &options.sampling);
                 draw_coherent(workers, lines, &canvas, planes, rule, options)
             }
-            Method::Mipmap => {
+            Method::Mipmap | Method::Sweep => {
                 if rule.slopes().is_some() {
                     projected.set(&scene, workers);
                 }
@@ -188,7 +227,15 @@ impl Caster {
 
 /// The method that a ground can be drawn with: a ground without voxels has only heights.
 fn method_for(ground: &Ground, options: &CastOptions) -> Method {
-    if ground.has_voxels() { options.method } else { Method::Mipmap }
+    match options.method {
+        Method::Coherent if !ground.has_voxels() => Method::Mipmap,
+        method => method,
+    }
+}
+
+fn sky(options: &CastOptions) -> u32 {
+    let [r, g, b] = options.sky_rgb;
+    u32::from_le_bytes([r, g, b, 255])
 }
 
 fn draw_coherent<R: StartRule>(

@@ -10,19 +10,20 @@
 //!                ▼  neighboring lines, to whichever worker is free           (caster, workers)
 //!          coherent: from the bottom up, each ray from where the last one hit
 //!          exact: one exact ray per pixel                      } by what is proven of a ray's way (proof/)
+//!          sweep: vertical planes, all rays of each at once    (sweep/)
 //!                ▼
 //!          Canvas: picture of color and depth ─▶ outlines of tiles, if wanted (shade/)
 //! ```
 //!
 //! A technique fills lines of pixels: it gets a `Scene`, writes what pixels see to a `Canvas`, and
-//! does not depend on the other technique. Imports: `model` ← `scene` ← `proof`, `shade` ← `exact`
-//! ← `coherent` ← `caster`.
+//! does not depend on the other techniques. Imports: `model` ← `scene` ← `proof`, `shade` ← `exact`
+//! ← `coherent` ← `caster`, and `shade` ← `sweep` ← `caster`.
 //!
 //! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a
 //! frame's slots, or tiles of a database. Colours are not copied. From the second frame of a size
 //! on, [`Caster::draw`] allocates nothing.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod caster;
 mod coherent;
@@ -34,6 +35,7 @@ mod picture;
 mod proof;
 mod scene;
 mod shade;
+mod sweep;
 pub mod view;
 pub mod workers;
 
@@ -42,3 +44,4 @@ pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;
 pub use proof::{StartRule, Steepness, Unproven};
+pub use sweep::{Instructions, SweepDetail};

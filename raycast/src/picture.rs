@@ -51,6 +51,16 @@ impl Picture {
         self.put_row(pixel, &[(rgba, depth)]);
     }
 
+    /// Puts pixels beside each other, from this one to the right: their colors, and as many depths.
+    #[inline(always)]
+    pub(crate) fn put_pairs(&self, [x, y]: [u32; 2], colors: &[u32], depths: &[f32]) {
+        let at = y as usize * self.size[0] as usize + x as usize;
+        for ((pixel, rgba), depth) in self.pixels[at..at + colors.len()].iter().zip(colors).zip(depths) {
+            // Relaxed: as below.
+            pixel.store(u64::from(depth.to_bits()) << 32 | u64::from(*rgba), Ordering::Relaxed);
+        }
+    }
+
     /// Writes pixels of a row, from this one to the right.
     #[inline(always)]
     pub(crate) fn put_row(&self, [x, y]: [u32; 2], row: &[(u32, f32)]) {

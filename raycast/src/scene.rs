@@ -159,6 +159,31 @@ impl<'a> Scene<'a> {
         }
     }
 
+    /// The tile at a point of the ground, metres from the eye, or the rectangle around it that has none. A point outside is taken
+    /// to the border.
+    pub(crate) fn tile_or_hole_at(&self, point: Vec2) -> Result<u32, Bounds> {
+        let at = self.lattice_point(point);
+        match self.ground.tree().find(at) {
+            Found::Tile(tile) if self.ground.tiles()[tile as usize].holds(at) => Ok(tile),
+            Found::Hole(corner, log) => {
+                let surface = &self.ground.shape().surface;
+                let corner = DVec2::from_array(corner.map(f64::from));
+                let [min, max] = [corner, corner + (1u64 << log) as f64]
+                    .map(|corner| surface.lattice_from_eye(corner, self.view.eye_in_world()).as_vec2());
+                Err(Bounds { min, max })
+            }
+            Found::Tile(_) | Found::Outside => Err(Bounds { min: point, max: point + 1.0 }),
+        }
+    }
+
+    /// A height that no ground of a rectangle exceeds, metres above the eye; minus infinity where no ground is.
+    pub(crate) fn highest_in(&self, within: Bounds) -> f32 {
+        let surface = &self.ground.shape().surface;
+        let [low, high] = [within.min, within.max]
+            .map(|corner| surface.lattice_of_way(corner.as_dvec2(), self.view.eye_in_world()).to_array());
+        self.ground.highest_in(low, high) - self.eye_height
+    }
+
     /// Converts a point from metres from the eye to lattice units, clamped to the ground's end.
     #[inline]
     fn lattice_point(&self, point: Vec2) -> [f64; 2] {
@@ -166,6 +191,24 @@ impl<'a> Scene<'a> {
         let end = self.ground.end().map(|end| f64::from(end) - JUST_INSIDE);
         let at = self.ground.shape().surface.lattice_of_way(point.as_dvec2(), self.view.eye_in_world());
         [0, 1].map(|axis| at[axis].clamp(0.0, end[axis]))
+    }
+
+    /// Where a way from the eye's foot comes over the ground's bounds, and where it leaves them, metres: a direction of length 1.
+    /// Where it misses them the end is not behind the beginning.
+    pub(crate) fn ground_along(&self, direction: Vec2) -> [f32; 2] {
+        let (mut begin, mut end) = (0.0f32, f32::INFINITY);
+        for axis in 0..2 {
+            let (direction, min, max) = (direction[axis], self.bounds.min[axis], self.bounds.max[axis]);
+            let [near, far] = match direction {
+                d if d > 0.0 => [min / d, max / d],
+                d if d < 0.0 => [max / d, min / d],
+                _ if min <= 0.0 && max >= 0.0 => [0.0, f32::INFINITY],
+                _ => [f32::INFINITY, 0.0],
+            };
+            begin = begin.max(near);
+            end = end.min(far);
+        }
+        if end.is_finite() { [begin, end] } else { [0.0, 0.0] }
     }
 
     /// The parameter at which a ray enters the ground's bounds.

@@ -7,7 +7,7 @@ use terravision_raycast::{CastOptions, Caster, Counts, Picture};
 use terravision_testkit::rays::{AnyMethod, Field, camera};
 
 const SIZE: [u32; 2] = [120, 90];
-const METHODS: [AnyMethod; 3] = [AnyMethod::Coherent, AnyMethod::Plain, AnyMethod::Mipmap];
+const METHODS: [AnyMethod; 4] = [AnyMethod::Coherent, AnyMethod::Plain, AnyMethod::Mipmap, AnyMethod::Sweep];
 
 #[test]
 fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {

@@ -12,8 +12,8 @@ use gdal::raster::RasterBand;
 pub(crate) fn open_raster(raster: &Raster) -> Result<Dataset, IngestError> {
     // The driver was determined when it was described; no other driver may open it now.
     Access::default()
-        .open(&raster.open_name(), Some(&raster.driver()))
-        .or_else(|_| Access::default().open(&raster.open_name(), None))
+        .open(raster.open_name(), Some(raster.driver()))
+        .or_else(|_| Access::default().open(raster.open_name(), None))
         .map_err(|e| raster.fails("cannot be opened again", &e))
 }
 

@@ -53,7 +53,7 @@ pub struct PictureArgs {
     pub exaggeration: f64,
     /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
-    /// 'default' draws facets of 10 pixels (7 with '--rays coherent') with one sample per pixel.
+    /// 'default' draws facets of 10 pixels (7 with '--rays coherent', 5 with '--rays sweep') with one sample per pixel.
     /// 'best' draws facets of 3 pixels with four samples: nearer to the true picture, at several
     /// times the cost. 'finest' draws facets of 1 pixel (larger ones above 1920x1080, where there
     /// would be too many) with four samples: what a pixel shows is right to the pixel. Rays have

@@ -31,9 +31,12 @@ pub enum RaysArg {
     Coherent,
     /// One exact ray per pixel through maxima of the heights
     Mipmap,
+    /// All rays of a vertical plane at once, by samples of the heights from the eye outwards: the
+    /// cheapest, above all with fine facets
+    Sweep,
     /// One exact ray per pixel as with 'mipmap', by a Vulkan device
     Compute,
-    /// In real time 'compute' on a GPU, else the faster of the first two; in exact mode 'mipmap'
+    /// In real time 'compute' on a GPU, else the faster of 'mipmap' and 'coherent'; in exact mode 'mipmap'
     Auto,
 }
 
@@ -42,6 +45,7 @@ impl From<RaysArg> for RaysChoice {
         match rays {
             RaysArg::Coherent => Self::Coherent,
             RaysArg::Mipmap => Self::Mipmap,
+            RaysArg::Sweep => Self::Sweep,
             RaysArg::Compute => Self::Compute,
             RaysArg::Auto => Self::Auto,
         }

@@ -150,6 +150,13 @@ impl Ground {
         is_needed.then_some(start)
     }
 
+    /// Makes what a sweep needs of all tiles that were added: maxima alone.
+    pub fn finish_for_sweep(&mut self) {
+        for index in 0..self.tiles.len() {
+            self.make_maxima(index);
+        }
+    }
+
     /// Builds the models of all added tiles: densities, boundary arrays, maxima.
     pub fn finish(&mut self) {
         self.finish_for(&Detail::ALL);

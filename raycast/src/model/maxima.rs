@@ -126,4 +126,34 @@ impl Ground {
         let columns = tile.cells[0].div_ceil(1 << level) as usize;
         maxima.get(start + at[1] as usize * columns + at[0] as usize).copied().unwrap_or(f32::INFINITY)
     }
+
+    /// A height that no post of a tile's cells over a rectangle exceeds, lattice units.
+    fn highest_of_tile(&self, tile: &Tile, low: [f64; 2], high: [f64; 2]) -> f32 {
+        let scale = 1.0 / f64::from(1u32 << tile.log_spacing);
+        let cells = |axis: usize| {
+            let cell = |at: f64| ((at - f64::from(tile.origin[axis])) * scale).max(0.0) as u32;
+            [low, high].map(|corner| cell(corner[axis]).min(tile.cells[axis] - 1))
+        };
+        let [columns, rows] = [cells(0), cells(1)];
+        let widest = (columns[1] - columns[0]).max(rows[1] - rows[0]) + 1;
+        // Blocks of that many cells: at most two a side lie over the rectangle.
+        let level = widest.next_power_of_two().ilog2().max(1);
+        if tile.cells.iter().all(|n| n.div_ceil(1 << level) <= 1) {
+            return tile.top_m;
+        }
+        let maxima = self.maxima(tile);
+        let mut highest = f32::NEG_INFINITY;
+        for row in rows[0] >> level..=rows[1] >> level {
+            for column in columns[0] >> level..=columns[1] >> level {
+                highest = larger(Self::block_maximum(tile, maxima, level, [column, row]), highest);
+            }
+        }
+        highest
+    }
+
+    /// A height that no ground of a rectangle exceeds, lattice units; metres above the datum. For a ground without voxels.
+    pub(crate) fn highest_in(&self, low: [f64; 2], high: [f64; 2]) -> f32 {
+        let top = |tile: u32| self.highest_of_tile(&self.tiles[tile as usize], low, high);
+        self.tree.highest_in(low, high, &top)
+    }
 }

@@ -38,6 +38,12 @@ impl Tile {
         DVec2::from_array(self.origin.map(f64::from))
     }
 
+    /// Where its heights begin in [`Ground::all_heights`].
+    #[inline]
+    pub(crate) fn first_height(&self) -> usize {
+        self.heights_at
+    }
+
     /// Whether a point, lattice units, lies over its cells.
     #[inline]
     pub(crate) fn holds(&self, point: [f64; 2]) -> bool {
@@ -49,6 +55,12 @@ impl Tile {
 }
 
 impl Ground {
+    /// The heights of all tiles, one behind the other.
+    #[inline]
+    pub(crate) fn all_heights(&self) -> &[f32] {
+        &self.heights
+    }
+
     #[inline]
     pub(crate) fn heights(&self, tile: &Tile) -> &[f32] {
         let [columns, rows] = tile.posts();

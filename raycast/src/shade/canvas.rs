@@ -7,7 +7,7 @@ use crate::scene::{Placed, Scene};
 use crate::view::Ray;
 use glam::Vec2;
 
-pub(super) const OPAQUE_BLACK: u32 = 0xff00_0000;
+pub(crate) const OPAQUE_BLACK: u32 = 0xff00_0000;
 
 /// A picture, and the colours of its ground.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub(crate) struct Canvas<'a> {
     pub(crate) sky: u32,
 }
 
-impl Canvas<'_> {
+impl<'a> Canvas<'a> {
     /// Writes a pixel whose ray hits no ground.
     #[inline(always)]
     pub(crate) fn put_sky(&self, pixel: [u32; 2]) {
@@ -49,7 +49,7 @@ impl Canvas<'_> {
 
     /// The colours of a tile; empty if its layer is missing.
     #[inline(always)]
-    fn layer(&self, tile: &Tile) -> &[u8] {
+    pub(crate) fn layer(&self, tile: &Tile) -> &'a [u8] {
         self.colors.get(tile.color.layer as usize).copied().unwrap_or_default()
     }
 }

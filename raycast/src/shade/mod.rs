@@ -11,5 +11,5 @@ pub(crate) mod outline;
 mod paint;
 pub(crate) mod strip;
 
-pub(crate) use canvas::Canvas;
+pub(crate) use canvas::{Canvas, OPAQUE_BLACK};
 pub(crate) use footprint::Footprints;

@@ -14,7 +14,7 @@ use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UND
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::{CastOptions, Caster, Method, Picture};
+use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;
@@ -79,6 +79,7 @@ impl Choice {
             // Without a device the processor casts the same rays.
             RaysChoice::Mipmap | RaysChoice::Compute => Self::Asked(Method::Mipmap),
             RaysChoice::Coherent => Self::Asked(Method::Coherent),
+            RaysChoice::Sweep => Self::Asked(Method::Sweep),
             RaysChoice::Auto => Self::Open { first_nanos: None, drawn: 0 },
         }
     }
@@ -107,9 +108,11 @@ impl Choice {
     fn words(&self) -> String {
         let of = |method: Method| match method {
             Method::Mipmap => "mipmap: one exact ray a pixel",
-            _ => "coherent: voxels along lines of pixels",
+            Method::Coherent => "coherent: voxels along lines of pixels",
+            Method::Sweep => "sweep: vertical planes",
         };
         match self {
+            Self::Asked(method @ Method::Sweep) => format!("{}, {}", of(*method), Instructions::widest().name()),
             Self::Asked(method) => of(*method).to_owned(),
             Self::Open { .. } => format!("{UNDECIDED} {}", of(METHODS[0])),
             Self::Tried { method, took } => {
@@ -216,7 +219,7 @@ impl RaysEngine {
     /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
-        let ground = &mut self.grounds[usize::from(method != Method::Mipmap)];
+        let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
         let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
         ground.clear(eye_m);
@@ -226,7 +229,10 @@ impl RaysEngine {
             let spec = spec.map_err(|fault| fail(index, fault))?;
             ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
         }
-        ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES });
+        match method {
+            Method::Sweep => ground.finish_for_sweep(),
+            _ => ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES }),
+        }
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
@@ -242,6 +248,7 @@ impl RaysEngine {
         let options = CastOptions {
             method,
             sampling,
+            sweep: SweepDetail::for_facets(frame.marker.r_z_px as f32),
             sky_rgb: self.options.sky_rgb,
             has_undersides: self.has_holes,
             ..CastOptions::default()

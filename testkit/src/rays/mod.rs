@@ -27,6 +27,8 @@ pub enum AnyMethod {
     Mipmap,
     /// The same, every ray from where it comes below the top of the ground.
     PlainMipmap,
+    /// [`Method::Sweep`].
+    Sweep,
 }
 
 impl AnyMethod {
@@ -43,10 +45,11 @@ impl AnyMethod {
         let method = match self {
             Self::Coherent | Self::Plain | Self::FromEye | Self::ForwardOnly => Method::Coherent,
             Self::Mipmap | Self::PlainMipmap => Method::Mipmap,
+            Self::Sweep => Method::Sweep,
         };
         let options = CastOptions { method, ..*options };
         match self {
-            Self::Coherent | Self::Mipmap => caster.draw(ground, colors, camera, &options, picture),
+            Self::Coherent | Self::Mipmap | Self::Sweep => caster.draw(ground, colors, camera, &options, picture),
             Self::Plain | Self::PlainMipmap => {
                 caster.draw_by(&Plain::<true>, ground, colors, camera, &options, picture)
             }

@@ -42,6 +42,9 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
+/// Steps of a random run. Under Miri each takes a thousand times as long.
+const MOST_STEPS: usize = if cfg!(miri) { 20 } else { 300 };
+
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     key: SlotKey,
@@ -53,7 +56,7 @@ proptest! {
     /// Tiles stay while a frame in flight wants them, the least recently wanted goes first, and
     /// locked ones never.
     #[test]
-    fn a_pool_is_a_least_recently_wanted_cache(steps in proptest::collection::vec(step(), 0..300)) {
+    fn a_pool_is_a_least_recently_wanted_cache(steps in proptest::collection::vec(step(), 0..MOST_STEPS)) {
         const SLOTS: usize = 8;
         let (mut writer, reader) = memory::pool(SLOTS as u32, 64).unwrap();
         let mut model: HashMap<u32, Entry> = HashMap::new();
@@ -196,8 +199,9 @@ fn a_writer_that_takes_over_takes_free_slots_before_tiles_that_were_expected() {
 
 #[test]
 fn decoding_threads_fill_slots_while_the_writer_goes_on() {
+    const SLOT_BYTES: u64 = if cfg!(miri) { 64 } else { 4096 };
     within_deadline(|| {
-        let (mut writer, reader) = memory::pool(64, 4096).unwrap();
+        let (mut writer, reader) = memory::pool(64, SLOT_BYTES).unwrap();
         std::thread::scope(|scope| {
             for number in 0..64 {
                 let mut guard = writer.allocate(node(number), at(1), at(0)).unwrap();

@@ -1,0 +1,102 @@
+//! Which vector instructions work is done with. The same bits by all of them: kernels add,
+//! subtract, multiply, divide and compare, which are exact to the bit everywhere, and nothing is
+//! contracted to a fused multiply-add, which Rust never does by itself.
+//!
+//! Kernels are plain loops over arrays. What differs is which instructions the compiler may make of
+//! them, and that a processor has them is found out when the program runs.
+
+#![cfg_attr(
+    target_arch = "x86_64",
+    expect(unsafe_code, reason = "a function for processors with certain instructions is called where they are")
+)]
+
+/// What is done by whichever instructions there are. Implementations are inlined as a whole, or
+/// they gain nothing.
+pub(crate) trait Work {
+    /// What comes of it.
+    type Output;
+    /// Does it.
+    fn run(self) -> Self::Output;
+}
+
+/// Vector instructions that this processor has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Instructions(Set);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Set {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Instructions {
+    /// Those that every processor of this kind has.
+    pub const PORTABLE: Self = Self(Set::Portable);
+
+    /// All that this processor has, the widest last.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let mut found = vec![Self::PORTABLE];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::is_x86_feature_detected!("avx2") {
+                found.push(Self(Set::Avx2));
+                let is_wide = std::is_x86_feature_detected!("avx512f")
+                    && std::is_x86_feature_detected!("avx512bw")
+                    && std::is_x86_feature_detected!("avx512dq")
+                    && std::is_x86_feature_detected!("avx512vl");
+                if is_wide {
+                    found.push(Self(Set::Avx512));
+                }
+            }
+        }
+        found
+    }
+
+    /// The widest that this processor has.
+    #[must_use]
+    pub fn widest() -> Self {
+        Self::all().pop().unwrap_or(Self::PORTABLE)
+    }
+
+    /// What they are called.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self.0 {
+            Set::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => "AVX2",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => "AVX-512",
+        }
+    }
+
+    /// Does work with them.
+    pub(crate) fn run<W: Work>(self, work: W) -> W::Output {
+        match self.0 {
+            Set::Portable => work.run(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Set::Avx2` is made by `Instructions::all` alone, where the processor has AVX2.
+            Set::Avx2 => unsafe { run_with_avx2(work) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Set::Avx512` is made by `Instructions::all` alone, where the processor has AVX2 and these
+            // parts of AVX-512.
+            Set::Avx512 => unsafe { run_with_avx512(work) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_with_avx2<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
+fn run_with_avx512<W: Work>(work: W) -> W::Output {
+    work.run()
+}

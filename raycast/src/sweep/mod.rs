@@ -1,0 +1,196 @@
+//! The sweep: what ray coherence (voxel-flythrough-1999 §4 to §6) becomes on processors with wide
+//! registers.
+//!
+//! All rays of a vertical plane through the eye lie over one line on the ground. A plane is swept
+//! outwards once, front to back, and sixteen neighboring planes are the lanes of a vector. Nothing
+//! is assumed of the ground, no ray steps back: for the surface that is sampled the picture is that
+//! of plain ray casting.
+//!
+//! ```text
+//! camera ─▶ sector: up to four parts around the vertical's vanishing point ─▶ fan: planes, steps outwards
+//!    strips of 128 lines, to whichever worker is free:
+//!    trace: heights under sixteen planes, horizon by horizon ─▶ strip: nearness of rows
+//!    shade: rows of pixels ─▶ place, footprint ─▶ texels, out of the tiles' layers in place ─▶ picture
+//! ```
+//!
+//! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
+//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are loops over
+//! arrays ([`lanes`]), done by the widest instructions that the processor has ([`instructions`]),
+//! with the same bits by all of them.
+
+mod fan;
+mod heights;
+mod instructions;
+mod lanes;
+mod sector;
+mod shade;
+mod stretch;
+mod strip;
+#[cfg(test)]
+mod tests;
+mod texels;
+mod trace;
+
+pub use instructions::Instructions;
+
+use crate::counts::Counts;
+use crate::scene::Scene;
+use crate::shade::Canvas;
+use crate::workers::Workers;
+use fan::Fan;
+use instructions::Work;
+use sector::{Row, Sector};
+use shade::Shader;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use strip::{LINES, Strip};
+use terravision_common::camera::Camera;
+use trace::Tracer;
+
+/// Blocks of a strip.
+const BLOCKS: usize = LINES / lanes::LANES;
+/// A picture has no more sectors.
+const MOST_SECTORS: usize = 4;
+
+/// How densely the ground is sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SweepDetail {
+    /// From step to step outwards, pixels of the picture at that distance: smaller steps follow
+    /// crests more closely and cost more.
+    pub step_px: f32,
+    /// Planes to a pixel where they are widest apart; between two is interpolated.
+    pub lines_per_px: f32,
+    /// Width of a texel, in lengths of a pixel's footprint along the line of sight.
+    pub footprint_along: f32,
+    /// The same across it. The larger one of both is taken.
+    pub footprint_across: f32,
+    /// Whether two texels of a footprint are averaged.
+    pub has_two_taps: bool,
+}
+
+impl SweepDetail {
+    /// Fewest samples for a good picture.
+    pub const DEFAULT: Self =
+        Self { step_px: 3.0, lines_per_px: 0.5, footprint_along: 0.5, footprint_across: 0.7, has_two_taps: false };
+    /// As near to the truth as it gets.
+    pub const BEST: Self = Self { step_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
+
+    /// As densely as facets of this size are worth: two samples to a facet.
+    #[must_use]
+    pub fn for_facets(facet_px: f32) -> Self {
+        let step_px = (0.5 * facet_px).clamp(Self::BEST.step_px, 8.0);
+        if step_px <= 2.0 { Self { step_px, ..Self::BEST } } else { Self { step_px, ..Self::DEFAULT } }
+    }
+}
+
+/// What sweeps keep from frame to frame.
+#[derive(Debug)]
+pub(crate) struct Sweep {
+    instructions: Instructions,
+    fans: Vec<Fan>,
+    rows: Vec<Row>,
+    /// Sector and first block of each strip.
+    strips: Vec<[usize; 2]>,
+    /// Of each worker.
+    memory: Vec<Mutex<Strip>>,
+}
+
+impl Sweep {
+    pub(crate) fn new(workers: usize) -> Self {
+        Self {
+            instructions: Instructions::widest(),
+            fans: (0..MOST_SECTORS).map(|_| Fan::default()).collect(),
+            rows: Vec::new(),
+            strips: Vec::new(),
+            memory: (0..workers).map(|_| Mutex::default()).collect(),
+        }
+    }
+
+    /// By which instructions kernels are done.
+    pub(crate) fn instructions(&self) -> Instructions {
+        self.instructions
+    }
+
+    /// By which instructions kernels are done from now on.
+    pub(crate) fn set_instructions(&mut self, instructions: Instructions) {
+        self.instructions = instructions;
+    }
+
+    /// Draws a scene into its picture.
+    pub(crate) fn draw(
+        &mut self,
+        canvas: &Canvas<'_>,
+        camera: &Camera,
+        detail: &SweepDetail,
+        workers: &Workers,
+    ) -> Counts {
+        let count = self.set(canvas.scene, camera, detail);
+        let Self { instructions, fans, strips, memory, .. } = &*self;
+        let fans = &fans[..count];
+        let next = AtomicUsize::new(0);
+        workers.run(|worker| {
+            // A worker's own. What a panic has left in it is not looked at.
+            let mut strip = memory[worker].lock().unwrap_or_else(PoisonError::into_inner);
+            let mut counts = Counts::default();
+            // Relaxed: which worker takes a strip shows nowhere.
+            while let Some([fan, first]) = strips.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
+                let work = StripWork { canvas, fan: &fans[fan], first, detail, strip: &mut strip };
+                counts = counts + instructions.run(work);
+            }
+            counts
+        })
+    }
+
+    /// Makes the sectors, planes and strips of a frame; how many sectors there are.
+    fn set(&mut self, scene: &Scene<'_>, camera: &Camera, detail: &SweepDetail) -> usize {
+        let Self { fans, rows, strips, memory, .. } = self;
+        let size = [camera.width(), camera.height()];
+        let longest = size[0].max(size[1]) as usize;
+        for strip in memory {
+            strip.get_mut().unwrap_or_else(PoisonError::into_inner).reserve(longest);
+        }
+        fans.iter_mut().for_each(|fan| fan.reserve(scene, size, detail));
+        rows.reserve(longest.saturating_sub(rows.len()));
+        strips.clear();
+        strips.reserve(fans.iter().map(|fan| fan.blocks.capacity() / BLOCKS + 1).sum());
+        let mut count = 0;
+        let mut put = |sector: Sector, rows: &[Row]| {
+            fans[count].set(sector, rows, scene, detail);
+            strips.extend((0..fans[count].blocks.len()).step_by(BLOCKS).map(|first| [count, first]));
+            count += 1;
+        };
+        Sector::all(camera, f64::from(detail.lines_per_px), &mut put, rows);
+        count
+    }
+}
+
+/// A strip to be swept and shaded.
+struct StripWork<'a> {
+    canvas: &'a Canvas<'a>,
+    fan: &'a Fan,
+    /// Its first block.
+    first: usize,
+    detail: &'a SweepDetail,
+    strip: &'a mut Strip,
+}
+
+impl Work for StripWork<'_> {
+    type Output = Counts;
+
+    #[inline(always)]
+    fn run(self) -> Counts {
+        let Self { canvas, fan, first, detail, strip } = self;
+        let mut counts = Counts::default();
+        let blocks = &fan.blocks[first..fan.blocks.len().min(first + BLOCKS)];
+        for (number, block) in blocks.iter().enumerate() {
+            let Some(mut tracer) = Tracer::new(canvas.scene, fan, block) else { continue };
+            tracer.trace(strip, number * lanes::LANES);
+            counts.samples += tracer.samples;
+        }
+        if let Some(mut shader) = Shader::new(canvas, fan, detail) {
+            let lines = first * lanes::LANES..(first + blocks.len()) * lanes::LANES;
+            counts.hits += shader.shade(strip, lines);
+        }
+        counts
+    }
+}

@@ -1,0 +1,284 @@
+//! Sixteen planes, swept outwards once: which nearness each pixel of their lines sees.
+//!
+//! A plane cuts the ground in a polyline over its line on the map. Seen from the eye, a point of it
+//! has the slope `s = (height − eye) / distance`, and shows where `s` is above every slope before
+//! it: then the rows between the highest slope so far and this one see the stretch from the last
+//! point to this one. In a picture one over depth is linear along a straight stretch, so that two
+//! numbers of a row and of a stretch are all that is needed.
+//!
+//! ```text
+//!  row      ...........*  s of this step        what is above the highest slope so far is seen,
+//!   |            . '       rows between         what is below is hidden: for the polyline this is
+//!   |   *. . . '                                exact, there is nothing to step back for
+//!   |  highest so far
+//! ```
+//!
+//! For an eye beside the world, rows that pass under its edge see the ground from below: where `s`
+//! is below every slope before it. The same, upside down.
+
+use super::fan::{Block, Fan, Step};
+use super::heights::{Heights, NOTHING};
+use super::lanes::{Floats, LANES, floor, larger, smaller};
+use super::stretch::LEAST_ROWS;
+use super::strip::Strip;
+use crate::scene::{Bounds, Scene};
+use glam::Vec2;
+
+const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
+/// Steps that are looked at together: hidden ones are left out together. Many first, then few.
+const GROUPS: [usize; 2] = [64, 8];
+/// The slope of a point where no ground is.
+pub(super) const NO_SLOPE: f32 = f32::NEG_INFINITY;
+/// What is swept, and where to.
+pub(super) struct Tracer<'a> {
+    scene: &'a Scene<'a>,
+    fan: &'a Fan,
+    pub(super) block: &'a Block,
+    heights: Heights<'a>,
+    /// Of slopes: pixels of height and metres of depth on the plane of depth 1.
+    pub(super) per_slope: [f32; 2],
+    pub(super) focal_px: f32,
+    /// Half the height of the turned picture, pixels.
+    pub(super) middle: f32,
+    /// Rows of the sector.
+    pub(super) rows: [f32; 2],
+    /// Steps that were sampled.
+    pub(super) samples: u64,
+}
+
+/// The points that a step has come to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Points {
+    pub(super) slope: Floats,
+    /// One over their distance along the ground.
+    pub(super) nearness: Floats,
+}
+
+/// What is known of the planes.
+pub(super) struct State {
+    /// Largest slope so far, or upside down the smallest.
+    pub(super) horizon: Floats,
+    /// The first row that is not filled yet, or upside down the last that is.
+    pub(super) next: Floats,
+    pub(super) last: Points,
+}
+
+impl<'a> Tracer<'a> {
+    pub(super) fn new(scene: &'a Scene<'a>, fan: &'a Fan, block: &'a Block) -> Option<Self> {
+        let sector = fan.sector.as_ref()?;
+        Some(Self {
+            scene,
+            fan,
+            block,
+            heights: Heights::new(scene),
+            per_slope: sector.per_slope().map(|of| of as f32),
+            focal_px: scene.view.focal_px(),
+            middle: 0.5 * sector.height() as f32,
+            rows: sector.rows.map(|row| row as f32),
+            samples: 0,
+        })
+    }
+
+    /// Fills the rows of the planes' lines, which are the lines from `first` on of a strip.
+    #[inline(always)]
+    pub(super) fn trace(&mut self, strip: &mut Strip, first: usize) {
+        let mut state = State {
+            horizon: self.block.lowest,
+            next: [self.rows[0]; LANES],
+            last: Points { slope: [NO_SLOPE; LANES], nearness: [0.0; LANES] },
+        };
+        for k in 0..LANES {
+            if !self.block.has_ground[k] {
+                state.horizon[k] = f32::INFINITY;
+            }
+        }
+        if let Some(begin) = self.fan.steps.first() {
+            state.last = self.points(begin);
+            self.begin(&mut state, strip, first);
+            self.sweep(&mut state, strip, first);
+        }
+        strip.put_sky(first, &state.next, self.rows);
+    }
+
+    /// Points of the planes at a step: no nearer than where the ground begins, no further than its
+    /// border.
+    #[inline(always)]
+    fn points(&mut self, step: &Step) -> Points {
+        let block = self.block;
+        let (mut distance, mut nearness) = ([0.0; LANES], [step.nearness; LANES]);
+        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            distance[k] = smaller(larger(step.distance, block.begin[k]), block.end[k]);
+            nearness[k] = if distance[k] == step.distance { step.nearness } else { 1.0 / distance[k] };
+            east[k] = block.east[k] * distance[k];
+            north[k] = block.north[k] * distance[k];
+        }
+        let heights = self.heights.at(&east, &north);
+        self.samples += LANES as u64;
+        let mut slope = [0.0; LANES];
+        let eye = self.scene.eye_height;
+        for k in 0..LANES {
+            slope[k] = (heights[k] - eye) * nearness[k];
+        }
+        Points { slope, nearness }
+    }
+
+    /// What is seen before the first step.
+    #[inline(never)]
+    fn begin(&mut self, state: &mut State, strip: &mut Strip, first: usize) {
+        let mut under = [false; LANES];
+        for (k, is_under) in under.iter_mut().enumerate() {
+            let slope = state.last.slope[k];
+            if !self.block.has_ground[k] || slope <= state.horizon[k] {
+                continue;
+            }
+            let nearness = state.last.nearness[k];
+            let end = self.end_row(k, slope);
+            if self.block.begin[k] > 0.0 && self.scene.has_undersides {
+                *is_under = true;
+            } else if end > self.rows[0] {
+                // The ground goes on towards the eye as high as it is here; from where it begins
+                // down, it is a wall.
+                let is_wall = self.block.begin[k] > 0.0;
+                let before = if is_wall { [state.horizon[k], nearness] } else { [2.0 * slope, 2.0 * nearness] };
+                let [row, seen] = self.seen(k, slope, nearness);
+                let [row_before, seen_before] = self.seen(k, before[0], before[1]);
+                let by = row - row_before;
+                let per_row = if by.abs() > LEAST_ROWS { (seen - seen_before) / by } else { 0.0 };
+                let within = [0.5 * seen.min(seen_before), 2.0 * seen.max(seen_before)];
+                for number in self.rows[0] as usize..end as usize {
+                    let value = seen + (number as f32 + 0.5 - row) * per_row;
+                    strip.put(number, first + k, value.clamp(within[0], within[1]), per_row);
+                }
+            }
+            state.horizon[k] = slope;
+            state.next[k] = larger(end, self.rows[0]);
+        }
+        if under.contains(&true) {
+            self.look_under(&under, state, strip, first);
+        }
+    }
+
+    /// The row of a point in plane `k`, and one over its depth. Slopes beyond the picture's edges
+    /// are taken to them: what lies there may be behind the camera.
+    #[inline(always)]
+    pub(super) fn seen(&self, k: usize, slope: f32, nearness: f32) -> [f32; 2] {
+        let block = self.block;
+        let slope = smaller(larger(slope, block.lowest[k]), block.highest[k]);
+        let per_depth = 1.0 / (block.depth[k] + slope * self.per_slope[1]);
+        let height = (block.rise[k] + slope * self.per_slope[0]) * per_depth;
+        [height * self.focal_px + self.middle, nearness * per_depth]
+    }
+
+    /// The first row whose middle is above a slope.
+    #[inline(always)]
+    fn end_row(&self, k: usize, slope: f32) -> f32 {
+        let [row, _] = self.seen(k, slope, 1.0);
+        floor(smaller(larger(row + 0.5, 0.0), self.rows[1]))
+    }
+
+    /// Goes outwards, as long as something may still be seen.
+    #[inline(always)]
+    fn sweep(&mut self, state: &mut State, strip: &mut Strip, first: usize) {
+        let count = self.fan.steps.len();
+        let mut at = 1;
+        // Whether the last point is that of the step before.
+        let mut is_known = true;
+        while at < count {
+            let lowest = self.lowest_open(state);
+            if lowest == f32::INFINITY || self.is_all_below(at, lowest) {
+                return;
+            }
+            if let Some(end) =
+                GROUPS.map(|group| count.min(at + group)).into_iter().find(|end| self.bound(at, *end) <= lowest)
+            {
+                at = end;
+                is_known = false;
+                continue;
+            }
+            if !is_known {
+                state.last = self.points(&self.fan.steps[at - 1]);
+                is_known = true;
+            }
+            let end = count.min(at + GROUPS[1]);
+            for step in &self.fan.steps[at..end] {
+                let points = self.points(step);
+                self.advance::<true>(state, &points, strip, first);
+            }
+            at = end;
+        }
+    }
+
+    /// Takes the next points, and fills the rows that they come to. `IS_UP` false: upside down.
+    #[inline(always)]
+    fn advance<const IS_UP: bool>(&self, state: &mut State, points: &Points, strip: &mut Strip, first: usize) {
+        let mut seen = 0u32;
+        for k in 0..LANES {
+            let (slope, horizon) = (points.slope[k], state.horizon[k]);
+            let is_seen = if IS_UP { slope > horizon } else { (slope < horizon) & (slope > NO_SLOPE) };
+            seen |= u32::from(is_seen);
+        }
+        if seen != 0 {
+            self.fill::<IS_UP>(state, points, strip, first);
+        }
+        state.last = *points;
+    }
+
+    /// The smallest of the largest slopes so far, of planes that have rows left.
+    #[inline(always)]
+    fn lowest_open(&self, state: &State) -> f32 {
+        let mut lowest = f32::INFINITY;
+        for k in 0..LANES {
+            let horizon = if state.next[k] < self.rows[1] { state.horizon[k] } else { f32::INFINITY };
+            lowest = smaller(horizon, lowest);
+        }
+        lowest
+    }
+
+    /// Whether no ground from a step on rises above a slope.
+    #[inline(always)]
+    fn is_all_below(&self, at: usize, slope: f32) -> bool {
+        let highest = self.scene.highest;
+        let (nearest, furthest) = (&self.fan.steps[at - 1], &self.fan.steps[self.fan.steps.len() - 1]);
+        highest * if highest > 0.0 { nearest.nearness } else { furthest.nearness } <= slope
+    }
+
+    /// A slope that the steps from `at` to `end` and the way to them do not exceed.
+    #[inline(never)]
+    fn bound(&self, at: usize, end: usize) -> f32 {
+        let block = self.block;
+        let (near, far) = (&self.fan.steps[at - 1], &self.fan.steps[end - 1]);
+        let [a, b] = [0, LANES - 1].map(|k| Vec2::new(block.east[k], block.north[k]));
+        // The planes between reach further than the line from the first to the last one.
+        let margin = Vec2::splat(far.distance * (1.0 - a.dot(b)).max(1e-6));
+        let corners = [a * near.distance, b * near.distance, a * far.distance, b * far.distance];
+        let min = corners.into_iter().fold(Vec2::INFINITY, Vec2::min) - margin;
+        let max = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max) + margin;
+        let highest = self.scene.highest_in(Bounds { min, max });
+        highest * if highest > 0.0 { near.nearness } else { far.nearness }
+    }
+
+    /// Fills the rows below the edge of the ground with what they see of it from below.
+    #[inline(never)]
+    fn look_under(&mut self, under: &[bool; LANES], above: &State, strip: &mut Strip, first: usize) {
+        let mut state = State { horizon: above.horizon, next: above.next, last: above.last };
+        for (k, _) in under.iter().enumerate().filter(|(_, is_under)| !**is_under) {
+            state.horizon[k] = NO_SLOPE;
+            state.next[k] = self.rows[0];
+        }
+        for at in 1..self.fan.steps.len() {
+            let is_done = (0..LANES).all(|k| state.next[k] <= self.rows[0] || state.horizon[k] <= self.block.lowest[k]);
+            if is_done {
+                break;
+            }
+            let points = self.points(&self.fan.steps[at]);
+            self.advance::<false>(&mut state, &points, strip, first);
+        }
+        // Rows that are left pass below all ground.
+        for k in (0..LANES).filter(|k| under[*k]) {
+            for row in self.rows[0] as usize..state.next[k] as usize {
+                strip.put(row, first + k, 0.0, 0.0);
+            }
+        }
+    }
+}

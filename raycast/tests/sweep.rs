@@ -1,0 +1,216 @@
+//! The sweep against the surface that it samples: on hills, cliffs and beyond the world's edge, in
+//! any attitude. Ten thousand poses with `TERRAVISION_SWEEP_POSES=10000`.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+use glam::{DVec2, DVec3};
+use terravision_common::camera::Camera;
+use terravision_raycast::model::{Filter, Ground};
+use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
+use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera, noise};
+
+const SIZE: [u32; 2] = [56, 42];
+const DETAIL: SweepDetail = SweepDetail { step_px: 2.0, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
+
+fn options() -> CastOptions {
+    CastOptions { method: Method::Sweep, sweep: DETAIL, ..CastOptions::default() }
+}
+
+/// The lowest and the highest ground around a place, no further away than `radius_m`, and whether
+/// the world ends there.
+fn around(field: &Field, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
+    let (mut low, mut high, mut is_border) = (f64::INFINITY, f64::NEG_INFINITY, false);
+    let mut look = |at: DVec2| match field.at(at.x, at.y) {
+        Some(height) => {
+            low = low.min(height);
+            high = high.max(height);
+        }
+        None => is_border = true,
+    };
+    for i in -2..=2 {
+        for j in -2..=2 {
+            look(place + DVec2::new(f64::from(i), f64::from(j)) * 0.5 * radius_m);
+        }
+    }
+    let [first, last] = [-radius_m, radius_m]
+        .map(|by| ((place + by) / UNIT_M).round().clamp(DVec2::ZERO, DVec2::splat(field.cells as f64)));
+    for i in first.x as u32..=last.x as u32 {
+        for j in first.y as u32..=last.y as u32 {
+            look(DVec2::new(f64::from(i), f64::from(j)) * UNIT_M);
+        }
+    }
+    ([low, high], is_border)
+}
+
+/// Whether a ray comes over the ground lower than its edge: it goes on under it.
+fn is_under_edge(field: &Field, eye: DVec3, direction: DVec3, focal: f64) -> bool {
+    let end = field.cells as f64 * UNIT_M;
+    let (mut entry, mut exit) = (0.0f64, f64::INFINITY);
+    for axis in 0..2 {
+        let ways = [0.0, end].map(|border| (border - eye[axis]) / direction[axis]);
+        entry = entry.max(ways[0].min(ways[1]));
+        exit = exit.min(ways[0].max(ways[1]));
+    }
+    if entry == 0.0 || entry >= exit {
+        return false;
+    }
+    let point = eye + direction * entry;
+    let pixel = entry / focal;
+    let ([_, edge], _) = around(field, point.truncate().clamp(DVec2::ZERO, DVec2::splat(end)), UNIT_M + 2.0 * pixel);
+    // A pixel further on, a steep line of sight is much lower.
+    point.z < edge + pixel * (1.0 + direction.z.abs() / direction.truncate().length().max(1e-9))
+}
+
+/// Pixels that show what is further than a step from what plain rays could meet: ground that is not
+/// there, or ground behind ground.
+fn strays(field: &Field, camera: &Camera, depths: &[f32]) -> Vec<String> {
+    let eye = camera.eye();
+    let focal = camera.focal_px();
+    let mut strays = Vec::new();
+    for (k, depth) in depths.iter().enumerate().step_by(5) {
+        let [x, y] = [k as u32 % SIZE[0], k as u32 / SIZE[0]];
+        let direction = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let across = direction.truncate().length().max(1e-9);
+        if is_under_edge(field, eye, direction, focal) {
+            continue;
+        }
+        // A step outwards, and the pixel between two lines.
+        let radius = |t: f64| (0.5 * UNIT_M).max(2.0 * t * across / focal) + 2.0 * t / focal + 0.1;
+        let hit = if depth.is_nan() { f64::INFINITY } else { f64::from(*depth) };
+        if hit.is_finite() {
+            let point = eye + direction * hit;
+            // Between lines nearness is interpolated, up to a fiftieth of it.
+            let ([low, high], is_border) = around(field, point.truncate(), radius(hit) + 0.02 * hit * across);
+            // Half a pixel beside the middle, on the next line, the line of sight is higher or
+            // lower.
+            let margin = 0.02 * hit * direction.z.abs() + 0.6 * hit / focal + 0.1;
+            if !is_border && !(low - margin..=high + margin).contains(&point.z) {
+                strays.push(format!("pixel {x}, {y} at {hit}: height {} is not from {low} to {high}", point.z));
+                continue;
+            }
+        }
+        let mut t = 0.0;
+        while t < hit.min(3000.0) * 0.97 - 2.0 * radius(t) / across {
+            let point = eye + direction * t;
+            let ([low, _], is_border) = around(field, point.truncate(), radius(t) + 0.02 * t * across);
+            if !is_border && point.z < low - 0.6 * t / focal - 0.1 {
+                strays.push(format!("pixel {x}, {y} at {hit}: passes ground at {t}, {} m below it", low - point.z));
+                break;
+            }
+            t += (0.7 * radius(t) / direction.length()).max(1.0);
+        }
+    }
+    strays
+}
+
+fn poses() -> u64 {
+    std::env::var("TERRAVISION_SWEEP_POSES").ok().and_then(|count| count.parse().ok()).unwrap_or(120)
+}
+
+/// A pose over the field, or beside it: any heading and roll, any pitch.
+fn pose(field: &Field, seed: u64) -> Camera {
+    let random = |n: u64| noise(seed, n, 77);
+    let side = field.cells as f64 * UNIT_M;
+    let place = [0, 1].map(|n| (random(n) * 1.2 - 0.1) * side);
+    let ground = field.at(place[0], place[1]).unwrap_or(60.0);
+    let angles = [random(2) * 360.0, random(3) * 180.0 - 110.0, random(4) * 360.0 - 180.0];
+    let angles = if seed.is_multiple_of(11) { [angles[0], -90.0, (angles[2] / 45.0).round() * 45.0] } else { angles };
+    camera([place[0], place[1], ground + 8.0 + 400.0 * random(5) * random(5)], angles, 30.0 + 60.0 * random(6), SIZE)
+}
+
+#[test]
+fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
+    let fields = [Field::hills(90, 250.0, 3), Field::towers(90, 120.0, 5)];
+    let grounds: Vec<Ground> = fields.iter().map(|field| field.ground(16, None)).collect();
+    let colors = fields.each_ref().map(Field::colors);
+    let mut caster = Caster::new(1).unwrap();
+    // Of this color is no pixel that was drawn: neither sky nor ground.
+    let unset = camera([1e7, 0.0, 100.0], [90.0, 0.0, 0.0], 60.0, SIZE);
+    for seed in 0..poses() {
+        let which = seed as usize % 2;
+        let (field, ground) = (&fields[which], &grounds[which]);
+        let camera = pose(field, seed);
+        let picture = Picture::new(SIZE);
+        let blank = CastOptions { sky_rgb: [1, 254, 3], ..options() };
+        caster.draw(ground, &[&colors[which][..]], &unset, &blank, &picture);
+        let is_unset = |color: u32| color == u32::from_le_bytes([1, 254, 3, 255]);
+        assert!(picture.rgba().all(is_unset), "a camera that sees no ground");
+        caster.draw(ground, &[&colors[which][..]], &camera, &options(), &picture);
+        assert!(!picture.rgba().any(is_unset), "pose {seed}: a pixel is left out");
+        let depths: Vec<f32> = picture.depth().collect();
+        assert!(depths.iter().all(|depth| depth.is_nan() || *depth > 0.0), "pose {seed}");
+        let strays = strays(field, &camera, &depths);
+        assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
+    }
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_instructions() {
+    let field = Field::hills(100, 250.0, 1);
+    let ground = field.ground(32, Filter::OrientedBox);
+    let colors = field.colors();
+    let mut caster = Caster::new(1).unwrap();
+    let all = Instructions::all();
+    assert!(all[0] == Instructions::PORTABLE && all.last() == Some(&caster.instructions()));
+    for seed in 0..40 {
+        let camera = pose(&field, seed);
+        for detail in [SweepDetail::DEFAULT, SweepDetail::BEST] {
+            let mut draw = |instructions: Instructions| -> Vec<(u32, u32)> {
+                let picture = Picture::new(SIZE);
+                caster.set_instructions(instructions);
+                let options = CastOptions { sweep: detail, ..options() };
+                caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+                picture.rgba().zip(picture.depth().map(f32::to_bits)).collect()
+            };
+            let portable = draw(Instructions::PORTABLE);
+            for other in &all[1..] {
+                assert!(draw(*other) == portable, "pose {seed} by {}", other.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_is_that_of_exact_rays() {
+    let field = Field::hills(100, 250.0, 11);
+    let eye = [300.0, 200.0, field.at(300.0, 200.0).unwrap() + 150.0];
+    for (side, angles) in
+        [(128, [30.0, -25.0, 0.0]), (16, [30.0, -25.0, 0.0]), (32, [60.0, -50.0, 100.0]), (16, [0.0, -90.0, 5.0])]
+    {
+        let camera = camera(eye, angles, 60.0, SIZE);
+        let ground = field.ground(side, None);
+        let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
+            let picture = Picture::new(SIZE);
+            let options = CastOptions { sweep: DETAIL, ..CastOptions::default() };
+            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            picture.depth().collect::<Vec<f32>>()
+        });
+        let both = exact.iter().zip(&swept);
+        let torn = both.clone().filter(|(exact, swept)| exact.is_nan() != swept.is_nan()).count();
+        let mut errors: Vec<f32> =
+            both.map(|(exact, swept)| (exact - swept).abs()).filter(|error| error.is_finite()).collect();
+        errors.sort_by(f32::total_cmp);
+        let median = f64::from(errors[errors.len() / 2]);
+        assert!(median < 0.1 * UNIT_M && torn < 20, "{angles:?}: {median} m, {torn} pixels");
+    }
+}
+
+#[test]
+fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
+    let field = Field::hills(60, 250.0, 4);
+    let ground = field.ground(16, None);
+    // Ground ends where its tiles do: the eye counts as beside the world when it is beside them
+    // west or south.
+    for (eye, angles) in [([-200.0, 300.0, 20.0], [80.0, 5.0, 0.0]), ([300.0, -150.0, 60.0], [10.0, -10.0, 30.0])] {
+        let camera = camera(eye, angles, 60.0, SIZE);
+        let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
+            let picture = Picture::new(SIZE);
+            let options = CastOptions { sweep: DETAIL, has_undersides: true, ..CastOptions::default() };
+            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            picture.depth().collect::<Vec<f32>>()
+        });
+        let torn = exact.iter().zip(&swept).filter(|(exact, swept)| exact.is_nan() != swept.is_nan()).count();
+        let far = exact.iter().zip(&swept).filter(|(exact, swept)| (*exact - *swept).abs() > 0.2 * **exact).count();
+        assert!(torn * 50 < exact.len() && far * 20 < exact.len(), "{eye:?}: {torn} torn, {far} far");
+    }
+}
