@@ -37,16 +37,16 @@ impl Still<'_> {
     /// When `terravision still` fails, with what it says, or its files are not as they should be.
     pub(super) fn take(&self, [r, g, b]: [u8; 3], folder: &Path) -> anyhow::Result<Taken> {
         let files = ["still.png", "depth.tif", "ground.tif"].map(|name| folder.join(name));
-        let Camera { width, height, .. } = *self.camera;
+        let (width, height) = (self.camera.width(), self.camera.height());
         let place = self.frame.place(self.camera.eye());
         let mut command = Command::new(sibling("terravision")?);
         command.arg("still").arg(self.world).args(["--quiet", "--quality", self.quality]);
         command.arg(format!("--eye={},{},{}", place.x, place.y, place.z));
         for (name, radians) in [
-            ("heading", self.camera.heading_rad),
-            ("pitch", self.camera.pitch_rad),
-            ("roll", self.camera.roll_rad),
-            ("vfov", self.camera.vfov_rad),
+            ("heading", self.camera.heading_rad()),
+            ("pitch", self.camera.pitch_rad()),
+            ("roll", self.camera.roll_rad()),
+            ("vfov", self.camera.vfov_rad()),
         ] {
             command.arg(format!("--{name}={}", radians.to_degrees()));
         }
@@ -64,7 +64,7 @@ impl Still<'_> {
         let rgb = image::open(picture).with_context(|| unreadable(picture))?.into_rgb8();
         let (.., depth) = read_floats(depth).with_context(|| unreadable(depth))?;
         let (.., places) = read_floats(ground).with_context(|| unreadable(ground))?;
-        let pixels = (self.camera.width * self.camera.height) as usize;
+        let pixels = (self.camera.width() * self.camera.height()) as usize;
         ensure!(
             rgb.pixels().len() == pixels && depth.len() == pixels && places.len() == 3 * pixels,
             "the picture, its depth and its ground have {}, {} and {} values, expected {pixels} pixels of {}x{}: \
@@ -72,8 +72,8 @@ impl Still<'_> {
             rgb.pixels().len(),
             depth.len(),
             places.len(),
-            self.camera.width,
-            self.camera.height,
+            self.camera.width(),
+            self.camera.height(),
         );
         let ground = places.chunks_exact(3).map(|place| self.frame.position(DVec3::from_slice(place))).collect();
         Ok(Taken { rgb: rgb.pixels().map(|p| p.0).collect(), depth, ground })
