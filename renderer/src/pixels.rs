@@ -31,6 +31,7 @@ impl PixelPlaces {
 
 /// Picture, and depth when it was asked for, of all views of one frame.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a run makes a few and moves them; nothing has many of them")]
 pub enum Pixels {
     /// Where a Vulkan device has put them.
     Device(Outputs),
