@@ -1,5 +1,6 @@
 //! Times to draw views of a world, read directly from a database: `cargo run -p terravision-raycast
-//! --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`. With `exact` only exact rays are timed.
+//! --example views -- WORLD.tv [CELL_PX [ROUNDS [exact]]]`. With `exact` only exact rays and
+//! the sweep are timed.
 //!
 //! The views are those of docs/quality.md. Results are medians of the processor time of one worker,
 //! because other load disturbs this least.
@@ -73,9 +74,9 @@ fn main() {
             f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
         let camera = camera(below + above_m);
         for (method, accurate_m) in
-            [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0)]
+            [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0), (Method::Sweep, -1.0)]
         {
-            if is_exact_alone && method != Method::Mipmap {
+            if is_exact_alone && method == Method::Coherent {
                 continue;
             }
             let mut fill = || tiles.fill(&mut ground, &camera, &level(&camera), accurate_m).expect("tiles are there");
@@ -100,7 +101,7 @@ fn main() {
             let hash = picture.rgba().fold(0u64, |hash, v| (hash ^ u64::from(v)).wrapping_mul(0x100_0000_01b3));
             println!(
                 "| {name} | {method:?}{} | {:.0} | {:.1} | {:.0} | {} | {:.3} | {:.3} | {:.2} | {:.2} | {hash:016x} |",
-                if method == Method::Mipmap || accurate_m > 0.0 { "" } else { " approximate" },
+                if method != Method::Coherent || accurate_m > 0.0 { "" } else { " approximate" },
                 millis[millis.len() / 2],
                 millis[0],
                 1e3 * models.as_secs_f64(),

@@ -154,14 +154,16 @@ impl Caster {
         let Self { workers, placed, sweep, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
-        let counts = sweep.draw(&canvas, camera, &options.sweep, workers);
+        let rays = u64::from(camera.width()) * u64::from(camera.height());
+        let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
         if ground.is_partly_unmeasured() {
             canvas.look_at_shares(workers);
         }
         counts
     }
 
-    /// By which instructions sweeps are done: the widest that there are, unless another choice has been made.
+    /// By which instructions sweeps are done: the widest that there are, unless another choice has
+    /// been made.
     #[must_use]
     pub fn instructions(&self) -> Instructions {
         self.sweep.instructions()
@@ -172,8 +174,8 @@ impl Caster {
         self.sweep.set_instructions(instructions);
     }
 
-    /// The same with another start rule, for comparisons. A sweep, which has no rays that start, is drawn by exact
-    /// rays.
+    /// The same with another start rule, for comparisons. A sweep, which has no rays that start, is
+    /// drawn by exact rays.
     ///
     /// # Panics
     /// As [`Caster::draw`].

@@ -159,8 +159,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The tile at a point of the ground, metres from the eye, or the rectangle around it that has none. A point outside is taken
-    /// to the border.
+    /// The tile at a point of the ground, metres from the eye, or the rectangle around it that has
+    /// none. A point outside is taken to the border.
     pub(crate) fn tile_or_hole_at(&self, point: Vec2) -> Result<u32, Bounds> {
         let at = self.lattice_point(point);
         match self.ground.tree().find(at) {
@@ -176,7 +176,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// A height that no ground of a rectangle exceeds, metres above the eye; minus infinity where no ground is.
+    /// A height that no ground of a rectangle exceeds, metres above the eye; minus infinity where
+    /// no ground is.
     pub(crate) fn highest_in(&self, within: Bounds) -> f32 {
         let surface = &self.ground.shape().surface;
         let [low, high] = [within.min, within.max]
@@ -193,8 +194,8 @@ impl<'a> Scene<'a> {
         [0, 1].map(|axis| at[axis].clamp(0.0, end[axis]))
     }
 
-    /// Where a way from the eye's foot comes over the ground's bounds, and where it leaves them, metres: a direction of length 1.
-    /// Where it misses them the end is not behind the beginning.
+    /// Where a way from the eye's foot comes over the ground's bounds, and where it leaves them,
+    /// metres: a direction of length 1. Where it misses them the end is not behind the beginning.
     pub(crate) fn ground_along(&self, direction: Vec2) -> [f32; 2] {
         let (mut begin, mut end) = (0.0f32, f32::INFINITY);
         for axis in 0..2 {

@@ -151,7 +151,8 @@ impl Ground {
         highest
     }
 
-    /// A height that no ground of a rectangle exceeds, lattice units; metres above the datum. For a ground without voxels.
+    /// A height that no ground of a rectangle exceeds, lattice units; metres above the datum. For a
+    /// ground without voxels.
     pub(crate) fn highest_in(&self, low: [f64; 2], high: [f64; 2]) -> f32 {
         let top = |tile: u32| self.highest_of_tile(&self.tiles[tile as usize], low, high);
         self.tree.highest_in(low, high, &top)

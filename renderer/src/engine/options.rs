@@ -71,7 +71,7 @@ impl EngineOptions {
         if self.technique != TechniqueChoice::Rays || self.rays != RaysChoice::Auto {
             return self;
         }
-        // Without Vulkan there is none.
+        // Without Vulkan the list is empty.
         let devices = describe_adapters(&self.device, &Needs { size: self.view_bounds().size, ..Needs::LEAST })
             .unwrap_or_default();
         let is_gpu = |device: &AdapterDescription| device.kind > DeviceKind::Cpu && device.missing.is_empty();

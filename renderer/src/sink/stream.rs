@@ -22,7 +22,7 @@ impl StreamSink<File> {
     /// Pictures of this size to standard output, which is the launcher's pipe.
     ///
     /// # Errors
-    /// There is none.
+    /// It cannot be duplicated.
     pub fn stdout(encoding: FrameEncoding, size: [u32; 2]) -> Result<Self, SinkError> {
         // As a file: the buffer of `std::io::Stdout` would look for the ends of lines in every
         // picture.
