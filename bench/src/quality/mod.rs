@@ -27,8 +27,8 @@ use terravision_testkit::reference::{Picture, RenderOptions, render};
 use truth::Truth;
 
 const BENCH: &str = "quality";
-/// Views are taken evenly of a round of so many poses, whatever their number: their heights above
-/// ground depend on their neighbours in the round.
+/// Views are taken evenly of a round of this many poses, whatever their number: their heights
+/// above ground depend on their neighbours in the round.
 const ROUND: u64 = 240;
 /// Rays of the reference along a pixel's side.
 const RAYS_PER_SIDE: u32 = 3;
@@ -90,7 +90,7 @@ pub fn run(args: &QualityArgs, world: &Path, options: &Options, findings: &mut F
     Ok(())
 }
 
-/// So many poses of the round, evenly.
+/// This many poses of the round, evenly.
 fn views(flight: &Flight, count: u32) -> Vec<Camera> {
     let count = count as usize;
     (0..count).map(|k| flight.round[k * flight.round.len() / count]).collect()
