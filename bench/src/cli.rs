@@ -52,6 +52,10 @@ pub enum Verb {
     /// Voxel ray casting in the set-up of its paper (coherence, roll, workers), and rays against
     /// the mesh over the same frames
     Rays(RaysArgs),
+    /// How true pictures are, by default and with --quality best: how far ground is drawn from where
+    /// it should be, holes, PSNR and SSIM, against plain rays on the finest heights. With --output
+    /// also the pictures and maps of their displacement
+    Quality(QualityArgs),
     /// Keeps one core busy, a process of its own
     #[command(hide = true)]
     Load(LoadArgs),
@@ -115,6 +119,20 @@ pub struct RaysArgs {
     /// Pictures of each kind
     #[arg(long, value_name = "N", default_value_t = RAYS_ROUNDS)]
     pub rounds: u32,
+}
+
+/// Arguments of `quality`.
+#[derive(Debug, Clone, Args)]
+pub struct QualityArgs {
+    /// The terrain database [default: that of --world]
+    #[arg(value_name = "WORLD")]
+    pub database: Option<PathBuf>,
+    /// Views, evenly of a round over the world
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub views: u32,
+    /// More arguments for 'terravision still', e.g. -- --technique rays
+    #[arg(last = true, value_name = "ARGUMENTS")]
+    pub still: Vec<String>,
 }
 
 /// Arguments of the hidden load.

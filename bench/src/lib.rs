@@ -13,6 +13,7 @@ pub mod long_run;
 pub mod machine;
 pub mod measurement;
 pub mod plot;
+pub mod quality;
 pub mod queues;
 pub mod rays;
 pub mod realtime;

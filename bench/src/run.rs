@@ -6,7 +6,7 @@ use crate::flight::Flight;
 use crate::machine::Machine;
 use crate::measurement::summary;
 use crate::session::Settings;
-use crate::{flat, link, long_run, queues, rays, realtime, stages, techniques, world};
+use crate::{flat, link, long_run, quality, queues, rays, realtime, stages, techniques, world};
 use anyhow::Context;
 use std::path::PathBuf;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
@@ -48,6 +48,10 @@ fn measure(verb: &Verb, options: &Options, findings: &mut Findings) -> anyhow::R
         Verb::Rays(args) => {
             rays::run(args.rounds, findings).context("rays")?;
             techniques::run(&settings(options)?, options, findings).context("mesh and rays")
+        }
+        Verb::Quality(args) => {
+            let world = args.database.clone().map_or_else(|| world::database(options), Ok)?;
+            quality::run(args, &world, options, findings).context("quality")
         }
         // It flies over worlds of its own.
         Verb::Flat => flat::run(&settings_over(PathBuf::new(), options), options, findings).context("flat cost"),

@@ -9,8 +9,8 @@
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use terravision_testkit::metrics::{compare, count_holes, median_absolute_error};
 use terravision_tests::flight::write_png;
-use terravision_tests::metrics::{compare, count_holes, median_absolute_error};
 use terravision_tests::shot::{Shot, oblique_poses};
 use terravision_tests::worlds::TestWorld;
 
@@ -56,7 +56,7 @@ fn main() {
             let depth =
                 median_absolute_error(taken.depth.iter().copied().zip(reference.depth.iter().map(|d| f64::from(*d))));
             let height = median_absolute_error(taken.ground.iter().zip(&reference.ground).map(|(a, b)| (a[2], b[2])));
-            let holes = count_holes(&taken.rgb, &reference, shot.sky_rgb, 10);
+            let holes = count_holes(&taken.is_sky(shot.sky_rgb), &reference, 10);
             println!(
                 "| {name} | {settings} | {:.2} | {:.4} | {} | {:.0} | {depth:.2} | {height:.2} | {} |",
                 quality.psnr_db,

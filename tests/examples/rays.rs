@@ -8,8 +8,8 @@
 
 use std::path::{Path, PathBuf};
 use terravision_raycast::model::Filter;
+use terravision_testkit::metrics::{compare, median_absolute_error};
 use terravision_tests::flight::write_png;
-use terravision_tests::metrics::{compare, median_absolute_error};
 use terravision_tests::rays::{RaySettings, cast};
 use terravision_tests::shot::{Shot, oblique_poses};
 use terravision_tests::worlds::TestWorld;

@@ -1,10 +1,10 @@
 //! Reads the rasters that a world was ingested from, for the reference renderer, and writes worlds
 //! for tests: uncommon encodings are not needed, independence of the code under test is.
 
-use crate::reference::{Colors, Heights};
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::path::Path;
+use terravision_testkit::reference::{Colors, Heights};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::encoder::{TiffEncoder, TiffValue, colortype};
 use tiff::tags::Tag;
@@ -92,24 +92,6 @@ pub fn read_colors(path: &Path) -> Result<Colors, GeoTiffError> {
         .flat_map(|row| row.chunks_exact(bands).map(|p| [p[0], p[1], p[2]]))
         .collect();
     Ok(Colors::new(raster.width, raster.height, origin, raster.cell_m, rgb))
-}
-
-/// A single- or three-band float TIFF without georeference, as `still --depth` and `--ground` write
-/// them: width, height, values as f64, rows from the top, bands interleaved.
-///
-/// # Errors
-/// [`GeoTiffError`] when it cannot be read or is not of floats.
-pub fn read_floats(path: &Path) -> Result<(usize, usize, Vec<f64>), GeoTiffError> {
-    let file = File::open(path).map_err(|error| fail(path, error))?;
-    let mut decoder = Decoder::new(BufReader::new(file)).map_err(|error| fail(path, error))?;
-    decoder = decoder.with_limits(Limits::unlimited());
-    let (width, height) = decoder.dimensions().map_err(|error| fail(path, error))?;
-    let values = match decoder.read_image().map_err(|error| fail(path, error))? {
-        DecodingResult::F32(values) => values.into_iter().map(f64::from).collect(),
-        DecodingResult::F64(values) => values,
-        _ => return Err(fail(path, "not of floats")),
-    };
-    Ok((width as usize, height as usize, values))
 }
 
 /// GeoKeys of a projected CRS, WGS 84 / UTM zone 32N; the raster type is to be set.

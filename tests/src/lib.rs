@@ -1,5 +1,5 @@
-//! What TerraVision's tests stand on: a reference renderer, measures of pictures, processes as
-//! values, worlds to fly over, an S3 server, storms, changed inputs, what benches find.
+//! What TerraVision's tests stand on: processes as values, worlds to fly over, an S3 server, storms,
+//! changed inputs, what benches find.
 
 pub mod findings;
 pub mod flight;
@@ -7,11 +7,9 @@ pub mod folder;
 pub mod fuzz;
 pub mod geotiff;
 pub mod live;
-pub mod metrics;
 pub mod posed;
 pub mod process;
 pub mod rays;
-pub mod reference;
 pub mod s3;
 pub mod shot;
 pub mod storm;

@@ -2,12 +2,12 @@
 
 use crate::flight::{Pose, read_png};
 use crate::folder::TestFolder;
-use crate::geotiff::read_floats;
 use crate::process::{Finished, Terravision};
-use crate::reference::{Picture, RenderOptions, render};
 use crate::worlds::TestWorld;
 use serde_json::Value;
 use terravision_common::camera::Camera;
+use terravision_testkit::floats::read_floats;
+use terravision_testkit::reference::{Picture, RenderOptions, render};
 
 /// Vertical field of view of all test pictures, degrees.
 pub const VFOV_DEG: f64 = 60.0;
@@ -38,6 +38,14 @@ pub struct Taken {
     pub report: Value,
     /// The process.
     pub finished: Finished,
+}
+
+impl Taken {
+    /// Which pixels have exactly this colour, the sky's.
+    #[must_use]
+    pub fn is_sky(&self, sky_rgb: [u8; 3]) -> Vec<bool> {
+        self.rgb.iter().map(|rgb| *rgb == sky_rgb).collect()
+    }
 }
 
 impl<'a> Shot<'a> {

@@ -3,11 +3,11 @@
 use crate::folder::target_tmp;
 use crate::geotiff::{read_colors, read_heights, write_colors, write_heights};
 use crate::process::{Terravision, binary};
-use crate::reference::{Colors, Heights, Scene};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::{Duration, UNIX_EPOCH};
+use terravision_testkit::reference::{Colors, Heights, Scene};
 
 /// A terrain database together with the rasters that it was made from.
 #[derive(Debug)]

@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
+use terravision_testkit::metrics::compare;
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::metrics::compare;
 use terravision_tests::process::Terravision;
 use terravision_tests::shot::read_report;
 use terravision_tests::worlds::synth_world;

@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
+use terravision_testkit::metrics::count_holes;
 use terravision_tests::flight::{Pose, read_png, write_png};
 use terravision_tests::folder::{TestFolder, target_tmp};
-use terravision_tests::metrics::count_holes;
 use terravision_tests::process::Terravision;
 use terravision_tests::shot::Shot;
 use terravision_tests::worlds::{TestWorld, named_world, rough_world};
@@ -41,7 +41,7 @@ fn no_sky_is_seen_through_the_ground() {
         let reference = shot.reference(2);
         for arguments in SETTINGS {
             let taken = shot.take(arguments, false);
-            let holes = count_holes(&taken.rgb, &reference, SKY, TOLERANCE_PX);
+            let holes = count_holes(&taken.is_sky(SKY), &reference, TOLERANCE_PX);
             println!("{name:12} {arguments:?}: {holes:?}");
             assert!(holes.looked_at > 200_000, "{name} shows land");
             if holes.count > 0 {

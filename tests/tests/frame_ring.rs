@@ -149,11 +149,13 @@ fn examples_say_in_a_sentence_what_is_wrong() {
     for (has_depth, words) in
         [(false, "fly with --depth"), (true, "the flight refused the pose of time 0: a number is not")]
     {
-        let flight =
-            steered_flight(&folder, &name).args(["--idle-timeout", "1"]).args(has_depth.then_some("--depth")).spawn();
+        let mut flight = steered_flight(&folder, &name).args(has_depth.then_some("--depth")).spawn();
+        // The example waits for the flight, but not for ever.
+        sender(&mut flight, &name);
         let told = circle(&name, "nan");
         assert!(told.code() == Some(1) && told.stderr.contains(words), "{}", told.stderr);
         assert_eq!(told.stderr.trim_end().lines().count(), 1, "{}", told.stderr);
+        flight.signal(Signal::INT);
         drop(flight.wait());
     }
 }

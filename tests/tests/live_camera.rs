@@ -189,7 +189,7 @@ fn silence_ends_a_flight_after_the_idle_time() {
     nobody.assert_told(1);
     assert!(nobody.stderr.contains("no pose came"), "{}", nobody.stderr);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no half film");
-    let mut flight = live_flight(&camera).args(["--idle-timeout", "5", "-o"]).arg(folder.join("a/")).spawn();
+    let mut flight = live_flight(&camera).args(["--idle-timeout", "10", "-o"]).arg(folder.join("a/")).spawn();
     sender(&mut flight, &name).send(&record(&pose(0), 1.0));
     let finished = flight.wait();
     finished.assert_code(0);

@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
 use glam::DVec3;
+use terravision_testkit::metrics::{Frame, largest_pop, motion_compensated_change};
+use terravision_testkit::reference::{RenderOptions, render};
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::metrics::{Frame, largest_pop, motion_compensated_change};
 use terravision_tests::process::Terravision;
-use terravision_tests::reference::{RenderOptions, render};
 use terravision_tests::shot::VFOV_DEG;
 use terravision_tests::worlds::synth_world;
 

@@ -3,8 +3,12 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
-use terravision_tests::metrics::{Quality, compare, median_absolute_error};
-use terravision_tests::reference::Picture;
+use terravision_testkit::metrics::{Quality, compare, median_absolute_error};
+use terravision_testkit::reference::Picture;
+use terravision_tests::findings::Findings;
+use terravision_tests::flight::read_png;
+use terravision_tests::folder::TestFolder;
+use terravision_tests::process::Terravision;
 use terravision_tests::shot::{Shot, Taken, oblique_poses};
 use terravision_tests::worlds::synth_world;
 
@@ -105,4 +109,46 @@ fn the_error_falls_as_facets_and_texels_become_smaller() {
         last.0 > with_texels_of_8_px + 0.1,
         "{name}: {last:?} with texels of 1 px, {with_texels_of_8_px} dB of 8 px"
     );
+}
+
+/// What `terravision bench quality` measures of one small view.
+fn measured(arguments: &[&str], folder: &TestFolder) -> Findings {
+    let world = synth_world(1024).database();
+    let command = Terravision::verb("bench").arg("quality").arg(world).args(["--views", "1", "--size", "320x180"]);
+    Findings::of(&command.args(["--json", "-o"]).arg(folder.path()).args(arguments).succeed().stdout)
+}
+
+#[test]
+fn the_bench_of_quality_finds_finer_pictures_truer_and_draws_what_it_compared() {
+    let folder = TestFolder::new("bench-quality");
+    let found = measured(&[], &folder);
+    for where_it_is in ["on screen within", "within"] {
+        let [default, best] = ["default", "best"].map(|quality| {
+            let shares = ["50 %", "90 %", "99 %", "99.9 %"];
+            let values = shares.map(|share| found.value(&format!("{quality}: {share} of land {where_it_is}")));
+            assert!(values.is_sorted() && values[0] >= 0.0, "{quality}, {where_it_is}: {values:?}");
+            values[2]
+        });
+        assert!(best < 0.5 * default, "{where_it_is}: {best} and {default}");
+    }
+    assert!(found.value("best: PSNR of land") > found.value("default: PSNR of land") + 2.0);
+    assert!(found.value("best: SSIM of land") > found.value("default: SSIM of land"));
+    assert_eq!(found.value("best: holes"), 0.0);
+    let (width, height, map) = read_png(&folder.join("view-1-default-displacement.png"));
+    assert_eq!((width, height), (320, 180));
+    let reddish = map.iter().filter(|[r, g, b]| r > g && r > b).count();
+    assert!(reddish * 4 > map.len(), "{reddish} pixels of the map show displacement");
+
+    // Facets as fine as the data: the surface itself, but for the rounding of heights and positions.
+    let folder = TestFolder::new("bench-quality-finest");
+    let finest = measured(&["--", "--facet-px", "0.5"], &folder).value("best: 99 % of land on screen within");
+    assert!(finest < 0.05, "{finest} px from the data's own facets");
+}
+
+#[test]
+fn a_world_that_does_not_fit_is_told_in_a_sentence() {
+    let told =
+        Terravision::verb("bench").arg("quality").arg(synth_world(1024).database()).args(["--memory-mib", "3"]).run();
+    told.assert_told(1);
+    assert!(told.stderr.contains("--memory-mib") && told.stderr.contains("--bounds"), "{}", told.stderr);
 }

@@ -4,9 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 use std::fs;
+use terravision_testkit::metrics::median_absolute_error;
 use terravision_tests::flight::{Pose, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::metrics::median_absolute_error;
 use terravision_tests::process::Terravision;
 use terravision_tests::shot::{Shot, oblique_poses, read_report};
 use terravision_tests::worlds::synth_world;

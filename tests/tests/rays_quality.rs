@@ -5,9 +5,9 @@
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use terravision_testkit::metrics::{Quality, compare, median_absolute_error};
 use terravision_tests::flight::read_png;
 use terravision_tests::folder::TestFolder;
-use terravision_tests::metrics::{Quality, compare, median_absolute_error};
 use terravision_tests::process::Terravision;
 use terravision_tests::rays::{RaySettings, cast};
 use terravision_tests::shot::{Shot, oblique_poses};

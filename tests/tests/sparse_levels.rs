@@ -5,9 +5,10 @@
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use terravision_testkit::floats::read_floats;
 use terravision_tests::flight::{Pose, read_png};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::geotiff::{read_floats, write_heights};
+use terravision_tests::geotiff::write_heights;
 use terravision_tests::process::Terravision;
 use terravision_tests::shot::read_report;
 

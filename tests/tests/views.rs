@@ -4,9 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::path::Path;
+use terravision_testkit::floats::read_floats;
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::geotiff::read_floats;
 use terravision_tests::process::Terravision;
 use terravision_tests::shot::VFOV_DEG;
 use terravision_tests::worlds::synth_world;

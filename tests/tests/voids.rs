@@ -5,9 +5,10 @@
 
 use terravision_common::shm::SharedFrame;
 use terravision_common::surface::facet::facet_linear;
+use terravision_testkit::floats::read_floats;
 use terravision_tests::flight::{Pose, read_png, write_path};
 use terravision_tests::folder::TestFolder;
-use terravision_tests::geotiff::{read_floats, write_heights};
+use terravision_tests::geotiff::write_heights;
 use terravision_tests::live::{reader, shared_name};
 use terravision_tests::process::Terravision;
 

@@ -18,6 +18,15 @@ pub struct Quality {
 /// When the arrays differ in length, or the mask holds no 11 x 11 window.
 #[must_use]
 pub fn compare(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &[bool]) -> Quality {
+    try_compare(width, picture, reference, mask).expect("the mask holds a whole window")
+}
+
+/// The same; `None` when the mask holds no 11 x 11 window.
+///
+/// # Panics
+/// When the arrays differ in length.
+#[must_use]
+pub fn try_compare(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &[bool]) -> Option<Quality> {
     assert!(picture.len() == reference.len() && picture.len() == mask.len(), "pictures and mask have one size");
     let mut squares = 0.0;
     let mut pixels = 0usize;
@@ -26,11 +35,8 @@ pub fn compare(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &
         squares += a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>();
     }
     let mean_square = squares / (3 * pixels) as f64;
-    Quality {
-        psnr_db: 10.0 * (255.0 * 255.0 / mean_square).log10(),
-        ssim: ssim(width, picture, reference, mask),
-        pixels,
-    }
+    let ssim = ssim(width, picture, reference, mask)?;
+    Some(Quality { psnr_db: 10.0 * (255.0 * 255.0 / mean_square).log10(), ssim, pixels })
 }
 
 const RADIUS: usize = 5;
@@ -68,7 +74,7 @@ fn blurred(width: usize, values: &[f64]) -> Vec<f64> {
     out
 }
 
-fn ssim(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &[bool]) -> f64 {
+fn ssim(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &[bool]) -> Option<f64> {
     let a: Vec<f64> = picture.iter().map(|p| luma(*p)).collect();
     let b: Vec<f64> = reference.iter().map(|p| luma(*p)).collect();
     let product = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).collect::<Vec<_>>();
@@ -85,8 +91,7 @@ fn ssim(width: usize, picture: &[[u8; 3]], reference: &[[u8; 3]], mask: &[bool])
         sum += (2.0 * ma * mb + c1) * (2.0 * cov + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2));
         count += 1;
     }
-    assert!(count > 0, "the mask holds no whole window");
-    sum / count as f64
+    (count > 0).then(|| sum / count as f64)
 }
 
 /// The pixels whose whole square of `radius` around them is in the mask and in the picture.

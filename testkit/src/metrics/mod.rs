@@ -6,4 +6,4 @@ mod quality;
 
 pub use holes::{Holes, count_holes};
 pub use motion::{Frame, MotionChange, largest_pop, motion_compensated_change};
-pub use quality::{Quality, compare, median_absolute_error};
+pub use quality::{Quality, compare, median_absolute_error, try_compare};

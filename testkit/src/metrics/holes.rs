@@ -15,12 +15,12 @@ pub struct Holes {
     pub looked_at: usize,
 }
 
-/// Counts pixels of exactly `sky_rgb` in `picture` where the exact ray caster sees land. Facets
-/// move a silhouette, a needle's by its whole height; so pixels count only when they are farther
-/// than `tolerance_px` (a square's radius) from all sky and all partly covered pixels of the
-/// reference, and when no path through sky leads to such a pixel: a hole has ground all around.
+/// Counts pixels that are sky where the exact ray caster sees land. Facets move a silhouette, a
+/// needle's by its whole height; so pixels count only when they are farther than `tolerance_px` (a
+/// square's radius) from all sky and all partly covered pixels of the reference, and when no path
+/// through sky leads to such a pixel: a hole has ground all around.
 #[must_use]
-pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], tolerance_px: usize) -> Holes {
+pub fn count_holes(is_sky: &[bool], reference: &Picture, tolerance_px: usize) -> Holes {
     // Beyond the picture's border nothing is known of the ground; the mask is extended by itself
     // there.
     let (width, height) = (reference.width, reference.height);
@@ -33,7 +33,7 @@ pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], t
         }
     }
     let ground = eroded(wide, &mask, tolerance_px);
-    let open_sky = open_sky(picture, reference, sky_rgb);
+    let open_sky = open_sky(is_sky, reference);
     let mut holes = Holes { count: 0, first: None, looked_at: 0 };
     for y in 0..height {
         for x in 0..width {
@@ -41,7 +41,7 @@ pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], t
                 continue;
             }
             holes.looked_at += 1;
-            if picture[y * width + x] == sky_rgb && !open_sky[y * width + x] {
+            if is_sky[y * width + x] && !open_sky[y * width + x] {
                 holes.count += 1;
                 holes.first.get_or_insert([x, y]);
             }
@@ -51,18 +51,17 @@ pub fn count_holes(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3], t
 }
 
 /// Sky pixels of the picture that hang together (eight neighbours) with the reference's sky.
-fn open_sky(picture: &[[u8; 3]], reference: &Picture, sky_rgb: [u8; 3]) -> Vec<bool> {
+fn open_sky(is_sky: &[bool], reference: &Picture) -> Vec<bool> {
     let (width, height) = (reference.width, reference.height);
     let mut is_open = vec![false; width * height];
-    let mut stack: Vec<usize> =
-        (0..width * height).filter(|k| !reference.is_land[*k] && picture[*k] == sky_rgb).collect();
+    let mut stack: Vec<usize> = (0..width * height).filter(|k| !reference.is_land[*k] && is_sky[*k]).collect();
     stack.iter().for_each(|k| is_open[*k] = true);
     while let Some(at) = stack.pop() {
         let (x, y) = (at % width, at / width);
         for v in y.saturating_sub(1)..height.min(y + 2) {
             for u in x.saturating_sub(1)..width.min(x + 2) {
                 let next = v * width + u;
-                if picture[next] == sky_rgb && !is_open[next] {
+                if is_sky[next] && !is_open[next] {
                     is_open[next] = true;
                     stack.push(next);
                 }
@@ -78,7 +77,6 @@ mod tests {
 
     #[test]
     fn sky_below_the_horizon_counts_and_sky_at_the_horizon_does_not() {
-        let sky = [255, 0, 255];
         let (width, height) = (32, 24);
         let is_land: Vec<bool> = (0..width * height).map(|k| k / width >= 10).collect();
         let reference = Picture {
@@ -90,11 +88,11 @@ mod tests {
             depth: Vec::new(),
             ground: Vec::new(),
         };
-        let mut picture: Vec<_> = (0..width * height).map(|k| if k / width >= 11 { [9; 3] } else { sky }).collect();
-        assert_eq!(count_holes(&picture, &reference, sky, 2).count, 0);
-        picture[23 * width] = sky;
-        picture[15 * width + 7] = sky;
-        let holes = count_holes(&picture, &reference, sky, 2);
+        let mut is_sky: Vec<bool> = (0..width * height).map(|k| k / width < 11).collect();
+        assert_eq!(count_holes(&is_sky, &reference, 2).count, 0);
+        is_sky[23 * width] = true;
+        is_sky[15 * width + 7] = true;
+        let holes = count_holes(&is_sky, &reference, 2);
         assert_eq!((holes.count, holes.first, holes.looked_at), (2, Some([7, 15]), width * 12));
     }
 }
