@@ -17,6 +17,9 @@ use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
 use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
 
+/// Methods, and up to which distance tiles have voxels, metres.
+const WAYS: [(Method, f64); 4] =
+    [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0), (Method::Sweep, -1.0)];
 const SIZE: [u32; 2] = [1280, 720];
 /// Name, place as shares of the extent, metres above the ground, heading, pitch.
 const VIEWS: [(&str, [f64; 2], f64, f64, f64); 3] = [
@@ -73,9 +76,7 @@ fn main() {
         let below =
             f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
         let camera = camera(below + above_m);
-        for (method, accurate_m) in
-            [(Method::Coherent, f64::INFINITY), (Method::Coherent, -1.0), (Method::Mipmap, -1.0), (Method::Sweep, -1.0)]
-        {
+        for (method, accurate_m) in WAYS {
             if is_exact_alone && method == Method::Coherent {
                 continue;
             }
