@@ -76,10 +76,8 @@ fn main() {
         let below =
             f64::from(ground.height_at(at.map(|v| v / unit)).expect("there is ground below")) + ground.datum_m();
         let camera = camera(below + above_m);
-        for (method, accurate_m) in WAYS {
-            if is_exact_alone && method == Method::Coherent {
-                continue;
-            }
+        let ways = WAYS.into_iter().filter(|(method, _)| !is_exact_alone || *method != Method::Coherent);
+        for (method, accurate_m) in ways {
             let mut fill = || tiles.fill(&mut ground, &camera, &level(&camera), accurate_m).expect("tiles are there");
             fill();
             let start = Instant::now();
