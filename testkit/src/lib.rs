@@ -5,8 +5,8 @@
 //! * [`worlds`]: worlds without a database, and [`runs`] that no launcher has planned;
 //! * [`rays`]: ways of casting rays that the program has no use for, to compare with, and grounds
 //!   for them;
-//! * [`reference`]: the renderer that is exact where the pipeline approximates, and [`metrics`] of
-//!   pictures against its own;
+//! * [`mod@reference`]: the renderer that is exact where the pipeline approximates, and [`metrics`]
+//!   of pictures against its own;
 //! * [`floats`]: depth and ground positions as `still` writes them.
 
 #![forbid(unsafe_code)]
