@@ -42,7 +42,7 @@ pub struct Ray {
 }
 
 impl View {
-    /// The rays of a camera, which is valid ([`Camera::is_valid`]).
+    /// The rays of a camera.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
         let [_, _, forward] = camera.axes_in_world();

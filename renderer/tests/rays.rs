@@ -185,7 +185,7 @@ fn outlines_of_rays_lie_where_those_of_the_mesh_do() {
         frame.pixels.rgba().chunks_exact(4).map(|c| c[0] > 180 && c[2] < 80).collect()
     };
     let mesh = draw(&overlay(mesh()), &recording).unwrap();
-    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent] {
+    for choice in [RaysChoice::Mipmap, RaysChoice::Coherent, RaysChoice::Sweep] {
         let [one, three] =
             [1, 3].map(|workers| draw(&EngineOptions { workers, ..overlay(rays(choice)) }, &recording).unwrap());
         for (index, (mesh, rays)) in mesh.iter().zip(&one).enumerate() {

@@ -58,13 +58,14 @@ fn cut_out(frame: &Finished, view: &View) -> (Vec<u8>, Vec<f32>) {
 }
 
 /// All ways to draw a frame of these views.
-fn ways(picture: [u32; 2], views: &Views) -> [(&'static str, EngineOptions); 5] {
+fn ways(picture: [u32; 2], views: &Views) -> [(&'static str, EngineOptions); 6] {
     let plain = of_views(picture, views);
     [
         ("mesh", plain.clone()),
         ("mesh of four samples", EngineOptions { samples: 4, ..plain.clone() }),
         ("exact rays", rays(RaysChoice::Mipmap, plain.clone())),
         ("coherent rays", rays(RaysChoice::Coherent, plain.clone())),
+        ("swept planes", rays(RaysChoice::Sweep, plain.clone())),
         ("rays of a device", rays(RaysChoice::Compute, plain)),
     ]
 }

@@ -110,7 +110,7 @@ fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
     const FRAMES: u32 = 6;
     let folder = TestFolder::new("roll");
     write_roll(&folder, FRAMES);
-    for rays in ["mipmap", "coherent"] {
+    for rays in ["mipmap", "coherent", "sweep"] {
         for workers in ["1", "3"] {
             fly(&folder, &format!("{rays}-{workers}/"), &["--rays", rays, "--threads", workers]).succeed();
             let report = read_report(&folder);
