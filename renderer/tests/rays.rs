@@ -202,8 +202,13 @@ fn outlines_of_rays_lie_where_those_of_the_mesh_do() {
                 let all = these.iter().filter(|is_line| **is_line).count();
                 let alone = (0..these.len()).filter(|at| these[*at] && !is_near(others, *at)).count();
                 let words = format!("{choice:?}, view {index}: {alone} of {all} outline pixels of {name} are alone");
-                // Where slopes are steep voxels lie elsewhere.
-                let share = if choice == RaysChoice::Coherent { 4 } else { 50 };
+                let share = match choice {
+                    // Where slopes are steep voxels lie elsewhere.
+                    RaysChoice::Coherent => 4,
+                    // Drawn between planes that lie two pixels apart.
+                    RaysChoice::Sweep => 5,
+                    _ => 50,
+                };
                 assert!(all > 300 && alone * share < all, "{words}");
             }
         }

@@ -219,6 +219,8 @@ fn the_faces_of_a_cube_meet_along_their_edges() {
             let (fewest_equal, fewest_near) = match name {
                 "exact rays" => (all - 2, all - 2),
                 "mesh" | "rays of a device" => (all * 97 / 100, all - 2),
+                // Drawn between planes that lie two pixels apart, elsewhere in each face.
+                "swept planes" => (all * 65 / 100, all * 80 / 100),
                 _ => (all * 85 / 100, all * 97 / 100),
             };
             assert!(same >= fewest_equal && near >= fewest_near, "{told}");
