@@ -88,7 +88,17 @@ impl Terravision {
     /// When it cannot be started.
     #[must_use]
     pub fn spawn(self) -> Running {
-        Running::start(&self)
+        Running::start(&self, u64::MAX)
+    }
+
+    /// Starts it, and reads nothing of its standard output before [`Running::read_up_to`]: what writes
+    /// pictures there does not come to its end meanwhile, however slow the test is.
+    ///
+    /// # Panics
+    /// When it cannot be started.
+    #[must_use]
+    pub fn spawn_unread(self) -> Running {
+        Running::start(&self, 0)
     }
 
     /// Runs it to its end.

@@ -6,6 +6,7 @@ use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use terravision_common::bug::INTERNAL_ERROR_WORDS;
@@ -18,6 +19,33 @@ pub struct Running {
     deadline: Instant,
     started: Instant,
     output: Option<[JoinHandle<Vec<u8>>; 2]>,
+    /// How much of its standard output is read.
+    gate: Arc<Gate>,
+}
+
+/// Lets so many bytes of a pipe be read. A process that has more to write waits.
+#[derive(Debug)]
+struct Gate {
+    most: Mutex<u64>,
+    opened: Condvar,
+}
+
+impl Gate {
+    fn new(most: u64) -> Arc<Self> {
+        Arc::new(Self { most: Mutex::new(most), opened: Condvar::new() })
+    }
+
+    fn open(&self, most: u64) {
+        *self.most.lock().unwrap_or_else(PoisonError::into_inner) = most;
+        self.opened.notify_all();
+    }
+
+    /// Waits until more than `read` bytes may be read; how many more.
+    fn wait(&self, read: u64) -> u64 {
+        let most = self.most.lock().unwrap_or_else(PoisonError::into_inner);
+        let most = self.opened.wait_while(most, |most| *most <= read).unwrap_or_else(PoisonError::into_inner);
+        *most - read
+    }
 }
 
 /// A process that has ended.
@@ -37,17 +65,21 @@ pub struct Finished {
     pub pid: u32,
 }
 
-fn drain(mut pipe: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
+fn drain(mut pipe: impl Read + Send + 'static, gate: Arc<Gate>) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
-        // A pipe that breaks is a process that ended: what came until then is its output.
-        drop(pipe.read_to_end(&mut bytes));
-        bytes
+        loop {
+            let more = gate.wait(bytes.len() as u64);
+            // A pipe that breaks is a process that ended: what came until then is its output.
+            if !pipe.by_ref().take(more).read_to_end(&mut bytes).is_ok_and(|read| read as u64 == more) {
+                return bytes;
+            }
+        }
     })
 }
 
 impl Running {
-    pub(super) fn start(command: &Terravision) -> Self {
+    pub(super) fn start(command: &Terravision, readable: u64) -> Self {
         let mut process = Command::new(&command.program);
         process.args(&command.arguments).envs(command.environment.iter().cloned());
         process.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
@@ -57,11 +89,20 @@ impl Running {
         let what = format!("{} {:?}", command.program.display(), command.arguments);
         let mut child = process.spawn().unwrap_or_else(|error| panic!("{what} did not start: {error}"));
         let started = Instant::now();
+        let gate = Gate::new(readable);
         let output = match (child.stdout.take(), child.stderr.take()) {
-            (Some(stdout), Some(stderr)) => Some([drain(stdout), drain(stderr)]),
+            (Some(stdout), Some(stderr)) => {
+                Some([drain(stdout, Arc::clone(&gate)), drain(stderr, Gate::new(u64::MAX))])
+            }
             _ => None,
         };
-        Self { child, what, deadline: started + command.deadline, started, output }
+        Self { child, what, deadline: started + command.deadline, started, output, gate }
+    }
+
+    /// Reads its standard output up to so many bytes, if it was started with
+    /// [`Terravision::spawn_unread`].
+    pub fn read_up_to(&self, bytes: u64) {
+        self.gate.open(bytes);
     }
 
     /// Its process id.
@@ -123,6 +164,7 @@ impl Running {
     /// When it passes its deadline.
     #[must_use]
     pub fn wait(mut self) -> Finished {
+        self.gate.open(u64::MAX);
         let status = loop {
             if let Ok(Some(status)) = self.child.try_wait() {
                 break status;
@@ -143,6 +185,7 @@ impl Running {
 
     /// What it printed. A child of its own may still hold the pipes: they end when it does.
     fn collect(&mut self) -> (Vec<u8>, String) {
+        self.gate.open(u64::MAX);
         let Some([stdout, stderr]) = self.output.take() else { return (Vec::new(), String::new()) };
         let until = Instant::now() + Duration::from_secs(5);
         while !(stdout.is_finished() && stderr.is_finished()) && Instant::now() < until {
@@ -166,6 +209,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
+        self.gate.open(u64::MAX);
         self.kill_group();
         // Reaps it; an error means that it was.
         drop(self.child.wait());
