@@ -23,7 +23,7 @@ pub struct Running {
     gate: Arc<Gate>,
 }
 
-/// Lets so many bytes of a pipe be read. A process that has more to write waits.
+/// Lets this many bytes of a pipe be read. A process that has more to write waits.
 #[derive(Debug)]
 struct Gate {
     most: Mutex<u64>,
@@ -99,7 +99,7 @@ impl Running {
         Self { child, what, deadline: started + command.deadline, started, output, gate }
     }
 
-    /// Reads its standard output up to so many bytes, if it was started with
+    /// Reads its standard output up to this many bytes, if it was started with
     /// [`Terravision::spawn_unread`].
     pub fn read_up_to(&self, bytes: u64) {
         self.gate.open(bytes);
