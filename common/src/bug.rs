@@ -10,6 +10,7 @@ use std::any::Any;
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
+use std::sync::Once;
 
 /// Exit code after a panic (that of Rust).
 pub const INTERNAL_ERROR: u8 = 101;
@@ -29,6 +30,7 @@ pub struct Contained;
 /// From now on a panic is reported in one sentence that begins with `prefix`, like the other
 /// messages of this program.
 pub fn report_panics(prefix: &'static str) {
+    // Should work have been contained already, its wrapper of the hook goes with the hook.
     std::panic::set_hook(Box::new(move |panic| {
         if IS_CONTAINED.get() {
             return;
@@ -56,12 +58,28 @@ fn words_of(payload: &(dyn Any + Send)) -> &str {
     text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
 }
 
+/// From the first contained work on, the hook that was there before is not told of contained
+/// panics: Rust's own would print a message and, where `RUST_BACKTRACE` is set, read the program's
+/// debug information (tens of MB) to name the calls.
+fn keep_contained_panics_quiet() {
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let outer = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !IS_CONTAINED.get() {
+                outer(panic);
+            }
+        }));
+    });
+}
+
 /// Runs third-party code on foreign bytes. A panic becomes an error, without a message on standard
 /// error; data that the work was changing is then in an undefined, but safe state.
 ///
 /// # Errors
 /// [`Contained`].
 pub fn contained<T>(work: impl FnOnce() -> T) -> Result<T, Contained> {
+    keep_contained_panics_quiet();
     let outer = IS_CONTAINED.replace(true);
     let result = catch_unwind(AssertUnwindSafe(work));
     IS_CONTAINED.set(outer);

@@ -33,7 +33,13 @@ impl Projection {
     /// When `proj4rs` does not support it.
     pub fn parse(text: &str) -> Result<Self, Error> {
         // `proj4rs` 0.3.0 panics at characters of several bytes within an angle, such as 45°30'.
-        let text = text.replace('°', "d");
+        // Others have no meaning in a number and do no harm in a name.
+        let ascii = |letter: char| match letter {
+            '°' => 'd',
+            _ if letter.is_ascii() => letter,
+            _ => '?',
+        };
+        let text: String = text.chars().map(ascii).collect();
         contained(|| Proj::from_proj_string(&text)).unwrap_or(Err(NO_NUMBER)).map(Self)
     }
 
