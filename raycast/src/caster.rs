@@ -67,6 +67,16 @@ impl Default for CastOptions {
     }
 }
 
+/// What a ground refers to, in place.
+#[derive(Debug, Clone, Copy)]
+pub struct Layers<'a> {
+    /// RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is
+    /// missing or too short is drawn black.
+    pub colors: &'a [&'a [u8]],
+    /// The elevation pool, for a ground whose heights lie in it.
+    pub heights: &'a [f32],
+}
+
 /// Draws pictures; keeps its memory from one to the next.
 #[derive(Debug)]
 pub struct Caster {
@@ -128,7 +138,7 @@ impl Caster {
     ) -> Counts {
         let method = method_for(ground, options);
         if method == Method::Sweep {
-            return self.sweep(ground, colors, camera, options, picture);
+            return self.sweep(ground, Layers { colors, heights: &[] }, camera, options, picture);
         }
         let eye = camera.eye();
         let plane = ground.shape().surface;
@@ -142,18 +152,23 @@ impl Caster {
         counts
     }
 
-    fn sweep(
+    /// Sweeps a ground whose heights may lie in the elevation pool; otherwise as [`Caster::draw`].
+    ///
+    /// # Panics
+    /// When camera and picture differ in size.
+    pub fn sweep(
         &mut self,
         ground: &Ground,
-        colors: &[&[u8]],
+        layers: Layers<'_>,
         camera: &Camera,
         options: &CastOptions,
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
-        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
-        let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
+        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides)
+            .in_place(layers.heights, options.sweep.post_px);
+        let canvas = Canvas { scene: &scene, colors: layers.colors, picture, sky: sky(options) };
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
         if ground.is_partly_unmeasured() {
@@ -189,6 +204,7 @@ impl Caster {
         picture: &Picture,
     ) -> Counts {
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
+        assert!(ground.pyramid().is_none(), "heights in place are drawn by a sweep alone");
         assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         self.lines.set(picture.size(), camera.roll_rad());
         let Self { workers, lines, placed, planes, projected, exact, .. } = self;
@@ -214,9 +230,10 @@ impl Caster {
 
     /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
     /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
-    /// tile without a colour has no outline. The result does not depend on the number of workers.
-    pub fn outline(&mut self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
-        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false);
+    /// tile without a colour has no outline. `heights`: as in [`Layers`]. The result does not depend
+    /// on the number of workers.
+    pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
+        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);
         outline::draw(&scene, outlines, picture, &self.workers);
     }
 
@@ -230,6 +247,7 @@ impl Caster {
 /// The method that a ground can be drawn with: a ground without voxels has only heights.
 fn method_for(ground: &Ground, options: &CastOptions) -> Method {
     match options.method {
+        _ if ground.pyramid().is_some() => Method::Sweep,
         Method::Coherent if !ground.has_voxels() => Method::Mipmap,
         method => method,
     }

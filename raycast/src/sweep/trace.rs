@@ -50,6 +50,8 @@ pub(super) struct Tracer<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Points {
     pub(super) slope: Floats,
+    /// Height above the eye, or of the last ground before.
+    rise: Floats,
     /// One over their distance along the ground.
     pub(super) nearness: Floats,
 }
@@ -85,7 +87,7 @@ impl<'a> Tracer<'a> {
         let mut state = State {
             horizon: self.block.lowest,
             next: [self.rows[0]; LANES],
-            last: Points { slope: [NO_SLOPE; LANES], nearness: [0.0; LANES] },
+            last: Points { slope: [NO_SLOPE; LANES], rise: [0.0; LANES], nearness: [0.0; LANES] },
         };
         for k in 0..LANES {
             if !self.block.has_ground[k] {
@@ -93,7 +95,9 @@ impl<'a> Tracer<'a> {
             }
         }
         if let Some(begin) = self.fan.steps.first() {
-            state.last = self.points(begin);
+            // How high the ground is there, by which its level is chosen, is not known before.
+            state.last = self.points(begin, &state.last.rise);
+            state.last = self.points(begin, &state.last.rise);
             self.begin(&mut state, strip, first);
             self.sweep(&mut state, strip, first);
         }
@@ -101,26 +105,29 @@ impl<'a> Tracer<'a> {
     }
 
     /// Points of the planes at a step: no nearer than where the ground begins, no further than its
-    /// border.
+    /// border. Levels are those of ground as far above the eye as `rise`, that of the step before.
     #[inline(always)]
-    fn points(&mut self, step: &Step) -> Points {
+    fn points(&mut self, step: &Step, rise: &Floats) -> Points {
         let block = self.block;
         let (mut distance, mut nearness) = ([0.0; LANES], [step.nearness; LANES]);
-        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
+        let (mut east, mut north, mut away2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for k in 0..LANES {
             distance[k] = smaller(larger(step.distance, block.begin[k]), block.end[k]);
             nearness[k] = if distance[k] == step.distance { step.nearness } else { 1.0 / distance[k] };
             east[k] = block.east[k] * distance[k];
             north[k] = block.north[k] * distance[k];
+            away2[k] = distance[k] * distance[k] + rise[k] * rise[k];
         }
-        let heights = self.heights.at(&east, &north);
+        let heights = self.heights.at(&east, &north, &away2);
         self.samples += LANES as u64;
-        let mut slope = [0.0; LANES];
+        let (mut slope, mut last_rise) = ([0.0; LANES], *rise);
         let eye = self.scene.eye_height;
         for k in 0..LANES {
-            slope[k] = (heights[k] - eye) * nearness[k];
+            let above = heights[k] - eye;
+            slope[k] = above * nearness[k];
+            last_rise[k] = if above > NO_SLOPE { above } else { last_rise[k] };
         }
-        Points { slope, nearness }
+        Points { slope, rise: last_rise, nearness }
     }
 
     /// What is seen before the first step.
@@ -197,12 +204,12 @@ impl<'a> Tracer<'a> {
                 continue;
             }
             if !is_known {
-                state.last = self.points(&self.fan.steps[at - 1]);
+                state.last = self.points(&self.fan.steps[at - 1], &state.last.rise);
                 is_known = true;
             }
             let end = count.min(at + GROUPS[1]);
             for step in &self.fan.steps[at..end] {
-                let points = self.points(step);
+                let points = self.points(step, &state.last.rise);
                 self.advance::<true>(state, &points, strip, first);
             }
             at = end;
@@ -254,7 +261,7 @@ impl<'a> Tracer<'a> {
         let corners = [a * near.distance, b * near.distance, a * far.distance, b * far.distance];
         let min = corners.into_iter().fold(Vec2::INFINITY, Vec2::min) - margin;
         let max = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max) + margin;
-        let highest = self.scene.highest_in(Bounds { min, max });
+        let highest = self.scene.highest_in(Bounds { min, max }, [near.distance, far.distance]);
         highest * if highest > 0.0 { near.nearness } else { far.nearness }
     }
 
@@ -271,7 +278,7 @@ impl<'a> Tracer<'a> {
             if is_done {
                 break;
             }
-            let points = self.points(&self.fan.steps[at]);
+            let points = self.points(&self.fan.steps[at], &state.last.rise);
             self.advance::<false>(&mut state, &points, strip, first);
         }
         // Rows that are left pass below all ground.
