@@ -10,7 +10,7 @@ use crate::pyramid::color::{REACH, filter};
 use crate::sample::color::eight_bits;
 use crate::sample::kernel::Kernel;
 use crate::sample::{Sampled, SourceSet};
-use crate::source::open::ColorReader;
+use crate::source::readers::ColorReader;
 use crate::source::values::ColorValues;
 use crate::source::{Raster, TargetCrs};
 use crate::store::{Level, Rect, Rgb};

@@ -10,7 +10,7 @@ use crate::pyramid::voids;
 use crate::sample::elevation::{EMPTY, Summary, quantized, union};
 use crate::sample::kernel::Kernel;
 use crate::sample::{Sampled, SourceSet};
-use crate::source::open::ElevationReader;
+use crate::source::readers::ElevationReader;
 use crate::source::values::ElevationValues;
 use crate::source::{Raster, TargetCrs};
 use crate::store::{Level, Rect};

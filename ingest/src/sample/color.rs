@@ -4,7 +4,7 @@ use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
-use crate::source::open::ColorReader;
+use crate::source::readers::ColorReader;
 use crate::source::values::ColorValues;
 use crate::source::{Raster, TargetCrs};
 use crate::store::{Level, Rgb};

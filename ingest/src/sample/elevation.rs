@@ -4,7 +4,7 @@ use super::kernel::Kernel;
 use super::{BLOCK, Sampled, SourceSet};
 use crate::IngestError;
 use crate::plan::Plan;
-use crate::source::open::ElevationReader;
+use crate::source::readers::ElevationReader;
 use crate::source::values::ElevationValues;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Level;

@@ -6,7 +6,7 @@ use super::neighbors::{Neighbor, common, neighbors};
 use super::{MAX_WINDOW_PIXELS, Sampled, Sampler};
 use crate::IngestError;
 use crate::plan::{Bounds, Lattice};
-use crate::source::open::Reader;
+use crate::source::readers::Reader;
 use crate::source::window::Window;
 use crate::source::{Raster, TargetCrs};
 use crate::store::Rect;

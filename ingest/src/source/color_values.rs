@@ -2,8 +2,8 @@
 //! bits.
 
 use super::Note;
-use super::open::open_raster;
 use super::raster::{Raster, Shows};
+use super::readers::open_raster;
 use super::values::{NodataChoice, SENTINEL_GAP, SENTINELS, lone_sentinels};
 use crate::error::IngestError;
 use gdal::raster::GdalDataType;

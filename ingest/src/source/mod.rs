@@ -1,7 +1,7 @@
 //! Source rasters: which rasters a name means ([`inputs`]), which other files they may refer to
 //! ([`access`]), their positions ([`georef`], [`crs`], [`area`]), the wanted part ([`region`]), the
 //! meaning of their samples ([`values`], [`color_values`]), and how to read them ([`raster`],
-//! [`open`]).
+//! [`readers`]).
 
 pub mod access;
 pub mod area;
@@ -9,8 +9,8 @@ pub mod color_values;
 pub mod crs;
 pub mod georef;
 pub mod inputs;
-pub mod open;
 pub mod raster;
+pub mod readers;
 pub mod region;
 mod survey;
 pub mod values;

@@ -1,8 +1,8 @@
 //! A scan of all samples of an elevation source before they are used, for undeclared fill and
 //! implausible heights.
 
-use super::open::{open_raster, read_alpha, read_mask};
 use super::raster::Raster;
+use super::readers::{open_raster, read_alpha, read_mask};
 use super::values::{ElevationValues, MAX_HEIGHT_M, SENTINEL_GAP, SENTINELS, lone_sentinels};
 use crate::error::IngestError;
 use crate::work::Work;

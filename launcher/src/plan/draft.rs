@@ -3,7 +3,7 @@
 use super::FlightPlan;
 use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
 use super::compression::TexelQuestion;
-use super::picture::{self, PictureChoice};
+use super::picture_choice::{self, PictureChoice};
 use super::planes::PlaneFolders;
 use super::supervision::RestartRules;
 use crate::cli::database::DatabaseArgs;
@@ -226,7 +226,7 @@ impl<'a> Draft<'a> {
         RenderConfig {
             technique: choice.technique,
             rays: choice.rays,
-            sky_rgb: picture::sky(picture, &self.settings, &database.manifest().fields().body.name),
+            sky_rgb: picture_choice::sky(picture, &self.settings, &database.manifest().fields().body.name),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
             samples: choice.samples,
             has_tree_overlay: picture.overlay == Some(Overlay::Tree),

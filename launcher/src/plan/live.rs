@@ -1,7 +1,7 @@
 //! The part of a plan that other programs have in the flight.
 
 use super::checks::in_range;
-use super::picture;
+use super::picture_choice;
 use crate::cli::fly::FlyArgs;
 use crate::cli::planes::PlaneArgs;
 use crate::cli::values::PictureSize;
@@ -46,7 +46,8 @@ pub(super) fn camera(args: &FlyArgs, config: &RunConfig) -> Result<Option<LiveCa
     // The pilot looks at the ground on a thread of its own.
     let database = open_world(&args.world, &args.database)?;
     let extent = WorldGround::finest(&database, database.world(), config.exaggeration).extent();
-    let vfov_rad = picture::vfov_rad(&args.picture, None, PictureSize { width: config.width, height: config.height })?;
+    let vfov_rad =
+        picture_choice::vfov_rad(&args.picture, None, PictureSize { width: config.width, height: config.height })?;
     let gate = Gate::new(GateSettings { size: [config.width, config.height], vfov_rad, extent });
     let input = CameraInput::open(source, gate).map_err(Failure::bad_input)?;
     Ok(Some(LiveCamera { input, database, exaggeration: config.exaggeration, idle_timeout }))

@@ -15,7 +15,7 @@ mod draft;
 mod film;
 mod fly;
 mod live;
-mod picture;
+mod picture_choice;
 mod planes;
 mod pose;
 mod still;
@@ -24,7 +24,7 @@ pub mod supervision;
 pub use checks::{frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 pub use fly::fly;
-pub use picture::DEFAULT_SIZE;
+pub use picture_choice::DEFAULT_SIZE;
 pub use still::still;
 
 use crate::data_set::DataSet;

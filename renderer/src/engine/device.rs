@@ -6,8 +6,8 @@ use super::parts::{DrawList, MOST_PARTS, Parts};
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameSlot, GpuError, Instance, Needs, Outputs,
-    Readback, Recording, Target,
+    ColorPool, Device, DeviceKind, DevicePicture, Elevation, Filtering, FrameRecording, FrameSlot, GpuError, Instance,
+    Needs, Outputs, Readback, Target,
 };
 use crate::pixels::Pixels;
 use crate::source::{FrameSource, Pools, SourceShape};
@@ -227,7 +227,7 @@ impl Engine for DeviceEngine {
         for (index, technique) in techniques.iter_mut().enumerate() {
             technique.prepare(&mut recording, frame, &mut draws.of_technique(index), elevation, places)?;
         }
-        let draw_view = |recording: &mut Recording<'_>, view: usize, is_depth_only: bool| {
+        let draw_view = |recording: &mut FrameRecording<'_>, view: usize, is_depth_only: bool| {
             for (number, draw) in draws.draws().iter().enumerate().filter(|(_, draw)| draw.view == view) {
                 techniques[draw.technique].draw(draw.of_technique, recording, colors, is_depth_only);
                 recording.end_piece(number);
@@ -278,7 +278,7 @@ impl Engine for DeviceEngine {
 fn find_elevations(
     elevation: &mut Elevation,
     array_values: usize,
-    recording: &Recording<'_>,
+    recording: &FrameRecording<'_>,
     frame: &Frame,
     pools: &mut dyn Pools,
     starts: &mut Vec<u32>,
@@ -310,7 +310,7 @@ fn find_elevations(
 /// Brings the colours of a frame's tiles to the device, where it does not have them.
 fn upload_colors(
     colors: &mut ColorPool,
-    recording: &Recording<'_>,
+    recording: &FrameRecording<'_>,
     frame: &Frame,
     pools: &mut dyn Pools,
 ) -> Result<(), EngineError> {

@@ -5,7 +5,7 @@ use super::barrier::{self, Access, layout_of};
 use super::buffer::{Buffer, BufferUse};
 use super::device::Device;
 use super::error::{During, GpuError};
-use super::frame::Recording;
+use super::frame::FrameRecording;
 use super::host_memory::HostMemory;
 use super::image::{Image, ImageShape};
 use super::owned::{Owned, destroyer};
@@ -149,7 +149,7 @@ impl ColorPool {
     ///
     /// # Errors
     /// The slot lies outside, or out of memory.
-    pub fn upload_staged(&mut self, recording: &Recording<'_>, key: SlotKey) -> Result<&mut [u8], GpuError> {
+    pub fn upload_staged(&mut self, recording: &FrameRecording<'_>, key: SlotKey) -> Result<&mut [u8], GpuError> {
         let index = recording.slot_index();
         let (staging_count, limit) = (self.staging.len() as u64, self.staged_tiles);
         let Some(place) = self.staging.get_mut(index) else {
@@ -196,7 +196,7 @@ impl ColorPool {
     }
 
     /// Records the uploads asked for since the last frame; the number of tiles.
-    pub fn record_uploads(&mut self, recording: &mut Recording<'_>) -> u32 {
+    pub fn record_uploads(&mut self, recording: &mut FrameRecording<'_>) -> u32 {
         let tiles = self.copies.len() as u32 / COLOR_MIPS;
         if tiles == 0 && self.is_initialized {
             return 0;

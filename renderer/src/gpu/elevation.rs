@@ -4,7 +4,7 @@
 use super::buffer::{Buffer, BufferUse};
 use super::device::Device;
 use super::error::GpuError;
-use super::frame::Recording;
+use super::frame::FrameRecording;
 use super::host_memory::HostMemory;
 use ash::vk;
 use std::sync::Arc;
@@ -66,7 +66,7 @@ impl Elevation {
     ///
     /// # Errors
     /// Out of memory, or more than the device can bind.
-    pub fn stage(&mut self, recording: &Recording<'_>, values: u64) -> Result<&mut [f32], GpuError> {
+    pub fn stage(&mut self, recording: &FrameRecording<'_>, values: u64) -> Result<&mut [f32], GpuError> {
         let index = recording.slot_index();
         let slots = self.staged.len() as u64;
         let device = recording.device();

@@ -80,7 +80,7 @@ impl FrameSlot {
     ///
     /// # Errors
     /// The device was lost or is out of memory, or the slot's last frame is not finished and taken.
-    pub fn begin(&mut self) -> Result<Recording<'_>, GpuError> {
+    pub fn begin(&mut self) -> Result<FrameRecording<'_>, GpuError> {
         if self.pending.is_some() {
             return Err(GpuError::TooMany { what: "frames in one slot", found: 2, limit: 1 });
         }
@@ -95,20 +95,20 @@ impl FrameSlot {
             // SAFETY: recording, outside of rendering; the slot's last frame is finished.
             unsafe { stamps.begin(self.commands) };
         }
-        Ok(Recording { slot: self, device, has_copied: false })
+        Ok(FrameRecording { slot: self, device, has_copied: false })
     }
 }
 
 /// A frame being recorded. It proves that nothing of its slot is in use by the device.
 #[derive(Debug)]
-pub struct Recording<'a> {
+pub struct FrameRecording<'a> {
     slot: &'a mut FrameSlot,
     device: Arc<Device>,
     /// Whether a view was copied to the read-back buffer.
     has_copied: bool,
 }
 
-impl Recording<'_> {
+impl FrameRecording<'_> {
     /// Number of the slot.
     #[must_use]
     pub fn slot_index(&self) -> usize {
@@ -161,7 +161,7 @@ impl Recording<'_> {
             // SAFETY: recording, outside of rendering.
             unsafe { picture.begin(self.slot.commands) };
         }
-        target.record_copy(self, outputs, size, at);
+        target.copy_to_outputs(self, outputs, size, at);
     }
 
     /// All views were copied; the outputs come back with the slot.
@@ -189,7 +189,7 @@ impl Recording<'_> {
         unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;
         // SAFETY: complete and not pending. Every object that the commands name is an `Owned`,
         // which waits for this submit before it destroys it; the processor touches a slot's buffers
-        // only through a `Recording`.
+        // only through a `FrameRecording`.
         slot.pending = Some(unsafe { device.submit(slot.commands) }?);
         Ok(())
     }

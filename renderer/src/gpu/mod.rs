@@ -38,7 +38,7 @@ pub use color_pool::{ColorPool, Filtering};
 pub use device::{Device, DeviceChoice, SubmitValue};
 pub use elevation::{Elevation, ElevationPath};
 pub use error::GpuError;
-pub use frame::{FrameSlot, Recording};
+pub use frame::{FrameRecording, FrameSlot};
 pub use host_memory::HostMemory;
 pub use instance::Instance;
 pub use passes::floor::FloorPass;

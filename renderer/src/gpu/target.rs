@@ -6,7 +6,7 @@ use super::barrier::{self, Access, layout_of};
 use super::buffer::Buffer;
 use super::device::Device;
 use super::error::GpuError;
-use super::frame::Recording;
+use super::frame::FrameRecording;
 use super::image::{Image, ImageShape};
 use super::picture::{DevicePicture, Outputs};
 use super::readback::Readback;
@@ -93,7 +93,7 @@ impl Target {
     }
 
     /// Begins the picture of a view of this size: all sky.
-    pub fn begin_picture(&self, recording: &mut Recording<'_>, size: [u32; 2], sky_rgb: [u8; 3]) {
+    pub fn begin_picture(&self, recording: &mut FrameRecording<'_>, size: [u32; 2], sky_rgb: [u8; 3]) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let images = [Some(&self.color), self.color_samples.as_ref()];
@@ -123,7 +123,7 @@ impl Target {
     }
 
     /// Begins the depth of pixel centres. Nothing happens when the picture's own depth serves.
-    pub fn begin_depth(&self, recording: &mut Recording<'_>, size: [u32; 2]) {
+    pub fn begin_depth(&self, recording: &mut FrameRecording<'_>, size: [u32; 2]) {
         let Some(depth) = &self.depth_of_centres else { return };
         let device = Arc::clone(recording.device());
         // SAFETY: recording, outside of rendering; the image waits for the submit before it goes
@@ -169,16 +169,16 @@ impl Target {
     }
 
     /// Ends the picture or the depth pass.
-    pub fn end(&self, recording: &mut Recording<'_>) {
+    pub fn end(&self, recording: &mut FrameRecording<'_>) {
         // SAFETY: one of the `begin` functions was called before (the frame function's steps).
         unsafe { recording.device().raw().cmd_end_rendering(recording.commands()) };
     }
 
     /// Copies picture and depth of a view of this size to its place in the outputs; what does not
     /// fit there is left out.
-    pub(super) fn record_copy(
+    pub(super) fn copy_to_outputs(
         &mut self,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         outputs: &Outputs,
         size: [u32; 2],
         at: [u32; 2],

@@ -1,8 +1,8 @@
 //! The sinks of a run: what its configuration comes to.
 
 use super::{
-    AllOf, DepthSink, EachViewSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
-    SharedSink, SinkError, StreamSink,
+    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, SinkError,
+    SplitViewsSink, StreamSink,
 };
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 
@@ -50,7 +50,7 @@ fn sink_of_worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<
     };
     let depths = render.depth.iter().map(depth).collect::<Result<_, _>>()?;
     let grounds = render.ground.iter().map(ground).collect::<Result<_, _>>()?;
-    all.0.extend([each_view(config, depths), each_view(config, grounds)].into_iter().flatten());
+    all.0.extend([split_views(config, depths), split_views(config, grounds)].into_iter().flatten());
     // Last: where there is a picture of a frame, there is all of it.
     all.0.push(picture);
     Ok(Box::new(all))
@@ -68,7 +68,7 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {
             let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;
-            return Ok(each_view(config, sinks).unwrap_or_else(|| Box::new(NullSink)));
+            return Ok(split_views(config, sinks).unwrap_or_else(|| Box::new(NullSink)));
         }
     };
     // Files of frames that were left out show the frame before.
@@ -76,13 +76,13 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
 }
 
 /// Sinks of all views, in the order of the rig, as one; `None` without any.
-fn each_view(config: &RunConfig, mut sinks: Vec<Box<dyn FrameSink>>) -> Option<Box<dyn FrameSink>> {
+fn split_views(config: &RunConfig, mut sinks: Vec<Box<dyn FrameSink>>) -> Option<Box<dyn FrameSink>> {
     match &config.rig {
         None => sinks.pop(),
         Some(_) if sinks.is_empty() => None,
         Some(rig) => {
             let names = rig.views.iter().map(|view| view.name.clone());
-            Some(Box::new(EachViewSink::new(names.zip(sinks).collect())))
+            Some(Box::new(SplitViewsSink::new(names.zip(sinks).collect())))
         }
     }
 }

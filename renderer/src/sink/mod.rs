@@ -2,11 +2,11 @@
 //! ([`workers`]).
 
 mod choose;
-mod each_view;
 mod null;
 mod png;
 mod repeat;
 mod shared;
+mod split_views;
 mod stream;
 mod temporary;
 mod tiff;
@@ -14,11 +14,11 @@ pub mod workers;
 mod y4m;
 
 pub use choose::sinks_of;
-pub use each_view::EachViewSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
 pub use repeat::RepeatSink;
 pub use shared::SharedSink;
+pub use split_views::SplitViewsSink;
 pub use stream::StreamSink;
 pub use tiff::{DepthSink, GroundSink};
 

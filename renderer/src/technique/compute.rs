@@ -2,10 +2,10 @@
 //! (`terravision_raycast`), one thread a pixel.
 
 use super::rays::{SlotBlock, block_of};
-use super::view::{NEAR_M, datum_above_eye_m};
+use super::view_parameters::{NEAR_M, datum_above_eye_m};
 use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
-use crate::gpu::{ColorPool, Elevation, RayNode, RayTile, RayView, RaysPass, Recording, Target};
+use crate::gpu::{ColorPool, Elevation, FrameRecording, RayNode, RayTile, RayView, RaysPass, Target};
 use glam::DVec2;
 use terravision_common::camera::Camera;
 use terravision_common::run::TechniqueChoice;
@@ -62,7 +62,7 @@ impl Technique for ComputeRays {
 
     fn prepare(
         &mut self,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         frame: &Frame,
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
@@ -75,7 +75,7 @@ impl Technique for ComputeRays {
         Ok(())
     }
 
-    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, _is_depth_only: bool) {
+    fn draw(&self, draw: usize, recording: &mut FrameRecording<'_>, colors: &ColorPool, _is_depth_only: bool) {
         if let Some(parameters) = self.views.get(draw) {
             self.pass.draw(recording, colors, (draw, parameters));
         }
@@ -90,7 +90,7 @@ impl ComputeRays {
     fn prepare_draw(
         &mut self,
         draw: Draw<'_>,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         frame: &Frame,
         elevation: &Elevation,
         places: ArrayPlaces<'_>,

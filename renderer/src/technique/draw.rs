@@ -21,7 +21,7 @@ impl<'a> TileSubset<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Draw<'a> {
     /// Its number among all draws of the frame, by which its time comes back
-    /// ([`crate::gpu::Recording::timed`]).
+    /// ([`crate::gpu::FrameRecording::timed`]).
     pub number: usize,
     /// Which view of the frame, from 0.
     pub view: usize,

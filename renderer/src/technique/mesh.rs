@@ -1,11 +1,11 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as
 //! triangles.
 
-use super::view::view_parameters;
+use super::view_parameters::view_parameters;
 use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::gpu::{
-    Block, ColorPool, Elevation, GpuError, Recording, Sides, Target, TerrainPass, TerrainView, TileParameters,
+    Block, ColorPool, Elevation, FrameRecording, GpuError, Sides, Target, TerrainPass, TerrainView, TileParameters,
     ViewParameters,
 };
 use std::ops::Range;
@@ -92,7 +92,7 @@ impl Technique for MeshTechnique {
 
     fn prepare(
         &mut self,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         frame: &Frame,
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
@@ -116,7 +116,7 @@ impl Technique for MeshTechnique {
         Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
     }
 
-    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool) {
+    fn draw(&self, draw: usize, recording: &mut FrameRecording<'_>, colors: &ColorPool, is_depth_only: bool) {
         let Some(MeshDraw { view, blocks }) = self.draws.get(draw) else { return };
         let MeshView { parameters, sides, .. } = &self.views[*view];
         let blocks = &self.blocks[blocks.clone()];

@@ -5,16 +5,16 @@ mod compute;
 mod draw;
 mod mesh;
 mod rays;
-mod view;
+mod view_parameters;
 
 pub use compute::ComputeRays;
 pub use draw::{Draw, TileSubset};
 pub use mesh::{LOD_BIAS, MAX_ANISOTROPY, MeshTechnique};
 pub use rays::BlockReader;
-pub use view::{NEAR_M, view_parameters};
+pub use view_parameters::{NEAR_M, view_parameters};
 
 use crate::frame::{Frame, FrameError, leaf_level};
-use crate::gpu::{ColorPool, Elevation, GpuError, Recording};
+use crate::gpu::{ColorPool, Elevation, FrameRecording, GpuError};
 use terravision_common::run::TechniqueChoice;
 use terravision_common::slot::TileSlot;
 
@@ -63,7 +63,7 @@ pub trait Technique: Send {
     /// The device is out of memory, or a tile of the frame is wrong.
     fn prepare(
         &mut self,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         frame: &Frame,
         draws: &mut dyn Iterator<Item = Draw<'_>>,
         elevation: &Elevation,
@@ -72,7 +72,7 @@ pub trait Technique: Send {
 
     /// Draws one of the draws, counted from 0, that were prepared last. `is_depth_only`: no
     /// picture, depth at pixel centres.
-    fn draw(&self, draw: usize, recording: &mut Recording<'_>, colors: &ColorPool, is_depth_only: bool);
+    fn draw(&self, draw: usize, recording: &mut FrameRecording<'_>, colors: &ColorPool, is_depth_only: bool);
 
     /// Triangles of such a draw.
     fn triangles(&self, draw: usize) -> u64;

@@ -4,7 +4,7 @@ use super::pipeline::{self, PipelineShape, Words, grid_indices};
 use crate::gpu::buffer::Buffer;
 use crate::gpu::color_pool::ColorPool;
 use crate::gpu::error::GpuError;
-use crate::gpu::frame::Recording;
+use crate::gpu::frame::FrameRecording;
 use crate::gpu::owned::Owned;
 use crate::gpu::target::Target;
 use ash::vk;
@@ -62,7 +62,7 @@ impl FloorPass {
     }
 
     /// Draws the grid; within rendering.
-    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool) {
+    pub fn draw(&self, recording: &mut FrameRecording<'_>, colors: &ColorPool) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let graphics = vk::PipelineBindPoint::GRAPHICS;

@@ -8,7 +8,7 @@ use crate::gpu::color_pool::ColorPool;
 use crate::gpu::device::Device;
 use crate::gpu::elevation::Elevation;
 use crate::gpu::error::GpuError;
-use crate::gpu::frame::Recording;
+use crate::gpu::frame::FrameRecording;
 use crate::gpu::owned::Owned;
 use crate::gpu::target::Target;
 use ash::vk;
@@ -193,7 +193,7 @@ impl RaysPass {
     /// Out of memory, or no elevations were staged.
     pub fn prepare(
         &mut self,
-        recording: &mut Recording<'_>,
+        recording: &mut FrameRecording<'_>,
         elevation: &Elevation,
         (index, view): (usize, &RayView),
         tiles: &mut [RayTile],
@@ -246,7 +246,7 @@ impl RaysPass {
 
     /// Draws what the rays of the `index`-th draw of the frame being recorded have met; within
     /// rendering.
-    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, (index, view): (usize, &RayView)) {
+    pub fn draw(&self, recording: &mut FrameRecording<'_>, colors: &ColorPool, (index, view): (usize, &RayView)) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let Some(slot) = self.slots.get(recording.slot_index()).and_then(|draws| draws.get(index)) else { return };

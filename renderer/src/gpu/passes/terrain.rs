@@ -6,7 +6,7 @@ use crate::gpu::color_pool::ColorPool;
 use crate::gpu::device::Device;
 use crate::gpu::elevation::Elevation;
 use crate::gpu::error::GpuError;
-use crate::gpu::frame::Recording;
+use crate::gpu::frame::FrameRecording;
 use crate::gpu::owned::Owned;
 use crate::gpu::target::Target;
 use ash::vk;
@@ -198,7 +198,7 @@ impl TerrainPass {
     /// Out of memory, or no elevations were staged.
     pub fn prepare(
         &mut self,
-        recording: &Recording<'_>,
+        recording: &FrameRecording<'_>,
         elevation: &Elevation,
         tiles: &[TileParameters],
     ) -> Result<(), GpuError> {
@@ -228,7 +228,7 @@ impl TerrainPass {
     }
 
     /// Draws blocks in this order; within rendering.
-    pub fn draw(&self, recording: &mut Recording<'_>, colors: &ColorPool, view: &TerrainView<'_>) {
+    pub fn draw(&self, recording: &mut FrameRecording<'_>, colors: &ColorPool, view: &TerrainView<'_>) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let pipeline =

@@ -5,20 +5,20 @@ use crate::pixels::PixelPlaces;
 use terravision_common::rig::{View, Views};
 
 /// Hands each view on by itself.
-pub struct EachViewSink {
+pub struct SplitViewsSink {
     /// The views' names, and where they go, in the order of the rig.
     sinks: Vec<(String, Box<dyn FrameSink>)>,
     rgba: Vec<u8>,
     depth: Vec<f32>,
 }
 
-impl std::fmt::Debug for EachViewSink {
+impl std::fmt::Debug for SplitViewsSink {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_list().entries(self.sinks.iter().map(|(name, _)| name)).finish()
     }
 }
 
-impl EachViewSink {
+impl SplitViewsSink {
     /// Views of these names into these sinks, in the order of the rig.
     #[must_use]
     pub fn new(sinks: Vec<(String, Box<dyn FrameSink>)>) -> Self {
@@ -26,7 +26,7 @@ impl EachViewSink {
     }
 }
 
-impl FrameSink for EachViewSink {
+impl FrameSink for SplitViewsSink {
     /// Views are cut out of pictures in memory.
     fn needs(&self) -> PixelPlaces {
         let is_any = self.sinks.iter().any(|(_, sink)| sink.needs() != PixelPlaces::NOWHERE);
@@ -117,14 +117,14 @@ mod tests {
         };
         let log = Log::default();
         let keep = |name: &str| (name.to_owned(), Box::new(Keep(Arc::clone(&log))) as Box<dyn FrameSink>);
-        let mut sink = EachViewSink::new(vec![keep("left"), keep("down")]);
+        let mut sink = SplitViewsSink::new(vec![keep("left"), keep("down")]);
         sink.write(&picture).unwrap();
         let expected = [
             ("left".to_owned(), [2, 2], vec![0, 1, 4, 5], vec![0.0, 1.0, 4.0, 5.0]),
             ("down".to_owned(), [1, 1], vec![7], vec![7.0]),
         ];
         assert_eq!(*log.lock().unwrap(), expected);
-        let error = EachViewSink::new(vec![keep("left")]).write(&picture).unwrap_err().to_string();
+        let error = SplitViewsSink::new(vec![keep("left")]).write(&picture).unwrap_err().to_string();
         assert!(error.contains("2 views") && error.contains("expected 1"), "{error}");
     }
 }
