@@ -11,13 +11,14 @@ use crate::proof::{StartRule, Steepness};
 use crate::scene::{Placed, Scene};
 use crate::shade::strip::{Line, Strips};
 use crate::shade::{Canvas, Footprints, outline};
-use crate::sweep::{Instructions, Sweep, SweepDetail};
+use crate::sweep::{Sweep, SweepDetail};
 use crate::view::View;
 use crate::workers::{Workers, WorkersError};
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
+use terravision_common::simd::Instructions;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

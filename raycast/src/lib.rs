@@ -17,13 +17,13 @@
 //!
 //! A technique fills lines of pixels: it gets a `Scene`, writes what pixels see to a `Canvas`, and
 //! does not depend on the other techniques. Imports: `model` ← `scene` ← `proof`, `shade` ← `exact`
-//! ← `coherent` ← `caster`, and `shade`, `simd` ← `sweep` ← `caster`.
+//! ← `coherent` ← `caster`, and `shade` ← `sweep` ← `caster`.
 //!
 //! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a
 //! frame's slots, or tiles of a database. Colours are not copied. From the second frame of a size
 //! on, [`Caster::draw`] allocates nothing.
 
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 mod caster;
 mod coherent;
@@ -35,7 +35,6 @@ mod picture;
 mod proof;
 mod scene;
 mod shade;
-mod simd;
 mod sweep;
 pub mod view;
 pub mod workers;
@@ -45,4 +44,4 @@ pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;
 pub use proof::{StartRule, Steepness, Unproven};
-pub use sweep::{Instructions, SweepDetail};
+pub use sweep::SweepDetail;

@@ -5,8 +5,9 @@
 
 use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
+use terravision_common::simd::Instructions;
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, Caster, Method, Picture, SweepDetail};
 use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera, noise};
 
 const SIZE: [u32; 2] = [56, 42];

@@ -4,8 +4,8 @@ use super::SweepDetail;
 use super::lanes::Floats;
 use super::sector::{Row, Sector};
 use crate::scene::Scene;
-use crate::simd::LANES;
 use glam::Vec2;
+use terravision_common::simd::LANES;
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.
 const OF_SPACING: f32 = 0.5;

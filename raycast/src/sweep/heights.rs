@@ -3,8 +3,8 @@
 use super::lanes::{Floats, floor, index, larger, smaller};
 use crate::model::Tile;
 use crate::scene::{Bounds, Scene};
-use crate::simd::LANES;
 use glam::Vec2;
+use terravision_common::simd::LANES;
 use terravision_common::surface::facet::facet_linear;
 
 /// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of

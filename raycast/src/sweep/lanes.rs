@@ -1,6 +1,6 @@
 //! Sixteen neighboring planes, which are swept together: arrays that compilers make vectors of.
 
-use crate::simd::Sixteen;
+use terravision_common::simd::Sixteen;
 
 /// A number of each.
 pub(super) type Floats = Sixteen<f32>;

@@ -15,12 +15,11 @@
 //!
 //! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
 //! many pixels, as if it faced the eye, and drawn straight between them. Kernels are written over
-//! vectors of sixteen numbers (`crate::simd`), done by the widest instructions that the processor
-//! has ([`instructions`]), with the same bits by all of them.
+//! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
+//! has ([`Instructions`]), with the same bits by all of them.
 
 mod fan;
 mod heights;
-mod instructions;
 mod lanes;
 mod sector;
 mod shade;
@@ -31,21 +30,18 @@ mod tests;
 mod texels;
 mod trace;
 
-pub use instructions::Instructions;
-
 use crate::counts::Counts;
 use crate::scene::Scene;
 use crate::shade::Canvas;
-use crate::simd::{LANES, Simd};
 use crate::workers::Workers;
 use fan::{Block, Fan};
-pub(crate) use instructions::Work;
 use sector::{Row, Sector};
 use shade::Shader;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
 use terravision_common::camera::Camera;
+use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
 
 /// Blocks of a strip.

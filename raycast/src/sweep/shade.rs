@@ -7,9 +7,9 @@ use super::texels::{Points, TilePaint};
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
 use crate::shade::{Canvas, OPAQUE_BLACK};
-use crate::simd::{LANES, Simd, Sixteen};
 use glam::Vec3;
 use std::ops::Range;
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Two lines are interpolated between, unless their nearness differs by more than this share: then
 /// one lies behind a crest.

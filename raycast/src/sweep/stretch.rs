@@ -3,7 +3,7 @@
 use super::lanes::Floats;
 use super::strip::{Rows, Strip};
 use super::trace::{NO_SLOPE, Points, State, Tracer};
-use crate::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd};
 
 /// Rows between two points are at least this, when one is divided by them.
 pub(super) const LEAST_ROWS: f32 = 1e-6;

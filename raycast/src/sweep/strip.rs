@@ -1,6 +1,6 @@
 //! A strip: neighboring lines between their sweep and their shading. One per worker, used again.
 
-use crate::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd};
 
 /// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second
 /// cache.

@@ -2,8 +2,8 @@
 
 use crate::model::color::ColorLayout;
 use crate::shade::{Canvas, OPAQUE_BLACK};
-use crate::simd::{LANES, Simd};
 use glam::Vec2;
+use terravision_common::simd::{LANES, Simd};
 
 /// Two channels of a texel.
 const TWO: u32 = 0x00ff_00ff;

@@ -22,8 +22,8 @@ use super::lanes::{Floats, floor, larger, smaller};
 use super::stretch::LEAST_ROWS;
 use super::strip::Strip;
 use crate::scene::{Bounds, Scene};
-use crate::simd::{LANES, Simd};
 use glam::Vec2;
+use terravision_common::simd::{LANES, Simd};
 
 const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.

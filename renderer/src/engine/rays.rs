@@ -11,10 +11,11 @@ use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
+use terravision_common::simd::Instructions;
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, Caster, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;

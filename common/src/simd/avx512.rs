@@ -8,17 +8,17 @@ use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Made where the processor has AVX-512F, BW, DQ and VL: [`Avx512::new`].
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Avx512(());
+pub struct Avx512(());
 
 /// Made by an [`Avx512`] alone, as are the others.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Floats(__m512);
+pub struct Floats(__m512);
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Words(__m512i);
+pub struct Words(__m512i);
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Mask(__mmask16);
+pub struct Mask(__mmask16);
 
 /// Calls an instruction.
 macro_rules! call {
@@ -72,7 +72,7 @@ impl BitOr for Mask {
 impl Avx512 {
     /// # Safety
     /// The processor has AVX-512F, BW, DQ and VL.
-    pub(crate) unsafe fn new() -> Self {
+    pub unsafe fn new() -> Self {
         Self(())
     }
 

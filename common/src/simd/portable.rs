@@ -6,17 +6,17 @@ use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// What every processor has.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Portable;
+pub struct Portable;
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Floats(Sixteen<f32>);
+pub struct Floats(Sixteen<f32>);
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Words(Sixteen<u32>);
+pub struct Words(Sixteen<u32>);
 
 /// All bits of a lane, or none.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Mask(Sixteen<u32>);
+pub struct Mask(Sixteen<u32>);
 
 macro_rules! lane_by_lane {
     ($($of:ident: $trait:ident :: $name:ident by $by:expr),* $(,)?) => {$(

@@ -1,32 +1,34 @@
 //! Vectors of sixteen numbers, which kernels are written in: by AVX-512, by AVX2, or by arrays on
 //! any processor.
 //!
-//! A kernel is generic over [`Simd`] and inlined as a whole into a function for processors with
-//! those instructions. All sets give the same bits: they add, subtract, multiply, divide and
+//! A kernel is [`Work`], generic over [`Simd`], and inlined as a whole into a function for
+//! processors with those instructions. All sets give the same bits: they add, subtract, multiply, divide and
 //! compare, which are exact to the bit everywhere, and nothing is fused.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod instructions;
 mod portable;
 #[cfg(test)]
 mod tests;
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use avx2::Avx2;
+pub use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use avx512::Avx512;
-pub(crate) use portable::Portable;
+pub use avx512::Avx512;
+pub use instructions::{Instructions, Work};
+pub use portable::Portable;
 
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Numbers of a vector.
-pub(crate) const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// A number of each lane.
-pub(crate) type Sixteen<T> = [T; LANES];
+pub type Sixteen<T> = [T; LANES];
 
 /// 2^23: floats from here to its double are whole, and their lower bits are that number.
 const WHOLE: f32 = 8_388_608.0;
@@ -40,7 +42,7 @@ fn last_pair(count: usize) -> Option<u32> {
 }
 
 /// A set of instructions that this processor has: who holds one may use them.
-pub(crate) trait Simd: Copy + Debug {
+pub trait Simd: Copy + Debug {
     /// 32-bit floats.
     type Floats: Copy
         + Add<Output = Self::Floats>
@@ -61,8 +63,11 @@ pub(crate) trait Simd: Copy + Debug {
     fn floats(self, x: f32) -> Self::Floats;
     /// The same word in all lanes.
     fn words(self, x: u32) -> Self::Words;
+    /// Sixteen floats from memory.
     fn load(self, from: &Sixteen<f32>) -> Self::Floats;
+    /// Sixteen words from memory.
     fn load_words(self, from: &Sixteen<u32>) -> Self::Words;
+    /// Stores sixteen floats.
     fn store(self, of: Self::Floats, to: &mut Sixteen<f32>);
     /// Stores the lanes of a mask, and leaves others.
     fn store_where(self, mask: Self::Mask, of: Self::Floats, to: &mut Sixteen<f32>);
@@ -75,7 +80,9 @@ pub(crate) trait Simd: Copy + Debug {
     fn less(self, a: Self::Floats, b: Self::Floats) -> Self::Mask;
     /// Whether `a ≤ b`; never with NaN.
     fn at_most(self, a: Self::Floats, b: Self::Floats) -> Self::Mask;
+    /// `yes` where the mask is, else `no`.
     fn select(self, mask: Self::Mask, yes: Self::Floats, no: Self::Floats) -> Self::Floats;
+    /// `yes` where the mask is, else `no`.
     fn select_words(self, mask: Self::Mask, yes: Self::Words, no: Self::Words) -> Self::Words;
     /// Products of the halves of words, 16 bits each, which wrap around.
     fn multiply_halves(self, a: Self::Words, b: Self::Words) -> Self::Words;

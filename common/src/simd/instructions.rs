@@ -1,18 +1,17 @@
 //! Which vector instructions work is done with, found out when the program runs. The same bits by
-//! all of them ([`crate::simd`]).
-
+//! all of them (`common::simd`).
 #![cfg_attr(
     target_arch = "x86_64",
     expect(unsafe_code, reason = "a function for processors with certain instructions is called where they are")
 )]
 
 #[cfg(target_arch = "x86_64")]
-use crate::simd::{Avx2, Avx512};
-use crate::simd::{Portable, Simd};
+use super::{Avx2, Avx512};
+use super::{Portable, Simd};
 
 /// What is done by whichever instructions there are. Implementations are inlined as a whole, or
 /// they gain nothing.
-pub(crate) trait Work {
+pub trait Work {
     /// What comes of it.
     type Output;
     /// Does it.
@@ -75,7 +74,7 @@ impl Instructions {
     }
 
     /// Does work with them.
-    pub(crate) fn run<W: Work>(self, work: W) -> W::Output {
+    pub fn run<W: Work>(self, work: W) -> W::Output {
         match self.0 {
             Set::Portable => work.run(Portable),
             #[cfg(target_arch = "x86_64")]

@@ -8,18 +8,18 @@ use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 /// Made where the processor has AVX2: [`Avx2::new`].
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Avx2(());
+pub struct Avx2(());
 
 /// Made by an [`Avx2`] alone, as are the others.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Floats(__m256, __m256);
+pub struct Floats(__m256, __m256);
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Words(__m256i, __m256i);
+pub struct Words(__m256i, __m256i);
 
 /// All bits of a lane, or none.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Mask(__m256, __m256);
+pub struct Mask(__m256, __m256);
 
 /// Of each lane, its bit.
 const BIT_OF_LANE: Sixteen<u32> = [
@@ -79,7 +79,7 @@ operators! {
 impl Avx2 {
     /// # Safety
     /// The processor has AVX2.
-    pub(crate) unsafe fn new() -> Self {
+    pub unsafe fn new() -> Self {
         Self(())
     }
 

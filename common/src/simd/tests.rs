@@ -1,7 +1,7 @@
 //! Every set of instructions that this processor has gives the bits of the portable one.
 
-use super::{LANES, Portable, Simd, Sixteen};
-use crate::sweep::{Instructions, Work};
+use super::{Instructions, LANES, Portable, Simd, Sixteen, Work};
+
 use proptest::prelude::*;
 
 /// What all operations make of some numbers, as bits.
