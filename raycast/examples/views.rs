@@ -15,7 +15,7 @@ use terravision_common::level::{LevelFunction, Measure};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Method, Picture};
 
 /// Methods, and up to which distance tiles have voxels, metres.
 const WAYS: [(Method, f64); 4] =
@@ -92,7 +92,13 @@ fn main() {
             let mut counts = Counts::default();
             for _ in 0..rounds {
                 let start = processor_millis();
-                counts = caster.draw(&ground, &layers, &camera, &options, &picture);
+                counts = caster.draw(&CastTask {
+                    ground: &ground,
+                    colors: &layers,
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                });
                 millis.push(processor_millis() - start);
             }
             millis.sort_by(f64::total_cmp);
