@@ -17,7 +17,7 @@
 //!
 //! A technique fills lines of pixels: it gets a `Scene`, writes what pixels see to a `Canvas`, and
 //! does not depend on the other techniques. Imports: `model` ← `scene` ← `proof`, `shade` ← `exact`
-//! ← `coherent` ← `caster`, and `shade` ← `sweep` ← `caster`.
+//! ← `coherent` ← `caster`, and `shade`, `simd` ← `sweep` ← `caster`.
 //!
 //! A [`model::Ground`] is filled with tiles of any mixture of levels: the elevation arrays of a
 //! frame's slots, or tiles of a database. Colours are not copied. From the second frame of a size
@@ -35,6 +35,7 @@ mod picture;
 mod proof;
 mod scene;
 mod shade;
+mod simd;
 mod sweep;
 pub mod view;
 pub mod workers;

@@ -1,9 +1,10 @@
 //! The planes of a sector, sixteen at a time, and how far apart they are sampled outwards.
 
 use super::SweepDetail;
-use super::lanes::{Floats, LANES};
+use super::lanes::Floats;
 use super::sector::{Row, Sector};
 use crate::scene::Scene;
+use crate::simd::LANES;
 use glam::Vec2;
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.

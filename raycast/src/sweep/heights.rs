@@ -1,8 +1,9 @@
 //! Heights under sixteen points at once, out of the tiles that the points lie over.
 
-use super::lanes::{Floats, LANES, floor, index, larger, smaller};
+use super::lanes::{Floats, floor, index, larger, smaller};
 use crate::model::Tile;
 use crate::scene::{Bounds, Scene};
+use crate::simd::LANES;
 use glam::Vec2;
 use terravision_common::surface::facet::facet_linear;
 
