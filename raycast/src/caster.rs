@@ -68,6 +68,22 @@ impl Default for CastOptions {
     }
 }
 
+/// A picture to draw: what of, from where, how, and into what.
+#[derive(Debug, Clone, Copy)]
+pub struct CastTask<'a> {
+    /// The ground. Heights are drawn as stored: apply vertical exaggeration when filling it.
+    pub ground: &'a Ground,
+    /// RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is
+    /// missing or too short is drawn black.
+    pub colors: &'a [&'a [u8]],
+    /// The camera: valid, and of the picture's size.
+    pub camera: &'a Camera,
+    /// How.
+    pub options: &'a CastOptions,
+    /// What is drawn into.
+    pub picture: &'a Picture,
+}
+
 /// Draws pictures; keeps its memory from one to the next.
 #[derive(Debug)]
 pub struct Caster {
@@ -111,46 +127,29 @@ impl Caster {
         })
     }
 
-    /// Draws the ground as seen by `camera`, which must be valid and have the picture's size. The
-    /// picture does not depend on the number of workers. Heights are drawn as stored: apply
-    /// vertical exaggeration when filling the ground. `colors`: RGBA8 of each layer, mip levels
-    /// back to back, row 0 of each in the north; a layer that is missing or too short is drawn
-    /// black.
+    /// Draws a picture, which does not depend on the number of workers.
     ///
     /// # Panics
     /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
-    pub fn draw(
-        &mut self,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
-        let method = method_for(ground, options);
+    pub fn draw(&mut self, task: &CastTask<'_>) -> Counts {
+        let ground = task.ground;
+        let method = method_for(ground, task.options);
         if method == Method::Sweep {
-            return self.sweep(ground, colors, camera, options, picture);
+            return self.sweep(task);
         }
-        let eye = camera.eye();
+        let eye = task.camera.eye();
         let plane = ground.shape().surface;
         let on_lattice = plane.lattice_of_foot(plane.foot(eye)).to_array();
         let above_datum = plane.height_above(eye, ground.datum_m()) as f32;
         let surface = if method == Method::Coherent { Surface::Voxels } else { Surface::Facets };
         let mut steepness = std::mem::take(&mut self.steepness);
         steepness.set(ground, on_lattice, above_datum, surface);
-        let counts = self.draw_by(&steepness, ground, colors, camera, options, picture);
+        let counts = self.draw_by(&steepness, task);
         self.steepness = steepness;
         counts
     }
 
-    fn sweep(
-        &mut self,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
+    fn sweep(&mut self, &CastTask { ground, colors, camera, options, picture }: &CastTask<'_>) -> Counts {
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
@@ -180,15 +179,8 @@ impl Caster {
     ///
     /// # Panics
     /// As [`Caster::draw`].
-    pub fn draw_by<R: StartRule>(
-        &mut self,
-        rule: &R,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
+    pub fn draw_by<R: StartRule>(&mut self, rule: &R, task: &CastTask<'_>) -> Counts {
+        let &CastTask { ground, colors, camera, options, picture } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         self.lines.set(picture.size(), camera.roll_rad());

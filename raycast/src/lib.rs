@@ -39,7 +39,7 @@ mod sweep;
 pub mod view;
 pub mod workers;
 
-pub use caster::{CastOptions, Caster, Method};
+pub use caster::{CastOptions, CastTask, Caster, Method};
 pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;

@@ -15,7 +15,7 @@ use terravision_common::simd::Instructions;
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::{CastOptions, Caster, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;
@@ -219,7 +219,7 @@ impl RaysEngine {
 
     /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
         let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
@@ -263,7 +263,13 @@ impl RaysEngine {
             }
             // What the workers did for the ground is not this view's.
             self.caster.workers().take_busy();
-            self.caster.draw(ground, &layers[..], &view.camera, &options, &self.pictures[index]);
+            self.caster.draw(&CastTask {
+                ground,
+                colors: &layers[..],
+                camera: &view.camera,
+                options: &options,
+                picture: &self.pictures[index],
+            });
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
