@@ -24,8 +24,8 @@ struct Stretch<S: Simd> {
 
 /// A point in the picture: its row, one over its depth, and whether it lies beside or behind the
 /// camera.
-struct Place<S: Simd> {
-    row: S::Floats,
+pub(super) struct Place<S: Simd> {
+    pub(super) row: S::Floats,
     seen: S::Floats,
     is_far: S::Mask,
 }
@@ -82,8 +82,9 @@ impl<S: Simd> Tracer<'_, S> {
         stretch
     }
 
+    /// Where points are in the picture.
     #[inline(always)]
-    fn place(&self, points: &Points<S>) -> Place<S> {
+    pub(super) fn place(&self, points: &Points<S>) -> Place<S> {
         let (simd, block) = (self.simd, self.block);
         let [per_height, per_depth] = self.per_slope.map(|per| simd.floats(per));
         let depth = simd.load(&block.depth) + points.slope * per_depth;

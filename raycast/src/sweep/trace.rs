@@ -134,7 +134,18 @@ impl<'a, S: Simd> Tracer<'a, S> {
             state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
         }
-        strip.put_sky(simd, first, state.next, self.rows);
+        strip.put_sky(simd, first, [state.next, self.skyline(&state)], self.rows);
+    }
+
+    /// The rows of the planes' horizons, within the picture or a pixel beyond it.
+    #[inline(always)]
+    fn skyline(&self, state: &State<S>) -> S::Floats {
+        let (simd, block) = (self.simd, self.block);
+        let slope = simd.smaller(simd.larger(state.horizon, simd.load(&block.lowest)), simd.load(&block.highest));
+        let row = self.place(&Points { slope, nearness: state.last.nearness }).row;
+        // Planes without ground: as low as that.
+        let has_ground = simd.less(state.horizon, simd.floats(f32::INFINITY));
+        simd.select(has_ground, row, simd.floats(f32::MIN))
     }
 
     /// Points of the planes at a step: no nearer than where the ground begins, no further than its
