@@ -80,7 +80,7 @@ impl RunConfig {
     /// # Errors
     /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
     pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
-        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
+        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views_from(pose))
     }
 
     /// Numbers of the run's frames.

@@ -5,8 +5,9 @@
 
 use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
+use terravision_common::simd::Instructions;
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Instructions, Layers, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
 use terravision_testkit::rays::{AnyMethod, Field, PooledField, UNIT_M, camera, noise};
 
 const SIZE: [u32; 2] = [56, 42];
@@ -138,10 +139,24 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         let camera = pose(field, seed);
         let picture = Picture::new(SIZE);
         let blank = CastOptions { sky_rgb: [1, 254, 3], ..options() };
-        caster.draw(ground, &[&colors[which][..]], &unset, &blank, &picture);
+        caster.draw(&CastTask {
+            ground,
+            heights: &[],
+            colors: &[&colors[which][..]],
+            camera: &unset,
+            options: &blank,
+            picture: &picture,
+        });
         let is_unset = |color: u32| color == u32::from_le_bytes([1, 254, 3, 255]);
         assert!(picture.rgba().all(is_unset), "a camera that sees no ground");
-        caster.draw(ground, &[&colors[which][..]], &camera, &options(), &picture);
+        caster.draw(&CastTask {
+            ground,
+            heights: &[],
+            colors: &[&colors[which][..]],
+            camera: &camera,
+            options: &options(),
+            picture: &picture,
+        });
         assert!(!picture.rgba().any(is_unset), "pose {seed}: a pixel is left out");
         let depths: Vec<f32> = picture.depth().collect();
         assert!(depths.iter().all(|depth| depth.is_nan() || *depth > 0.0), "pose {seed}");
@@ -155,9 +170,9 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
 fn draw_in_place(caster: &mut Caster, pooled: &PooledField, ground: &Ground, camera: &Camera) -> (Vec<u32>, Vec<f32>) {
     let picture = Picture::new(SIZE);
     let colors = pooled.finest().colors();
-    let layers = Layers { colors: &[&colors[..]], heights: &pooled.heights };
-    let sky_rgb = [1, 254, 3];
-    caster.sweep(ground, layers, camera, &CastOptions { sky_rgb, ..options() }, &picture);
+    let options = CastOptions { sky_rgb: [1, 254, 3], ..options() };
+    let colors = &[&colors[..]];
+    caster.draw(&CastTask { ground, colors, heights: &pooled.heights, camera, options: &options, picture: &picture });
     (picture.rgba().collect(), picture.depth().collect())
 }
 
@@ -242,7 +257,14 @@ fn pictures_do_not_depend_on_the_instructions() {
                 let picture = Picture::new(SIZE);
                 caster.set_instructions(instructions);
                 let options = CastOptions { sweep: detail, ..options() };
-                caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+                caster.draw(&CastTask {
+                    ground: &ground,
+                    heights: &[],
+                    colors: &[&colors[..]],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                });
                 picture.rgba().zip(picture.depth().map(f32::to_bits)).collect()
             };
             let portable = draw(Instructions::PORTABLE);
@@ -265,7 +287,17 @@ fn depth_is_that_of_exact_rays() {
         let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
             let picture = Picture::new(SIZE);
             let options = CastOptions { sweep: DETAIL, ..CastOptions::default() };
-            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            method.draw(
+                &mut Caster::new(1).unwrap(),
+                &CastTask {
+                    ground: &ground,
+                    heights: &[],
+                    colors: &[&field.colors()[..]],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
             picture.depth().collect::<Vec<f32>>()
         });
         let both = exact.iter().zip(&swept);
@@ -289,7 +321,17 @@ fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
         let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
             let picture = Picture::new(SIZE);
             let options = CastOptions { sweep: DETAIL, has_undersides: true, ..CastOptions::default() };
-            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            method.draw(
+                &mut Caster::new(1).unwrap(),
+                &CastTask {
+                    ground: &ground,
+                    heights: &[],
+                    colors: &[&field.colors()[..]],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
             picture.depth().collect::<Vec<f32>>()
         });
         let torn = exact.iter().zip(&swept).filter(|(exact, swept)| exact.is_nan() != swept.is_nan()).count();

@@ -100,7 +100,7 @@ fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
         workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),
         size: [config.width, config.height],
-        views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views.len() }),
+        views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views().len() }),
         samples: render.samples,
         exaggeration: config.exaggeration,
         sky_rgb: render.sky_rgb,

@@ -93,7 +93,9 @@ impl Case {
 
     /// The views that are drawn.
     pub fn views(&self) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(&self.camera), |rig| rig.views(&self.camera).expect("valid"))
+        self.rig
+            .as_ref()
+            .map_or_else(|| Views::single(&self.camera), |rig| rig.views_from(&self.camera).expect("valid"))
     }
 
     /// The generator's tree.

@@ -1,10 +1,11 @@
 //! The planes of a sector, sixteen at a time, and how far apart they are sampled outwards.
 
 use super::SweepDetail;
-use super::lanes::{Floats, LANES};
+use super::lanes::Floats;
 use super::sector::{Row, Sector};
 use crate::scene::Scene;
 use glam::Vec2;
+use terravision_common::simd::LANES;
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.
 const OF_SPACING: f32 = 0.5;

@@ -1,19 +1,18 @@
 //! Heights under sixteen points at once, out of the tiles that the points lie over.
 
-use super::lanes::{Floats, LANES, floor, index, larger, smaller};
+use super::lanes::Floats;
 use crate::model::{Source, Tile, TileSource};
 use crate::scene::{Bounds, Scene};
 use glam::{DVec2, Vec2};
-use terravision_common::surface::facet::facet_linear;
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of
 /// metres from the eye.
 const NEAR_TILE: f32 = 0.01;
 /// The height where there is no tile.
 pub(super) const NOTHING: f32 = f32::NEG_INFINITY;
-
-/// A number of each lane that is an integer.
-type Integers = [u32; LANES];
+/// Bits of all lanes.
+const ALL: u32 = (1 << LANES) - 1;
 
 /// Which tile each lane is over: neighboring points mostly lie over one, and so do the next ones.
 /// Where tiles have levels above them, a lane's tile is that of the level which its distance wants.
@@ -31,9 +30,11 @@ pub(super) struct Heights<'a> {
     /// Cells east and north.
     columns: Floats,
     rows: Floats,
-    first: Integers,
-    /// Posts of a row, 0 where there is no tile.
-    stride: Integers,
+    first: Sixteen<u32>,
+    /// Posts of a row.
+    stride: Sixteen<u32>,
+    /// A bit for each lane that has a tile.
+    there: u32,
     /// Squares of distances from the eye, from where and up to where the tile is the right one.
     from2: Floats,
     until2: Floats,
@@ -41,7 +42,7 @@ pub(super) struct Heights<'a> {
     blend_from2: Floats,
     blend_per2: Floats,
     /// Where the next level's tile begins, and the tile's corner in it, cells.
-    next_first: Integers,
+    next_first: Sixteen<u32>,
     next_west: Floats,
     next_south: Floats,
 }
@@ -60,6 +61,7 @@ impl<'a> Heights<'a> {
             rows: [-1.0; LANES],
             first: [0; LANES],
             stride: [0; LANES],
+            there: 0,
             from2: [f32::NEG_INFINITY; LANES],
             until2: [f32::INFINITY; LANES],
             blend_from2: [f32::MAX; LANES],
@@ -73,87 +75,72 @@ impl<'a> Heights<'a> {
     /// Heights of the ground at points, metres from the eye, whose distances from it have these
     /// squares; [`NOTHING`] where no tile is.
     #[inline(always)]
-    pub(super) fn at(&mut self, east: &Floats, north: &Floats, away2: &Floats) -> Floats {
-        let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
-        if self.place(east, north, away2, &mut u, &mut v) {
-            self.look_up(east, north, away2);
-            self.place(east, north, away2, &mut u, &mut v);
+    pub(super) fn at<S: Simd>(&mut self, simd: S, east: S::Floats, north: S::Floats, away2: S::Floats) -> S::Floats {
+        let (mut u, mut v, are_inside) = self.place(simd, east, north, away2);
+        if simd.bits(are_inside) != ALL {
+            let mut points = [[0.0; LANES]; 3];
+            let [to_east, to_north, to_away2] = &mut points;
+            simd.store(east, to_east);
+            simd.store(north, to_north);
+            simd.store(away2, to_away2);
+            self.look_up(&points);
+            (u, v, _) = self.place(simd, east, north, away2);
         }
-        let mut heights = self.sample(&u, &v, &self.first);
-        let mut share = [0.0; LANES];
-        let mut blended = 0u32;
-        for k in 0..LANES {
-            let by = (away2[k] - self.blend_from2[k]) * self.blend_per2[k];
-            share[k] = smaller(larger(by, 0.0), 1.0);
-            blended |= u32::from(share[k] > 0.0);
+        let mut heights = self.sample(simd, u, v, &self.first);
+        let share = (away2 - simd.load(&self.blend_from2)) * simd.load(&self.blend_per2);
+        let share = simd.smaller(simd.larger(share, simd.floats(0.0)), simd.floats(1.0));
+        if simd.any(simd.less(simd.floats(0.0), share)) {
+            let half = simd.floats(0.5);
+            let (u, v) = (u * half + simd.load(&self.next_west), v * half + simd.load(&self.next_south));
+            let coarser = self.sample(simd, u, v, &self.next_first);
+            heights = heights + share * (coarser - heights);
         }
-        if blended != 0 {
-            for k in 0..LANES {
-                u[k] = u[k] * 0.5 + self.next_west[k];
-                v[k] = v[k] * 0.5 + self.next_south[k];
-            }
-            let coarser = self.sample(&u, &v, &self.next_first);
-            for k in 0..LANES {
-                heights[k] += share[k] * (coarser[k] - heights[k]);
-            }
-        }
-        for k in 0..LANES {
-            let height = heights[k] * self.scale;
-            heights[k] = if self.stride[k] == 0 { NOTHING } else { height };
-        }
-        heights
+        simd.select(simd.mask(self.there), heights * simd.floats(self.scale), simd.floats(NOTHING))
     }
 
-    /// Heights at places in tiles that begin there, cells.
+    /// Heights at places in tiles that begin there, cells; linear on facets
+    /// (`terravision_common::surface::facet`).
     #[inline(always)]
-    fn sample(&self, u: &Floats, v: &Floats, first: &Integers) -> Floats {
-        let (mut at, mut corners) = ([0; LANES], [[0.0; LANES]; 4]);
-        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
-        for k in 0..LANES {
-            let column = smaller(larger(u[k], 0.0), self.columns[k]);
-            let row = smaller(larger(v[k], 0.0), self.rows[k]);
-            let i = smaller(floor(column), self.columns[k] - 1.0);
-            let j = smaller(floor(row), self.rows[k] - 1.0);
-            east[k] = column - i;
-            north[k] = row - j;
-            at[k] = first[k].wrapping_add(index(j).wrapping_mul(self.stride[k])).wrapping_add(index(i));
-        }
-        for k in 0..LANES {
-            let (south, north) = (at[k] as usize, at[k].wrapping_add(self.stride[k]) as usize);
-            if let (Some(&[sw, se]), Some(&[nw, ne])) =
-                (self.all.get(south..south.wrapping_add(2)), self.all.get(north..north.wrapping_add(2)))
-            {
-                [corners[0][k], corners[1][k], corners[2][k], corners[3][k]] = [sw, se, nw, ne];
-            }
-        }
-        let mut heights = [0.0; LANES];
-        for k in 0..LANES {
-            let [sw, se, nw, ne] = [corners[0][k], corners[1][k], corners[2][k], corners[3][k]];
-            heights[k] = facet_linear(sw, se, nw, ne, east[k], north[k]);
-        }
-        heights
+    fn sample<S: Simd>(&self, simd: S, u: S::Floats, v: S::Floats, first: &Sixteen<u32>) -> S::Floats {
+        let (zero, one) = (simd.floats(0.0), simd.floats(1.0));
+        let (columns, rows) = (simd.load(&self.columns), simd.load(&self.rows));
+        let column = simd.smaller(simd.larger(u, zero), columns);
+        let row = simd.smaller(simd.larger(v, zero), rows);
+        let i = simd.smaller(simd.floor(column), columns - one);
+        let j = simd.smaller(simd.floor(row), rows - one);
+        let stride = simd.load_words(&self.stride);
+        let at = simd.load_words(first) + simd.index(j) * stride + simd.index(i);
+        let [sw, se] = simd.pairs(self.all, at);
+        let [nw, ne] = simd.pairs(self.all, at + stride);
+        let (east, north) = (column - i, row - j);
+        // The corner that both facets do not share.
+        let other = simd.select(simd.at_most(north, east), se, nw);
+        let (far, near) = (simd.larger(east, north), simd.smaller(east, north));
+        sw + far * (other - sw) + near * (ne - other)
     }
 
-    /// Where points lie in their lanes' tiles, cells; whether one lies outside, or another level is
-    /// wanted there.
+    /// Where points lie in their lanes' tiles, cells; and whether they do, and that level is wanted.
     #[inline(always)]
-    fn place(&self, east: &Floats, north: &Floats, away2: &Floats, u: &mut Floats, v: &mut Floats) -> bool {
-        let mut outside = 0u32;
-        for k in 0..LANES {
-            u[k] = (east[k] - self.west[k]) * self.per_m[k];
-            v[k] = (north[k] - self.south[k]) * self.per_m[k];
-            let least = -NEAR_TILE;
-            let is_inside = (u[k] >= least) & (u[k] - self.columns[k] <= NEAR_TILE);
-            let is_within = (v[k] >= least) & (v[k] - self.rows[k] <= NEAR_TILE);
-            let is_level = (away2[k] >= self.from2[k]) & (away2[k] < self.until2[k]);
-            outside |= u32::from(!(is_inside & is_within & is_level));
-        }
-        outside != 0
+    fn place<S: Simd>(
+        &self,
+        simd: S,
+        east: S::Floats,
+        north: S::Floats,
+        away2: S::Floats,
+    ) -> (S::Floats, S::Floats, S::Mask) {
+        let per_m = simd.load(&self.per_m);
+        let u = (east - simd.load(&self.west)) * per_m;
+        let v = (north - simd.load(&self.south)) * per_m;
+        let (least, most) = (simd.floats(-NEAR_TILE), simd.floats(NEAR_TILE));
+        let is_inside = simd.at_most(least, u) & simd.at_most(u - simd.load(&self.columns), most);
+        let is_within = simd.at_most(least, v) & simd.at_most(v - simd.load(&self.rows), most);
+        let is_level = simd.at_most(simd.load(&self.from2), away2) & simd.less(away2, simd.load(&self.until2));
+        (u, v, is_inside & is_within & is_level)
     }
 
     /// Finds the tiles of points that have left theirs.
     #[inline(never)]
-    fn look_up(&mut self, east: &Floats, north: &Floats, away2: &Floats) {
+    fn look_up(&mut self, [east, north, away2]: &[Floats; 3]) {
         for k in 0..LANES {
             let (point, away2) = (Vec2::new(east[k], north[k]), away2[k]);
             if self.holds(k, point, away2) {
@@ -191,6 +178,7 @@ impl<'a> Heights<'a> {
         self.rows[to] = self.rows[from];
         self.first[to] = self.first[from];
         self.stride[to] = self.stride[from];
+        self.set_there(to, self.there >> from & 1);
         self.from2[to] = self.from2[from];
         self.until2[to] = self.until2[from];
         self.blend_from2[to] = self.blend_from2[from];
@@ -198,6 +186,10 @@ impl<'a> Heights<'a> {
         self.next_first[to] = self.next_first[from];
         self.next_west[to] = self.next_west[from];
         self.next_south[to] = self.next_south[from];
+    }
+
+    fn set_there(&mut self, k: usize, bit: u32) {
+        self.there = self.there & !(1 << k) | bit << k;
     }
 
     /// A tile of the elevation pool.
@@ -212,6 +204,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = cells as f32;
         self.first[k] = source.first;
         self.stride[k] = cells + 1;
+        self.set_there(k, 1);
         self.from2[k] = source.from2;
         self.until2[k] = source.until2;
         self.blend_from2[k] = source.blend_from2;
@@ -232,6 +225,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = tile.cells[1] as f32;
         self.first[k] = tile.first_height() as u32;
         self.stride[k] = tile.cells[0] + 1;
+        self.set_there(k, 1);
     }
 
     /// A rectangle without ground, for points nearer than this: one cell.
@@ -244,6 +238,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = 1.0;
         self.first[k] = 0;
         self.stride[k] = 0;
+        self.set_there(k, 0);
         self.from2[k] = f32::NEG_INFINITY;
         self.until2[k] = until2;
         self.blend_per2[k] = 0.0;

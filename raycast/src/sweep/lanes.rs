@@ -1,10 +1,9 @@
 //! Sixteen neighboring planes, which are swept together: arrays that compilers make vectors of.
 
-/// Planes that are swept together: what a vector register of the widest instructions has room for.
-pub(super) const LANES: usize = 16;
+use terravision_common::simd::Sixteen;
 
 /// A number of each.
-pub(super) type Floats = [f32; LANES];
+pub(super) type Floats = Sixteen<f32>;
 
 /// 2^23: floats from here to its double are whole, and their lower bits are that number.
 const WHOLE: f32 = 8_388_608.0;
@@ -17,12 +16,6 @@ pub(super) fn floor(x: f32) -> f32 {
     if nearest > x { nearest - 1.0 } else { nearest }
 }
 
-/// A whole number from 0 to 2^22.
-#[inline(always)]
-pub(super) fn index(x: f32) -> u32 {
-    (x + WHOLE).to_bits() & 0x007f_ffff
-}
-
 /// The smaller of two numbers, neither NaN: one instruction.
 #[inline(always)]
 pub(super) fn smaller(a: f32, b: f32) -> f32 {
@@ -33,16 +26,4 @@ pub(super) fn smaller(a: f32, b: f32) -> f32 {
 #[inline(always)]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
-}
-
-/// The smallest of all.
-#[inline(always)]
-pub(super) fn smallest(of: &Floats) -> f32 {
-    of.iter().copied().fold(f32::INFINITY, smaller)
-}
-
-/// The largest of all.
-#[inline(always)]
-pub(super) fn largest(of: &Floats) -> f32 {
-    of.iter().copied().fold(f32::NEG_INFINITY, larger)
 }

@@ -14,13 +14,12 @@
 //! ```
 //!
 //! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
-//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are loops over
-//! arrays ([`lanes`]), done by the widest instructions that the processor has ([`instructions`]),
-//! with the same bits by all of them.
+//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are written over
+//! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
+//! has ([`Instructions`]), with the same bits by all of them.
 
 mod fan;
 mod heights;
-mod instructions;
 mod lanes;
 mod sector;
 mod shade;
@@ -31,24 +30,22 @@ mod tests;
 mod texels;
 mod trace;
 
-pub use instructions::Instructions;
-
 use crate::counts::Counts;
 use crate::scene::Scene;
 use crate::shade::Canvas;
 use crate::workers::Workers;
-use fan::Fan;
-use instructions::Work;
+use fan::{Block, Fan};
 use sector::{Row, Sector};
 use shade::Shader;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
 use terravision_common::camera::Camera;
+use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
 
 /// Blocks of a strip.
-const BLOCKS: usize = LINES / lanes::LANES;
+const BLOCKS: usize = LINES / LANES;
 /// A picture has no more sectors.
 const MOST_SECTORS: usize = 4;
 
@@ -150,8 +147,9 @@ impl Sweep {
             let mut counts = Counts::default();
             // Relaxed: which worker takes a strip shows nowhere.
             while let Some([fan, first]) = strips.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
-                let work = StripWork { canvas, fan: &fans[fan], first, detail, strip: &mut strip };
-                counts = counts + instructions.run(work);
+                let work = StripWork { canvas, fan: &fans[fan], first, detail };
+                counts.samples += instructions.run(Trace { work, strip: &mut strip });
+                counts.hits += instructions.run(Shade { work, strip: &strip });
             }
             counts
         })
@@ -181,32 +179,57 @@ impl Sweep {
 }
 
 /// A strip to be swept and shaded.
+#[derive(Clone, Copy)]
 struct StripWork<'a> {
     canvas: &'a Canvas<'a>,
     fan: &'a Fan,
     /// Its first block.
     first: usize,
     detail: &'a SweepDetail,
+}
+
+impl<'a> StripWork<'a> {
+    fn blocks(&self) -> &'a [Block] {
+        &self.fan.blocks[self.first..self.fan.blocks.len().min(self.first + BLOCKS)]
+    }
+}
+
+/// What its lines see; how many samples that took.
+struct Trace<'a> {
+    work: StripWork<'a>,
     strip: &'a mut Strip,
 }
 
-impl Work for StripWork<'_> {
-    type Output = Counts;
+impl Work for Trace<'_> {
+    type Output = u64;
 
     #[inline(always)]
-    fn run(self) -> Counts {
-        let Self { canvas, fan, first, detail, strip } = self;
-        let mut counts = Counts::default();
-        let blocks = &fan.blocks[first..fan.blocks.len().min(first + BLOCKS)];
-        for (number, block) in blocks.iter().enumerate() {
-            let Some(mut tracer) = Tracer::new(canvas.scene, fan, block) else { continue };
-            tracer.trace(strip, number * lanes::LANES);
-            counts.samples += tracer.samples;
+    fn run<S: Simd>(self, simd: S) -> u64 {
+        let Self { work, strip } = self;
+        let mut samples = 0;
+        for (number, block) in work.blocks().iter().enumerate() {
+            let Some(mut tracer) = Tracer::new(simd, work.canvas.scene, work.fan, block) else { continue };
+            tracer.trace(strip, number * LANES);
+            samples += tracer.samples;
         }
-        if let Some(mut shader) = Shader::new(canvas, fan, detail) {
-            let lines = first * lanes::LANES..(first + blocks.len()) * lanes::LANES;
-            counts.hits += shader.shade(strip, lines);
-        }
-        counts
+        samples
+    }
+}
+
+/// Its pixels; how many of them are ground.
+struct Shade<'a> {
+    work: StripWork<'a>,
+    strip: &'a Strip,
+}
+
+impl Work for Shade<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> u64 {
+        let StripWork { canvas, fan, first, detail } = self.work;
+        let lines = first * LANES..(first + self.work.blocks().len()) * LANES;
+        let Some(mut shader) = Shader::new(simd, canvas, fan, detail) else { return 0 };
+        shader.shade(self.strip, lines)
     }
 }

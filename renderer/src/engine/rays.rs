@@ -11,11 +11,12 @@ use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
+use terravision_common::simd::Instructions;
 use terravision_common::slot::ElevationTile;
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError, PoolShape, PoolTile};
-use terravision_raycast::{CastOptions, Caster, Instructions, Layers, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;
@@ -225,7 +226,7 @@ impl RaysEngine {
 
     /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         if frame.elevations.is_empty() {
             self.fill(method, frame, pools)?;
         } else {
@@ -261,23 +262,19 @@ impl RaysEngine {
             }
             // What the workers did for the ground is not this view's.
             self.caster.workers().take_busy();
-            let picture = &self.pictures[index];
-            if frame.elevations.is_empty() {
-                self.caster.draw(ground, &layers[..], &view.camera, &options, picture);
-            } else {
-                let layers = Layers { colors: &layers[..], heights: pools.elevation_pool() };
-                self.caster.sweep(ground, layers, &view.camera, &options, picture);
-            }
+            let task = CastTask {
+                ground,
+                colors: &layers[..],
+                heights: pools.elevation_pool(),
+                camera: &view.camera,
+                options: &options,
+                picture: &self.pictures[index],
+            };
+            self.caster.draw(&task);
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
-                self.caster.outline(
-                    ground,
-                    pools.elevation_pool(),
-                    &view.camera,
-                    &self.outlines,
-                    &self.pictures[index],
-                );
+                self.caster.outline(&task, &self.outlines);
             }
             self.costs.push(DrawCost {
                 technique: TechniqueChoice::Rays,
@@ -301,7 +298,7 @@ impl RaysEngine {
 
     /// Fills the ground of a method with a frame's elevation arrays.
     fn fill(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<(), EngineError> {
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
         let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
@@ -321,7 +318,7 @@ impl RaysEngine {
 
     /// Fills the ground of heights with a frame's tiles of the elevation pool, which stay there.
     fn fill_in_place(&mut self, frame: &Frame, pools: &dyn Pools) -> Result<(), EngineError> {
-        let number = frame.marker.frame;
+        let number = frame.number();
         check_residency(frame, pools)?;
         let [ground, _] = &mut self.grounds;
         let world = self.blocks.world();
@@ -393,9 +390,7 @@ impl RaysEngine {
 /// breaks the protocol.
 fn check_residency(frame: &Frame, pools: &dyn Pools) -> Result<(), FrameError> {
     match frame.elevations.iter().position(|tile| !pools.has_elevation_tile(tile.key())) {
-        Some(index) => {
-            Err(FrameError::Elevation { frame: frame.marker.frame, index, fault: TileFault::StaleElevation })
-        }
+        Some(index) => Err(FrameError::Elevation { frame: frame.number(), index, fault: TileFault::StaleElevation }),
         None => Ok(()),
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::source::SourceError;
 use terravision_common::camera::CameraError;
+use terravision_common::ids::FrameNumber;
 
 /// What is wrong with a frame from the ring.
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +19,7 @@ pub enum FrameError {
     #[error("the ring lost its order in frame {frame}: found {found}, expected {expected}")]
     Order {
         /// The frame being read.
-        frame: u64,
+        frame: FrameNumber,
         /// What the slot is.
         found: &'static str,
         /// What it should have been.
@@ -28,7 +29,7 @@ pub enum FrameError {
     #[error("frame {frame} from the ring is corrupt: {field} is {found}, expected {expected}")]
     Marker {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which number.
         field: &'static str,
         /// What it is.
@@ -40,7 +41,7 @@ pub enum FrameError {
     #[error("frame {frame} from the ring has no valid camera: {source}")]
     Camera {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// What is wrong with it.
         source: CameraError,
     },
@@ -51,7 +52,7 @@ pub enum FrameError {
     )]
     View {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which of its views.
         index: usize,
         /// The size of the frame's picture.
@@ -64,7 +65,7 @@ pub enum FrameError {
     )]
     PictureSize {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Its size.
         found: [u32; 2],
         /// The largest of the run.
@@ -74,7 +75,7 @@ pub enum FrameError {
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
     Tile {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which of its tiles.
         index: usize,
         /// What is wrong with it.
@@ -84,7 +85,7 @@ pub enum FrameError {
     #[error("elevation tile {index} of frame {frame} from the ring is corrupt: {fault}")]
     Elevation {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which of its elevation tiles.
         index: usize,
         /// What is wrong with it.

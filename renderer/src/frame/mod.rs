@@ -13,7 +13,7 @@ pub use error::{FrameError, TileFault};
 pub use reader::FrameReader;
 
 use terravision_common::camera::Camera;
-use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::rig::{PictureLayout, Views};
 use terravision_common::slot::{ElevationTile, FrameEnd, FrameMarker, TileSlot};
@@ -49,6 +49,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Its number.
+    #[must_use]
+    pub fn number(&self) -> FrameNumber {
+        FrameNumber::new(self.marker.frame)
+    }
+
     /// Where its views lie in its picture, whose size is the frame's own.
     #[must_use]
     pub fn layout(&self) -> PictureLayout {
