@@ -81,16 +81,13 @@ impl SweepDetail {
     /// As near to the truth as it gets.
     pub const BEST: Self = Self { step_px: 1.0, post_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
 
-    /// Steps are no longer than this, pixels, however coarse heights are: they are straight lines
-    /// between which nearness is interpolated too.
-    const LONGEST_STEP_PX: f32 = 4.0;
-
     /// As densely as facets of this size are: a cell of two facets is as wide as the square root of
-    /// two. Then no leaf of the tree is coarser than its distance wants.
+    /// two. Then no leaf of the tree is coarser than its distance wants. Steps are no longer than by
+    /// default, however coarse heights are.
     #[must_use]
     pub fn for_facets(facet_px: f32) -> Self {
         let post_px = std::f32::consts::SQRT_2 * facet_px;
-        let step_px = post_px.clamp(Self::BEST.step_px, Self::LONGEST_STEP_PX);
+        let step_px = post_px.clamp(Self::BEST.step_px, Self::DEFAULT.step_px);
         let usual = if step_px <= 2.0 { Self::BEST } else { Self::DEFAULT };
         Self { step_px, post_px, ..usual }
     }
