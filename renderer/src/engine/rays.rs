@@ -304,7 +304,7 @@ impl RaysEngine {
 
     /// Fills the ground of a method with a frame's elevation arrays.
     fn fill(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<(), EngineError> {
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
         let eye = frame.pose.eye();
         let eye_m = ground.shape().surface.height_m(eye);
@@ -324,7 +324,7 @@ impl RaysEngine {
 
     /// Fills the ground of heights with a frame's tiles of the elevation pool, which stay there.
     fn fill_in_place(&mut self, frame: &Frame, pools: &dyn Pools) -> Result<(), EngineError> {
-        let number = frame.marker.frame;
+        let number = frame.number();
         check_residency(frame, pools)?;
         let [ground, _] = &mut self.grounds;
         let world = self.blocks.world();
@@ -397,7 +397,7 @@ impl RaysEngine {
 fn check_residency(frame: &Frame, pools: &dyn Pools) -> Result<(), FrameError> {
     match frame.elevations.iter().position(|tile| !pools.has_elevation_tile(tile.key())) {
         Some(index) => {
-            Err(FrameError::Elevation { frame: frame.marker.frame, index, fault: TileFault::StaleElevation })
+            Err(FrameError::Elevation { frame: frame.number(), index, fault: TileFault::StaleElevation })
         }
         None => Ok(()),
     }
