@@ -396,9 +396,7 @@ impl RaysEngine {
 /// breaks the protocol.
 fn check_residency(frame: &Frame, pools: &dyn Pools) -> Result<(), FrameError> {
     match frame.elevations.iter().position(|tile| !pools.has_elevation_tile(tile.key())) {
-        Some(index) => {
-            Err(FrameError::Elevation { frame: frame.number(), index, fault: TileFault::StaleElevation })
-        }
+        Some(index) => Err(FrameError::Elevation { frame: frame.number(), index, fault: TileFault::StaleElevation }),
         None => Ok(()),
     }
 }
