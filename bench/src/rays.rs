@@ -238,6 +238,7 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
                 &CastTask {
                     ground: &scene.ground,
                     colors: &[&scene.colors[..]],
+                    heights: &[],
                     camera: &camera(way.eye, way.roll_deg),
                     options: &way.options,
                     picture: &picture,
@@ -354,6 +355,7 @@ mod tests {
                 &CastTask {
                     ground: &scene.ground,
                     colors: &[&scene.colors[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &way.options,
                     picture: &picture,

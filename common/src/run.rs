@@ -242,6 +242,15 @@ pub struct RenderConfig {
     pub made_up: MadeUp,
 }
 
+impl RenderConfig {
+    /// Whether frames are drawn by a sweep and by nothing else, which reads heights out of the
+    /// elevation pool.
+    #[must_use]
+    pub fn is_swept(&self) -> bool {
+        self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Sweep
+    }
+}
+
 /// How depth and ground positions distinguish ground that was made up from measured ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -80,6 +80,7 @@ fn main() {
                     &CastTask {
                         ground: &ground,
                         colors: &[&colors[..]],
+                        heights: &[],
                         camera: &camera,
                         options: &options,
                         picture: &picture,

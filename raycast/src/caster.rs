@@ -76,6 +76,8 @@ pub struct CastTask<'a> {
     /// RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is
     /// missing or too short is drawn black.
     pub colors: &'a [&'a [u8]],
+    /// The elevation pool, for a ground whose heights lie in it; it is drawn by a sweep alone.
+    pub heights: &'a [f32],
     /// The camera: valid, and of the picture's size.
     pub camera: &'a Camera,
     /// How.
@@ -149,10 +151,12 @@ impl Caster {
         counts
     }
 
-    fn sweep(&mut self, &CastTask { ground, colors, camera, options, picture }: &CastTask<'_>) -> Counts {
+    fn sweep(&mut self, task: &CastTask<'_>) -> Counts {
+        let &CastTask { ground, colors, heights, camera, options, picture } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
-        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
+        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides)
+            .in_place(heights, options.sweep.post_px);
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
@@ -180,8 +184,9 @@ impl Caster {
     /// # Panics
     /// As [`Caster::draw`].
     pub fn draw_by<R: StartRule>(&mut self, rule: &R, task: &CastTask<'_>) -> Counts {
-        let &CastTask { ground, colors, camera, options, picture } = task;
+        let &CastTask { ground, colors, camera, options, picture, .. } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
+        assert!(ground.pyramid().is_none(), "heights in place are drawn by a sweep alone");
         assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         self.lines.set(picture.size(), camera.roll_rad());
         let Self { workers, lines, placed, planes, projected, exact, .. } = self;
@@ -207,9 +212,10 @@ impl Caster {
 
     /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
     /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
-    /// tile without a colour has no outline. The result does not depend on the number of workers.
-    pub fn outline(&mut self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
-        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false);
+    /// tile without a colour has no outline. `heights`: as in [`Layers`]. The result does not depend
+    /// on the number of workers.
+    pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
+        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);
         outline::draw(&scene, outlines, picture, &self.workers);
     }
 
@@ -223,6 +229,7 @@ impl Caster {
 /// The method that a ground can be drawn with: a ground without voxels has only heights.
 fn method_for(ground: &Ground, options: &CastOptions) -> Method {
     match options.method {
+        _ if ground.pyramid().is_some() => Method::Sweep,
         Method::Coherent if !ground.has_voxels() => Method::Mipmap,
         method => method,
     }

@@ -27,6 +27,7 @@ fn depths(
         &CastTask {
             ground: &field.ground(side, filter),
             colors: &[&field.colors()[..]],
+            heights: &[],
             camera,
             options: &options,
             picture: &picture,
@@ -39,7 +40,7 @@ fn depths_of(ground: &Ground, field: &Field, camera: &Camera, method: AnyMethod,
     let picture = Picture::new(SIZE);
     method.draw(
         &mut Caster::new(1).unwrap(),
-        &CastTask { ground, colors: &[&field.colors()[..]], camera, options, picture: &picture },
+        &CastTask { ground, colors: &[&field.colors()[..]], heights: &[], camera, options, picture: &picture },
     );
     picture.depth().collect()
 }
@@ -169,6 +170,7 @@ fn following_the_ground_gives_the_picture_of_rays_that_each_begin_at_the_eye() {
                 &CastTask {
                     ground: &ground,
                     colors: &[&field.colors()[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,

@@ -42,7 +42,14 @@ fn errors(field: &Field, side: usize, camera: &Camera, method: AnyMethod) -> (f6
     let ground = field.ground(side, Filter::OrientedBox);
     method.draw(
         &mut Caster::new(1).unwrap(),
-        &CastTask { ground: &ground, colors: &[&field.colors()[..]], camera, options: &options, picture: &picture },
+        &CastTask {
+            ground: &ground,
+            colors: &[&field.colors()[..]],
+            heights: &[],
+            camera,
+            options: &options,
+            picture: &picture,
+        },
     );
     let (mut errors, mut torn) = (Vec::new(), 0);
     for (k, depth) in picture.depth().enumerate() {

@@ -27,6 +27,7 @@ fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
                         &CastTask {
                             ground: &ground,
                             colors: &[&colors[..]],
+                            heights: &[],
                             camera: &camera,
                             options: &options,
                             picture: &picture,
@@ -63,6 +64,7 @@ fn a_frame_takes_no_memory_once_there_was_one() {
                 &CastTask {
                     ground: &ground,
                     colors: &[&colors[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,

@@ -102,6 +102,7 @@ fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
         size: [config.width, config.height],
         views: config.rig.as_ref().map(|rig| ViewBounds { size: rig.view_size(), count: rig.views().len() }),
         samples: render.samples,
+        exaggeration: config.exaggeration,
         sky_rgb: render.sky_rgb,
         skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
         has_tree_overlay: render.has_tree_overlay,

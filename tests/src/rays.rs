@@ -91,11 +91,19 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let options = CastOptions { method: settings.method, sampling, sky_rgb, ..CastOptions::default() };
     let layers = tiles.layers();
     let picture = Picture::new([camera.width(), camera.height()]);
-    caster.draw(&CastTask { ground: &ground, colors: &layers, camera: &camera, options: &options, picture: &picture });
+    caster.draw(&CastTask {
+        ground: &ground,
+        colors: &layers,
+        heights: &[],
+        camera: &camera,
+        options: &options,
+        picture: &picture,
+    });
     let start = Instant::now();
     let counts = caster.draw(&CastTask {
         ground: &ground,
         colors: &layers,
+        heights: &[],
         camera: &camera,
         options: &options,
         picture: &picture,

@@ -170,6 +170,10 @@ impl Tiles for SomeTiles {
     fn elevation(&self, node: NodeId) -> Option<&[f32]> {
         self.elevation.get(&node).map(Vec::as_slice)
     }
+
+    fn elevation_key(&self, node: NodeId) -> Option<SlotKey> {
+        self.elevation.contains_key(&node).then(|| SlotKey::new(u32::from(node.q()), 1 + node.m()))
+    }
 }
 
 /// A vertex: lattice coordinates, and the bits of its height.

@@ -20,7 +20,6 @@
 
 mod fan;
 mod heights;
-mod lanes;
 mod sector;
 mod shade;
 mod stretch;
@@ -55,6 +54,9 @@ pub struct SweepDetail {
     /// From step to step outwards, pixels of the picture at that distance: smaller steps follow
     /// crests more closely and cost more.
     pub step_px: f32,
+    /// From post to post at most, where heights lie in levels of the elevation pool: the level of
+    /// a place is chosen by its distance.
+    pub post_px: f32,
     /// Planes to a pixel where they are widest apart; between two is interpolated.
     pub lines_per_px: f32,
     /// Width of a texel, in lengths of a pixel's footprint along the line of sight.
@@ -67,16 +69,35 @@ pub struct SweepDetail {
 
 impl SweepDetail {
     /// Fewest samples for a good picture.
-    pub const DEFAULT: Self =
-        Self { step_px: 3.0, lines_per_px: 0.5, footprint_along: 0.5, footprint_across: 0.7, has_two_taps: false };
+    pub const DEFAULT: Self = Self {
+        step_px: 3.0,
+        post_px: 3.0,
+        lines_per_px: 0.5,
+        footprint_along: 0.5,
+        footprint_across: 0.7,
+        has_two_taps: false,
+    };
     /// As near to the truth as it gets.
-    pub const BEST: Self = Self { step_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
+    pub const BEST: Self = Self { step_px: 1.0, post_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
 
     /// As densely as facets of this size are worth: two samples to a facet.
     #[must_use]
     pub fn for_facets(facet_px: f32) -> Self {
-        let step_px = (0.5 * facet_px).clamp(Self::BEST.step_px, 8.0);
-        if step_px <= 2.0 { Self { step_px, ..Self::BEST } } else { Self { step_px, ..Self::DEFAULT } }
+        Self::with_steps((0.5 * facet_px).clamp(Self::BEST.step_px, 8.0))
+    }
+
+    /// As densely as the posts of levels are that are chosen for facets of this size: a cell of two
+    /// facets is as wide as the square root of two. Then no leaf of the tree is coarser than its
+    /// distance wants.
+    #[must_use]
+    pub fn for_levels(facet_px: f32) -> Self {
+        let post_px = std::f32::consts::SQRT_2 * facet_px;
+        Self { post_px, ..Self::with_steps(post_px.clamp(Self::BEST.step_px, 8.0)) }
+    }
+
+    fn with_steps(step_px: f32) -> Self {
+        let usual = if step_px <= 2.0 { Self::BEST } else { Self::DEFAULT };
+        Self { step_px, post_px: step_px, ..usual }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::SweepDetail;
 use super::fan::Fan;
-use super::strip::{Strip, StripRow};
+use super::strip::{LINES, Strip, StripRow};
 use super::texels::{Points, TilePaint};
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
@@ -14,6 +14,8 @@ use terravision_common::simd::{LANES, Simd, Sixteen};
 /// Two lines are interpolated between, unless their nearness differs by more than this share: then
 /// one lies behind a crest.
 const ONE_SURFACE: f32 = 0.02;
+/// Skylines of two lines are one line, between which is interpolated, if they are no further apart.
+const ONE_SKYLINE_PX: f32 = 8.0;
 /// Nearness of the furthest that is drawn, which keeps numbers finite.
 const LEAST_NEARNESS: f32 = 1e-9;
 /// Numbers of lanes.
@@ -39,6 +41,9 @@ pub(super) struct Shader<'a, S> {
 /// Where a row is in its strip.
 struct RowPlace<'a> {
     row: &'a StripRow,
+    skyline: &'a [f32; LINES + LANES],
+    /// Its middle.
+    middle: f32,
     /// The last line.
     last: f32,
     /// Of its first pixel, and from pixel to pixel, lines.
@@ -76,6 +81,8 @@ impl<'a, S: Simd> Shader<'a, S> {
             let first_line = (row.line_at(from) - lines.start as f64) as f32;
             let mut place = RowPlace {
                 row: strip.row(number as usize),
+                skyline: &strip.skyline,
+                middle: number as f32 + 0.5,
                 last: (lines.len() - 1) as f32,
                 line: first_line,
                 per_pixel: row.lines_per_pixel() as f32,
@@ -118,33 +125,44 @@ impl<'a, S: Simd> Shader<'a, S> {
         let line = simd.smaller(simd.larger(line, simd.floats(0.0)), simd.floats(place.last));
         let whole = simd.smaller(simd.floor(line), simd.floats(place.last - 1.0));
         let share = line - whole;
-        let [[here, next], [per_row_here, per_row_next]] = self.lines(place, whole);
+        let at = simd.index(whole);
+        let [here, next] = self.lines(place, &place.row.nearness, at);
+        let [per_row_here, per_row_next] = self.lines(place, &place.row.per_row, at);
         let is_here = simd.less(share, simd.floats(0.5));
         let nearest = simd.select(is_here, here, next);
         let by = next - here;
         let is_one = simd.less(simd.magnitude(by), nearest * simd.floats(ONE_SURFACE));
-        Seen {
+        let mut seen = Seen {
             nearness: simd.select(is_one, here + share * by, nearest),
             per_row: simd.select(is_here, per_row_here, per_row_next),
+        };
+        let is_edge = simd.at_most(simd.smaller(here, next), simd.floats(0.0))
+            & simd.less(simd.floats(0.0), simd.larger(here, next));
+        if simd.any(is_edge) {
+            let [skyline, skyline_next] = self.lines(place, place.skyline, at);
+            let rise = skyline_next - skyline;
+            let is_line = is_edge & simd.less(simd.magnitude(rise), simd.floats(ONE_SKYLINE_PX));
+            let is_ground = simd.less(simd.floats(place.middle), skyline + share * rise);
+            let ground = simd.select(is_ground, simd.larger(here, next), simd.floats(0.0));
+            let is_ground_here = simd.less(next, here);
+            seen.nearness = simd.select(is_line, ground, seen.nearness);
+            seen.per_row = simd.select(is_line, simd.select(is_ground_here, per_row_here, per_row_next), seen.per_row);
         }
+        seen
     }
 
-    /// What two neighboring lines see, the first of which are `whole`: nearness and its change.
+    /// Numbers of two neighboring lines each, of which `at` are the first.
     #[inline(always)]
-    fn lines(&self, place: &RowPlace<'_>, whole: S::Floats) -> [[S::Floats; 2]; 2] {
-        let (simd, row) = (self.simd, place.row);
-        let at = simd.index(whole);
+    fn lines(&self, place: &RowPlace<'_>, of: &[f32; LINES + LANES], at: S::Words) -> [S::Floats; 2] {
+        let simd = self.simd;
         // Sixteen pixels mostly see no more lines than that.
         if place.per_pixel <= 1.0 && place.per_pixel >= 0.0 {
-            let first = (place.line.max(0.0).min(place.last - 1.0)) as usize;
-            let near = row.nearness.get(first..).and_then(|row| row.first_chunk());
-            let per_row = row.per_row.get(first..).and_then(|row| row.first_chunk());
-            if let (Some(near), Some(per_row)) = (near, per_row) {
-                let at = at - simd.words(first as u32);
-                return [simd.near_pairs(near, at), simd.near_pairs(per_row, at)];
+            let first = place.line.max(0.0).min(place.last - 1.0) as usize;
+            if let Some(near) = of.get(first..).and_then(|of| of.first_chunk()) {
+                return simd.near_pairs(near, at - simd.words(first as u32));
             }
         }
-        [simd.pairs(&row.nearness, at), simd.pairs(&row.per_row, at)]
+        simd.pairs(of, at)
     }
 
     /// Where pixels lie on the ground, and how large they are there.

@@ -1,9 +1,8 @@
 //! Stretches of ground between two steps, from the planes to rows of the picture.
 
-use super::lanes::Floats;
 use super::strip::{Rows, Strip};
 use super::trace::{NO_SLOPE, Points, State, Tracer};
-use terravision_common::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Rows between two points are at least this, when one is divided by them.
 pub(super) const LEAST_ROWS: f32 = 1e-6;
@@ -24,8 +23,8 @@ struct Stretch<S: Simd> {
 
 /// A point in the picture: its row, one over its depth, and whether it lies beside or behind the
 /// camera.
-struct Place<S: Simd> {
-    row: S::Floats,
+pub(super) struct Place<S: Simd> {
+    pub(super) row: S::Floats,
     seen: S::Floats,
     is_far: S::Mask,
 }
@@ -72,6 +71,7 @@ impl<S: Simd> Tracer<'_, S> {
         let is_gap = simd.at_most(last.slope, simd.floats(NO_SLOPE));
         let before = Points {
             slope: simd.select(is_gap, state.horizon, last.slope),
+            rise: last.rise,
             nearness: simd.select(is_gap, points.nearness, last.nearness),
         };
         let (end, begin) = (self.place(points), self.place(&before));
@@ -82,8 +82,9 @@ impl<S: Simd> Tracer<'_, S> {
         stretch
     }
 
+    /// Where points are in the picture.
     #[inline(always)]
-    fn place(&self, points: &Points<S>) -> Place<S> {
+    pub(super) fn place(&self, points: &Points<S>) -> Place<S> {
         let (simd, block) = (self.simd, self.block);
         let [per_height, per_depth] = self.per_slope.map(|per| simd.floats(per));
         let depth = simd.load(&block.depth) + points.slope * per_depth;
@@ -125,7 +126,7 @@ impl<S: Simd> Tracer<'_, S> {
     /// The same, plane by plane. `ends`: rows and nearness before and here; `points`: slopes before
     /// and here, and one over distances.
     #[inline(never)]
-    fn clip_each(&self, ends: &mut [Floats; 4], points: &[Floats; 4]) {
+    fn clip_each(&self, ends: &mut [Sixteen<f32>; 4], points: &[Sixteen<f32>; 4]) {
         let block = self.block;
         let [row_before, seen_before, row, seen] = ends;
         let (slopes, nearness) = (&points[..2], &points[2..]);

@@ -24,9 +24,17 @@ pub(super) struct Rows<S: Simd> {
 }
 
 /// The rows of neighboring lines, from the bottom.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Strip {
     rows: Vec<StripRow>,
+    /// Where the ground of each line ends and the sky begins: rows, not whole ones.
+    pub(super) skyline: [f32; LINES + LANES],
+}
+
+impl Default for Strip {
+    fn default() -> Self {
+        Self { rows: Vec::new(), skyline: [0.0; LINES + LANES] }
+    }
 }
 
 impl Strip {
@@ -68,9 +76,13 @@ impl Strip {
         }
     }
 
-    /// The rows of sixteen lines from `next` on are sky.
+    /// The rows of sixteen lines from `next` on are sky, which begins at the rows `skyline`.
     #[inline(always)]
-    pub(super) fn put_sky<S: Simd>(&mut self, simd: S, first: usize, next: S::Floats, rows: [f32; 2]) {
+    pub(super) fn put_sky<S: Simd>(&mut self, simd: S, first: usize, [next, skyline]: [S::Floats; 2], rows: [f32; 2]) {
+        if let Some((lines, _)) = self.skyline.get_mut(first..).and_then(|lines| lines.split_first_chunk_mut::<LANES>())
+        {
+            simd.store(skyline, lines);
+        }
         let zero = simd.floats(0.0);
         self.fill(simd, first, &Rows { low: next, high: simd.floats(rows[1]), base: zero, per_row: zero });
     }

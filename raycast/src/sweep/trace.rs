@@ -17,13 +17,12 @@
 //! is below every slope before it. The same, upside down.
 
 use super::fan::{Block, Fan, Step};
-use super::heights::{Heights, NOTHING};
-use super::lanes::{Floats, floor, larger, smaller};
+use super::heights::{Heights, NOTHING, Place};
 use super::stretch::LEAST_ROWS;
 use super::strip::Strip;
 use crate::scene::{Bounds, Scene};
 use glam::Vec2;
-use terravision_common::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.
@@ -55,6 +54,8 @@ pub(super) struct Tracer<'a, S> {
 #[derive(Clone, Copy)]
 pub(super) struct Points<S: Simd> {
     pub(super) slope: S::Floats,
+    /// Height above the eye, or of the last ground before.
+    pub(super) rise: S::Floats,
     /// One over their distance along the ground.
     pub(super) nearness: S::Floats,
 }
@@ -71,18 +72,21 @@ pub(super) struct State<S: Simd> {
 
 /// The same, plane by plane.
 struct States {
-    horizon: Floats,
-    next: Floats,
-    slope: Floats,
-    nearness: Floats,
+    horizon: Sixteen<f32>,
+    next: Sixteen<f32>,
+    slope: Sixteen<f32>,
+    rise: Sixteen<f32>,
+    nearness: Sixteen<f32>,
 }
 
 impl States {
     fn of<S: Simd>(simd: S, state: &State<S>) -> Self {
-        let mut of = Self { horizon: [0.0; LANES], next: [0.0; LANES], slope: [0.0; LANES], nearness: [0.0; LANES] };
+        let zeros = [0.0; LANES];
+        let mut of = Self { horizon: zeros, next: zeros, slope: zeros, rise: zeros, nearness: zeros };
         simd.store(state.horizon, &mut of.horizon);
         simd.store(state.next, &mut of.next);
         simd.store(state.last.slope, &mut of.slope);
+        simd.store(state.last.rise, &mut of.rise);
         simd.store(state.last.nearness, &mut of.nearness);
         of
     }
@@ -91,7 +95,11 @@ impl States {
         State {
             horizon: simd.load(&self.horizon),
             next: simd.load(&self.next),
-            last: Points { slope: simd.load(&self.slope), nearness: simd.load(&self.nearness) },
+            last: Points {
+                slope: simd.load(&self.slope),
+                rise: simd.load(&self.rise),
+                nearness: simd.load(&self.nearness),
+            },
         }
     }
 }
@@ -127,20 +135,33 @@ impl<'a, S: Simd> Tracer<'a, S> {
         let mut state = State {
             horizon: simd.load(&horizon),
             next: simd.floats(self.rows[0]),
-            last: Points { slope: simd.floats(NO_SLOPE), nearness: zero },
+            last: Points { slope: simd.floats(NO_SLOPE), rise: zero, nearness: zero },
         };
         if let Some(begin) = self.fan.steps.first() {
-            state.last = self.points(begin);
+            // How high the ground is there, by which its level is chosen, is not known before.
+            state.last = self.points(begin, zero);
+            state.last = self.points(begin, state.last.rise);
             state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
         }
-        strip.put_sky(simd, first, state.next, self.rows);
+        strip.put_sky(simd, first, [state.next, self.skyline(&state)], self.rows);
+    }
+
+    /// The rows of the planes' horizons, within the picture or a pixel beyond it.
+    #[inline(always)]
+    fn skyline(&self, state: &State<S>) -> S::Floats {
+        let (simd, block) = (self.simd, self.block);
+        let slope = simd.smaller(simd.larger(state.horizon, simd.load(&block.lowest)), simd.load(&block.highest));
+        let row = self.place(&Points { slope, ..state.last }).row;
+        // Planes without ground: as low as that.
+        let has_ground = simd.less(state.horizon, simd.floats(f32::INFINITY));
+        simd.select(has_ground, row, simd.floats(f32::MIN))
     }
 
     /// Points of the planes at a step: no nearer than where the ground begins, no further than its
-    /// border.
+    /// border. Levels are those of ground as far above the eye as `rise`, that of the step before.
     #[inline(always)]
-    fn points(&mut self, step: &Step) -> Points<S> {
+    fn points(&mut self, step: &Step, rise: S::Floats) -> Points<S> {
         let (simd, block) = (self.simd, self.block);
         let at_step = simd.floats(step.distance);
         let distance = simd.smaller(simd.larger(at_step, simd.load(&block.begin)), simd.load(&block.end));
@@ -149,12 +170,15 @@ impl<'a, S: Simd> Tracer<'a, S> {
         if simd.any(elsewhere) {
             nearness = simd.select(elsewhere, simd.floats(1.0) / distance, nearness);
         }
-        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
-        simd.store(simd.load(&block.east) * distance, &mut east);
-        simd.store(simd.load(&block.north) * distance, &mut north);
-        let heights = self.heights.at(&east, &north);
+        let place = Place {
+            east: simd.load(&block.east) * distance,
+            north: simd.load(&block.north) * distance,
+            away2: distance * distance + rise * rise,
+        };
+        let above = self.heights.at(simd, &place) - simd.floats(self.scene.eye_height);
         self.samples = self.samples.wrapping_add(LANES as u64);
-        Points { slope: (simd.load(&heights) - simd.floats(self.scene.eye_height)) * nearness, nearness }
+        let is_ground = simd.less(simd.floats(NO_SLOPE), above);
+        Points { slope: above * nearness, rise: simd.select(is_ground, above, rise), nearness }
     }
 
     /// What is seen before the first step.
@@ -174,7 +198,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
                 self.fill_before(k, [slope, states.nearness[k], states.horizon[k]], end, strip, first);
             }
             states.horizon[k] = slope;
-            states.next[k] = larger(end, self.rows[0]);
+            states.next[k] = end.max(self.rows[0]);
         }
         let state = states.state(self.simd);
         if under.contains(&true) {
@@ -204,7 +228,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     #[inline(always)]
     pub(super) fn seen(&self, k: usize, slope: f32, nearness: f32) -> [f32; 2] {
         let block = self.block;
-        let slope = smaller(larger(slope, block.lowest[k]), block.highest[k]);
+        let slope = slope.max(block.lowest[k]).min(block.highest[k]);
         let per_depth = 1.0 / (block.depth[k] + slope * self.per_slope[1]);
         let height = (block.rise[k] + slope * self.per_slope[0]) * per_depth;
         [height * self.focal_px + self.middle, nearness * per_depth]
@@ -214,7 +238,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     #[inline(always)]
     fn end_row(&self, k: usize, slope: f32) -> f32 {
         let [row, _] = self.seen(k, slope, 1.0);
-        floor(smaller(larger(row + 0.5, 0.0), self.rows[1]))
+        (row + 0.5).max(0.0).min(self.rows[1]).floor()
     }
 
     /// Goes outwards, as long as something may still be seen.
@@ -235,12 +259,12 @@ impl<'a, S: Simd> Tracer<'a, S> {
                 continue;
             }
             if !is_known {
-                state.last = self.points(&self.fan.steps[at - 1]);
+                state.last = self.points(&self.fan.steps[at - 1], state.last.rise);
                 is_known = true;
             }
             let end = count.min(at + GROUPS[1]);
             for step in &self.fan.steps[at..end] {
-                let points = self.points(step);
+                let points = self.points(step, state.last.rise);
                 self.advance::<true>(state, points, strip, first);
             }
             at = end;
@@ -295,7 +319,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
         let corners = [a * near.distance, b * near.distance, a * far.distance, b * far.distance];
         let min = corners.into_iter().fold(Vec2::INFINITY, Vec2::min) - margin;
         let max = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max) + margin;
-        let highest = self.scene.highest_in(Bounds { min, max });
+        let highest = self.scene.highest_in(Bounds { min, max }, [near.distance, far.distance]);
         highest * if highest > 0.0 { near.nearness } else { far.nearness }
     }
 
@@ -315,7 +339,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
             if simd.bits(is_done) == ALL {
                 break;
             }
-            let points = self.points(&self.fan.steps[at]);
+            let points = self.points(&self.fan.steps[at], state.last.rise);
             self.advance::<false>(&mut state, points, strip, first);
         }
         // Rows that are left pass below all ground.

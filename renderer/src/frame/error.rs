@@ -81,6 +81,16 @@ pub enum FrameError {
         /// What is wrong with it.
         fault: TileFault,
     },
+    /// A tile of the elevation pool that a frame names is wrong.
+    #[error("elevation tile {index} of frame {frame} from the ring is corrupt: {fault}")]
+    Elevation {
+        /// The frame.
+        frame: FrameNumber,
+        /// Which of its elevation tiles.
+        index: usize,
+        /// What is wrong with it.
+        fault: TileFault,
+    },
     /// The world's lattice is too large for the device's 32-bit numbers.
     #[error("the world has nodes of {side} lattice units, at most 2^29 can be drawn")]
     WorldTooLarge {
@@ -111,6 +121,12 @@ pub enum TileFault {
     /// The colour slot is not one of the pool's.
     #[error("its colour slot is not one of the pool's")]
     ColorSlot,
+    /// Its number is not that of a node with elevation, or the node above it does not come before it.
+    #[error("it is not of a node with elevation, or the one above it is missing")]
+    Node,
+    /// The elevation slot is not one of the pool's, or the renderer reads none.
+    #[error("its slot is not one of the elevation pool's")]
+    ElevationSlot,
     /// The elevation array does not belong to the frame.
     #[error("its elevation array does not belong to the frame")]
     Elevation,
@@ -126,4 +142,7 @@ pub enum TileFault {
     /// The pool's slot holds another tile by now.
     #[error("its colour slot holds another generation than it names")]
     Stale,
+    /// The elevation pool's slot holds another tile by now.
+    #[error("its elevation slot holds another generation than it names")]
+    StaleElevation,
 }

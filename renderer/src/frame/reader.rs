@@ -1,11 +1,12 @@
 //! Reads frames from a source, slot by slot.
 
+use super::check::check_elevation;
 use super::{Frame, FrameError, MAX_NODE_SIDE, MAX_TILES, TileFault, check_tile};
 use crate::source::{Done, FrameSource, SourceShape};
 use terravision_common::camera::Camera;
 use terravision_common::ids::{FrameNumber, Generation, RingPosition, Sequence};
 use terravision_common::rig::{MAX_VIEWS, View, Views};
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
+use terravision_common::slot::{ElevationTile, FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 
 /// Reads frames from a source.
 #[derive(Debug)]
@@ -49,6 +50,7 @@ impl FrameReader {
             pose: Camera::default(),
             views: Views::single(&Camera::default()),
             marker,
+            elevations: Vec::with_capacity(4096),
             tiles: Vec::with_capacity(4096),
             end: bytemuck::Zeroable::zeroed(),
             elevation_start: 0,
@@ -122,6 +124,9 @@ impl FrameReader {
             (Some(SlotContent::View(view)), true) if !self.has_all_views() => {
                 self.add_view(frame, &view).map(|()| false)
             }
+            (Some(SlotContent::Elevation(slot)), true) if self.has_all_views() && self.frame.tiles.is_empty() => {
+                slot.tiles().try_for_each(|tile| self.add_elevation(frame, &tile)).map(|()| false)
+            }
             (Some(SlotContent::Tile(tile)), true) if self.has_all_views() => {
                 self.add_tile(frame, &tile).map(|()| false)
             }
@@ -131,19 +136,22 @@ impl FrameReader {
                 self.is_open = false;
                 self.open(self.next, &marker).map(|()| false)
             }
-            (Some(SlotContent::View(_) | SlotContent::Tile(_) | SlotContent::End(_)), false)
-                if self.may_begin_within =>
-            {
-                Ok(false)
-            }
+            (
+                Some(SlotContent::View(_) | SlotContent::Elevation(_) | SlotContent::Tile(_) | SlotContent::End(_)),
+                false,
+            ) if self.may_begin_within => Ok(false),
             (Some(SlotContent::Marker(_)), true) => order("a frame marker", "a tile or the end of the frame"),
             (Some(SlotContent::View(_)), true) => order("a view", "a tile or the end of the frame"),
             (Some(SlotContent::View(_)), false) => order("a view", "a frame marker"),
+            (Some(SlotContent::Elevation(_)), true) => order("elevation tiles", "a view, or tiles after them"),
+            (Some(SlotContent::Elevation(_)), false) => order("elevation tiles", "a frame marker"),
             (Some(SlotContent::Tile(_)), true) => order("a tile", "a view"),
             (Some(SlotContent::End(_)), true) => order("the end of a frame", "a view"),
             (Some(SlotContent::Tile(_)), false) => order("a tile", "a frame marker"),
             (Some(SlotContent::End(_)), false) => order("the end of a frame", "a frame marker"),
-            (None, _) => order("a slot of no kind", "a frame marker, a view, a tile or the end of a frame"),
+            (None, _) => {
+                order("a slot of no kind", "a frame marker, a view, elevation tiles, a tile or the end of a frame")
+            }
         }
     }
 
@@ -173,6 +181,7 @@ impl FrameReader {
         self.views.clear();
         self.view_count = 0;
         self.frame.tiles.clear();
+        self.frame.elevations.clear();
         self.frame.elevation_start = marker.elevation_start;
         self.frame.sequence = Sequence::new(marker.sequence);
         self.opened += 1;
@@ -223,6 +232,22 @@ impl FrameReader {
         Ok(())
     }
 
+    fn add_elevation(&mut self, frame: FrameNumber, tile: &ElevationTile) -> Result<(), FrameError> {
+        let index = self.frame.elevations.len();
+        if index >= MAX_TILES {
+            let field = "the number of elevation tiles";
+            return Err(FrameError::Marker { frame, field, found: index as u64 + 1, expected: MAX_TILES as u64 });
+        }
+        let slots = self.shape.elevation_pool.map_or(0, |pool| pool.slots);
+        check_elevation(tile, &self.shape.world, slots).map_err(|fault| FrameError::Elevation {
+            frame,
+            index,
+            fault,
+        })?;
+        self.frame.elevations.push(*tile);
+        Ok(())
+    }
+
     fn add_tile(&mut self, frame: FrameNumber, tile: &TileSlot) -> Result<(), FrameError> {
         let index = self.frame.tiles.len();
         let fail = |fault| Err(FrameError::Tile { frame, index, fault });
@@ -257,7 +282,21 @@ impl FrameReader {
         if arrays > self.shape.elevation_arrays {
             return wrong("the number of its elevation arrays", arrays, self.shape.elevation_arrays);
         }
-        let is_ours = |tile: &TileSlot| tile.elevation_position.wrapping_sub(start) < arrays;
+        let elevations = &self.frame.elevations;
+        if u64::from(end.elevation_tile_count) != elevations.len() as u64 {
+            let found = u64::from(end.elevation_tile_count);
+            return wrong("the number of its elevation tiles", found, elevations.len() as u64);
+        }
+        let is_ours = |tile: &TileSlot| {
+            if elevations.is_empty() {
+                return tile.elevation_position.wrapping_sub(start) < arrays;
+            }
+            let named = usize::try_from(tile.elevation_position).ok().and_then(|at| elevations.get(at)?.node());
+            named.is_some_and(|node| {
+                let origin = self.shape.world.node_origin(node).map(|v| v as u32);
+                node.q() == tile.elevation_level && origin == tile.elevation_origin
+            })
+        };
         if let Some(index) = self.frame.tiles.iter().position(|tile| !is_ours(tile)) {
             return Err(FrameError::Tile { frame, index, fault: TileFault::Elevation });
         }

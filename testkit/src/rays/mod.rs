@@ -1,8 +1,10 @@
 //! Rays to compare with: the paper's, which prove nothing, and plain ones, which take nothing over.
 
 mod field;
+mod pool;
 
 pub use field::{Field, UNIT_M, camera, noise};
+pub use pool::PooledField;
 
 use terravision_raycast::view::Ray;
 use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Method, StartRule, Steepness, Unproven};
