@@ -237,8 +237,8 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
                 caster,
                 &CastTask {
                     ground: &scene.ground,
-                    heights: &[],
                     colors: &[&scene.colors[..]],
+                    heights: &[],
                     camera: &camera(way.eye, way.roll_deg),
                     options: &way.options,
                     picture: &picture,
@@ -354,8 +354,8 @@ mod tests {
                 &mut caster,
                 &CastTask {
                     ground: &scene.ground,
-                    heights: &[],
                     colors: &[&scene.colors[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &way.options,
                     picture: &picture,

@@ -79,8 +79,8 @@ fn main() {
                     &mut caster,
                     &CastTask {
                         ground: &ground,
-                        heights: &[],
                         colors: &[&colors[..]],
+                        heights: &[],
                         camera: &camera,
                         options: &options,
                         picture: &picture,

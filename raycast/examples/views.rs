@@ -90,7 +90,7 @@ fn main() {
             let layers = tiles.layers();
             let mut millis = Vec::new();
             let mut counts = Counts::default();
-            let task = CastTask { ground: &ground, heights: &[], colors: &layers, camera: &camera, options, picture };
+            let task = CastTask { ground: &ground, colors: &layers, heights: &[], camera: &camera, options, picture };
             for _ in 0..rounds {
                 let start = processor_millis();
                 counts = caster.draw(&task);

@@ -76,7 +76,7 @@ pub struct CastTask<'a> {
     /// RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is
     /// missing or too short is drawn black.
     pub colors: &'a [&'a [u8]],
-    /// The whole elevation pool, for a ground whose heights lie in it; else nothing.
+    /// The elevation pool, for a ground whose heights lie in it; it is drawn by a sweep alone.
     pub heights: &'a [f32],
     /// The camera: valid, and of the picture's size.
     pub camera: &'a Camera,
@@ -151,7 +151,8 @@ impl Caster {
         counts
     }
 
-    fn sweep(&mut self, &CastTask { ground, colors, heights, camera, options, picture }: &CastTask<'_>) -> Counts {
+    fn sweep(&mut self, task: &CastTask<'_>) -> Counts {
+        let &CastTask { ground, colors, heights, camera, options, picture } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides)
@@ -210,12 +211,12 @@ impl Caster {
     }
 
     /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
-    /// task. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a tile without a
-    /// colour has no outline. The result does not depend on the number of workers.
-    pub fn outline(&mut self, task: &CastTask<'_>, outlines: &[u32]) {
-        let scene = Scene::new(task.ground, View::new(task.camera), &mut self.placed, false)
-            .in_place(task.heights, task.options.sweep.post_px);
-        outline::draw(&scene, outlines, task.picture, &self.workers);
+    /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
+    /// tile without a colour has no outline. `heights`: as in [`Layers`]. The result does not depend
+    /// on the number of workers.
+    pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
+        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);
+        outline::draw(&scene, outlines, picture, &self.workers);
     }
 
     /// Its threads.

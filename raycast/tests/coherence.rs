@@ -26,8 +26,8 @@ fn depths(
         &mut caster,
         &CastTask {
             ground: &field.ground(side, filter),
-            heights: &[],
             colors: &[&field.colors()[..]],
+            heights: &[],
             camera,
             options: &options,
             picture: &picture,
@@ -40,7 +40,7 @@ fn depths_of(ground: &Ground, field: &Field, camera: &Camera, method: AnyMethod,
     let picture = Picture::new(SIZE);
     method.draw(
         &mut Caster::new(1).unwrap(),
-        &CastTask { ground, heights: &[], colors: &[&field.colors()[..]], camera, options, picture: &picture },
+        &CastTask { ground, colors: &[&field.colors()[..]], heights: &[], camera, options, picture: &picture },
     );
     picture.depth().collect()
 }
@@ -169,8 +169,8 @@ fn following_the_ground_gives_the_picture_of_rays_that_each_begin_at_the_eye() {
                 &mut Caster::new(1).unwrap(),
                 &CastTask {
                     ground: &ground,
-                    heights: &[],
                     colors: &[&field.colors()[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,

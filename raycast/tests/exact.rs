@@ -44,8 +44,8 @@ fn errors(field: &Field, side: usize, camera: &Camera, method: AnyMethod) -> (f6
         &mut Caster::new(1).unwrap(),
         &CastTask {
             ground: &ground,
-            heights: &[],
             colors: &[&field.colors()[..]],
+            heights: &[],
             camera,
             options: &options,
             picture: &picture,

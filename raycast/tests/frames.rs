@@ -26,8 +26,8 @@ fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
                         &mut caster,
                         &CastTask {
                             ground: &ground,
-                            heights: &[],
                             colors: &[&colors[..]],
+                            heights: &[],
                             camera: &camera,
                             options: &options,
                             picture: &picture,
@@ -63,8 +63,8 @@ fn a_frame_takes_no_memory_once_there_was_one() {
                 &mut caster,
                 &CastTask {
                     ground: &ground,
-                    heights: &[],
                     colors: &[&colors[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,

@@ -141,8 +141,8 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         let blank = CastOptions { sky_rgb: [1, 254, 3], ..options() };
         caster.draw(&CastTask {
             ground,
-            heights: &[],
             colors: &[&colors[which][..]],
+            heights: &[],
             camera: &unset,
             options: &blank,
             picture: &picture,
@@ -151,8 +151,8 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         assert!(picture.rgba().all(is_unset), "a camera that sees no ground");
         caster.draw(&CastTask {
             ground,
-            heights: &[],
             colors: &[&colors[which][..]],
+            heights: &[],
             camera: &camera,
             options: &options(),
             picture: &picture,
@@ -170,9 +170,15 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
 fn draw_in_place(caster: &mut Caster, pooled: &PooledField, ground: &Ground, camera: &Camera) -> (Vec<u32>, Vec<f32>) {
     let picture = Picture::new(SIZE);
     let colors = pooled.finest().colors();
-    let options = CastOptions { sky_rgb: [1, 254, 3], ..options() };
-    let colors = &[&colors[..]];
-    caster.draw(&CastTask { ground, colors, heights: &pooled.heights, camera, options: &options, picture: &picture });
+    let sky_rgb = [1, 254, 3];
+    caster.draw(&CastTask {
+        ground,
+        colors: &[&colors[..]],
+        heights: &pooled.heights,
+        camera,
+        options: &CastOptions { sky_rgb, ..options() },
+        picture: &picture,
+    });
     (picture.rgba().collect(), picture.depth().collect())
 }
 
@@ -259,8 +265,8 @@ fn pictures_do_not_depend_on_the_instructions() {
                 let options = CastOptions { sweep: detail, ..options() };
                 caster.draw(&CastTask {
                     ground: &ground,
-                    heights: &[],
                     colors: &[&colors[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,
@@ -291,8 +297,8 @@ fn depth_is_that_of_exact_rays() {
                 &mut Caster::new(1).unwrap(),
                 &CastTask {
                     ground: &ground,
-                    heights: &[],
                     colors: &[&field.colors()[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,
@@ -325,8 +331,8 @@ fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
                 &mut Caster::new(1).unwrap(),
                 &CastTask {
                     ground: &ground,
-                    heights: &[],
                     colors: &[&field.colors()[..]],
+                    heights: &[],
                     camera: &camera,
                     options: &options,
                     picture: &picture,

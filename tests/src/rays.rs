@@ -93,8 +93,8 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let picture = Picture::new([camera.width(), camera.height()]);
     caster.draw(&CastTask {
         ground: &ground,
-        heights: &[],
         colors: &layers,
+        heights: &[],
         camera: &camera,
         options: &options,
         picture: &picture,
@@ -102,8 +102,8 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let start = Instant::now();
     let counts = caster.draw(&CastTask {
         ground: &ground,
-        heights: &[],
         colors: &layers,
+        heights: &[],
         camera: &camera,
         options: &options,
         picture: &picture,

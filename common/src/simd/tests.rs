@@ -111,6 +111,18 @@ proptest! {
 }
 
 #[test]
+fn whole_parts_are_those_of_integers() {
+    for x in [0.0f32, 0.2, 0.5, 0.99999994, 1.0, 1.5, 2.5, 1000.25, 70001.0] {
+        let whole = Portable.floor(Portable.floats(x));
+        let mut found = [0.0; LANES];
+        Portable.store(whole, &mut found);
+        assert_eq!(found, [x.trunc(); LANES]);
+        Portable.store(Portable.to_floats(Portable.index(whole)), &mut found);
+        assert_eq!(found.map(f32::to_bits), [x as u32; LANES]);
+    }
+}
+
+#[test]
 fn places_beyond_a_table_are_its_last_pair() {
     for count in [0usize, 1, 2, 3, 20] {
         let table: Vec<f32> = (0..count).map(|k| k as f32).collect();

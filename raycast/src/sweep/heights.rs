@@ -1,18 +1,47 @@
 //! Heights under sixteen points at once, out of the tiles that the points lie over.
 
-use super::lanes::Floats;
 use crate::model::{Source, Tile, TileSource};
 use crate::scene::{Bounds, Scene};
 use glam::{DVec2, Vec2};
 use terravision_common::simd::{LANES, Simd, Sixteen};
+use terravision_common::surface::facet::facet_linear_of_lanes;
 
 /// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of
 /// metres from the eye.
 const NEAR_TILE: f32 = 0.01;
 /// The height where there is no tile.
 pub(super) const NOTHING: f32 = f32::NEG_INFINITY;
+
 /// Bits of all lanes.
 const ALL: u32 = (1 << LANES) - 1;
+/// A number of each lane that is an integer.
+type Integers = Sixteen<u32>;
+
+/// Points, metres from the eye, and the squares of their distances from it.
+#[derive(Clone, Copy)]
+pub(super) struct Place<S: Simd> {
+    pub(super) east: S::Floats,
+    pub(super) north: S::Floats,
+    pub(super) away2: S::Floats,
+}
+
+/// The same, point by point.
+struct Places {
+    east: Sixteen<f32>,
+    north: Sixteen<f32>,
+    away2: Sixteen<f32>,
+}
+
+impl Places {
+    #[inline(always)]
+    fn of<S: Simd>(simd: S, place: &Place<S>) -> Self {
+        let mut of = Self { east: [0.0; LANES], north: [0.0; LANES], away2: [0.0; LANES] };
+        simd.store(place.east, &mut of.east);
+        simd.store(place.north, &mut of.north);
+        simd.store(place.away2, &mut of.away2);
+        of
+    }
+}
 
 /// Which tile each lane is over: neighboring points mostly lie over one, and so do the next ones.
 /// Where tiles have levels above them, a lane's tile is that of the level which its distance wants.
@@ -24,27 +53,27 @@ pub(super) struct Heights<'a> {
     /// Factor on them.
     scale: f32,
     /// South west corners, metres from the eye, and cells per metre.
-    west: Floats,
-    south: Floats,
-    per_m: Floats,
+    west: Sixteen<f32>,
+    south: Sixteen<f32>,
+    per_m: Sixteen<f32>,
     /// Cells east and north.
-    columns: Floats,
-    rows: Floats,
-    first: Sixteen<u32>,
+    columns: Sixteen<f32>,
+    rows: Sixteen<f32>,
+    first: Integers,
     /// Posts of a row.
-    stride: Sixteen<u32>,
-    /// A bit for each lane that has a tile.
-    there: u32,
+    stride: Integers,
+    /// What is added to heights: [`NOTHING`] where there is no tile.
+    base: Sixteen<f32>,
     /// Squares of distances from the eye, from where and up to where the tile is the right one.
-    from2: Floats,
-    until2: Floats,
+    from2: Sixteen<f32>,
+    until2: Sixteen<f32>,
     /// From where on it is blended into the next level, and the share of that by metre².
-    blend_from2: Floats,
-    blend_per2: Floats,
+    blend_from2: Sixteen<f32>,
+    blend_per2: Sixteen<f32>,
     /// Where the next level's tile begins, and the tile's corner in it, cells.
-    next_first: Sixteen<u32>,
-    next_west: Floats,
-    next_south: Floats,
+    next_first: Integers,
+    next_west: Sixteen<f32>,
+    next_south: Sixteen<f32>,
 }
 
 impl<'a> Heights<'a> {
@@ -61,7 +90,7 @@ impl<'a> Heights<'a> {
             rows: [-1.0; LANES],
             first: [0; LANES],
             stride: [0; LANES],
-            there: 0,
+            base: [NOTHING; LANES],
             from2: [f32::NEG_INFINITY; LANES],
             until2: [f32::INFINITY; LANES],
             blend_from2: [f32::MAX; LANES],
@@ -72,36 +101,31 @@ impl<'a> Heights<'a> {
         }
     }
 
-    /// Heights of the ground at points, metres from the eye, whose distances from it have these
-    /// squares; [`NOTHING`] where no tile is.
+    /// Heights of the ground at points; [`NOTHING`] where no tile is.
     #[inline(always)]
-    pub(super) fn at<S: Simd>(&mut self, simd: S, east: S::Floats, north: S::Floats, away2: S::Floats) -> S::Floats {
-        let (mut u, mut v, are_inside) = self.place(simd, east, north, away2);
-        if simd.bits(are_inside) != ALL {
-            let mut points = [[0.0; LANES]; 3];
-            let [to_east, to_north, to_away2] = &mut points;
-            simd.store(east, to_east);
-            simd.store(north, to_north);
-            simd.store(away2, to_away2);
-            self.look_up(&points);
-            (u, v, _) = self.place(simd, east, north, away2);
+    pub(super) fn at<S: Simd>(&mut self, simd: S, place: &Place<S>) -> S::Floats {
+        let [mut u, mut v] = self.cells(simd, place);
+        if !self.is_over(simd, place, [u, v]) {
+            self.look_up(&Places::of(simd, place));
+            [u, v] = self.cells(simd, place);
         }
-        let mut heights = self.sample(simd, u, v, &self.first);
-        let share = (away2 - simd.load(&self.blend_from2)) * simd.load(&self.blend_per2);
-        let share = simd.smaller(simd.larger(share, simd.floats(0.0)), simd.floats(1.0));
-        if simd.any(simd.less(simd.floats(0.0), share)) {
+        let mut heights = self.sample(simd, [u, v], simd.load_words(&self.first));
+        let by = (place.away2 - simd.load(&self.blend_from2)) * simd.load(&self.blend_per2);
+        let (zero, one) = (simd.floats(0.0), simd.floats(1.0));
+        let share = simd.smaller(simd.larger(by, zero), one);
+        if simd.any(simd.less(zero, share)) {
             let half = simd.floats(0.5);
-            let (u, v) = (u * half + simd.load(&self.next_west), v * half + simd.load(&self.next_south));
-            let coarser = self.sample(simd, u, v, &self.next_first);
+            u = u * half + simd.load(&self.next_west);
+            v = v * half + simd.load(&self.next_south);
+            let coarser = self.sample(simd, [u, v], simd.load_words(&self.next_first));
             heights = heights + share * (coarser - heights);
         }
-        simd.select(simd.mask(self.there), heights * simd.floats(self.scale), simd.floats(NOTHING))
+        heights * simd.floats(self.scale) + simd.load(&self.base)
     }
 
-    /// Heights at places in tiles that begin there, cells; linear on facets
-    /// (`terravision_common::surface::facet`).
+    /// Heights at places in tiles that begin there, cells.
     #[inline(always)]
-    fn sample<S: Simd>(&self, simd: S, u: S::Floats, v: S::Floats, first: &Sixteen<u32>) -> S::Floats {
+    fn sample<S: Simd>(&self, simd: S, [u, v]: [S::Floats; 2], first: S::Words) -> S::Floats {
         let (zero, one) = (simd.floats(0.0), simd.floats(1.0));
         let (columns, rows) = (simd.load(&self.columns), simd.load(&self.rows));
         let column = simd.smaller(simd.larger(u, zero), columns);
@@ -109,40 +133,35 @@ impl<'a> Heights<'a> {
         let i = simd.smaller(simd.floor(column), columns - one);
         let j = simd.smaller(simd.floor(row), rows - one);
         let stride = simd.load_words(&self.stride);
-        let at = simd.load_words(first) + simd.index(j) * stride + simd.index(i);
+        let at = first + simd.index(j) * stride + simd.index(i);
         let [sw, se] = simd.pairs(self.all, at);
         let [nw, ne] = simd.pairs(self.all, at + stride);
-        let (east, north) = (column - i, row - j);
-        // The corner that both facets do not share.
-        let other = simd.select(simd.at_most(north, east), se, nw);
-        let (far, near) = (simd.larger(east, north), simd.smaller(east, north));
-        sw + far * (other - sw) + near * (ne - other)
+        facet_linear_of_lanes(simd, [sw, se, nw, ne], [column - i, row - j])
     }
 
-    /// Where points lie in their lanes' tiles, cells; and whether they do, and that level is wanted.
+    /// Where points lie in their lanes' tiles, cells.
     #[inline(always)]
-    fn place<S: Simd>(
-        &self,
-        simd: S,
-        east: S::Floats,
-        north: S::Floats,
-        away2: S::Floats,
-    ) -> (S::Floats, S::Floats, S::Mask) {
+    fn cells<S: Simd>(&self, simd: S, place: &Place<S>) -> [S::Floats; 2] {
         let per_m = simd.load(&self.per_m);
-        let u = (east - simd.load(&self.west)) * per_m;
-        let v = (north - simd.load(&self.south)) * per_m;
+        [(place.east - simd.load(&self.west)) * per_m, (place.north - simd.load(&self.south)) * per_m]
+    }
+
+    /// Whether all points lie over their lanes' tiles, and these levels are wanted there.
+    #[inline(always)]
+    fn is_over<S: Simd>(&self, simd: S, place: &Place<S>, [u, v]: [S::Floats; 2]) -> bool {
         let (least, most) = (simd.floats(-NEAR_TILE), simd.floats(NEAR_TILE));
         let is_inside = simd.at_most(least, u) & simd.at_most(u - simd.load(&self.columns), most);
         let is_within = simd.at_most(least, v) & simd.at_most(v - simd.load(&self.rows), most);
-        let is_level = simd.at_most(simd.load(&self.from2), away2) & simd.less(away2, simd.load(&self.until2));
-        (u, v, is_inside & is_within & is_level)
+        let is_level =
+            simd.at_most(simd.load(&self.from2), place.away2) & simd.less(place.away2, simd.load(&self.until2));
+        simd.bits(is_inside & is_within & is_level) == ALL
     }
 
     /// Finds the tiles of points that have left theirs.
     #[inline(never)]
-    fn look_up(&mut self, [east, north, away2]: &[Floats; 3]) {
+    fn look_up(&mut self, places: &Places) {
         for k in 0..LANES {
-            let (point, away2) = (Vec2::new(east[k], north[k]), away2[k]);
+            let (point, away2) = (Vec2::new(places.east[k], places.north[k]), places.away2[k]);
             if self.holds(k, point, away2) {
                 continue;
             }
@@ -178,7 +197,7 @@ impl<'a> Heights<'a> {
         self.rows[to] = self.rows[from];
         self.first[to] = self.first[from];
         self.stride[to] = self.stride[from];
-        self.set_there(to, self.there >> from & 1);
+        self.base[to] = self.base[from];
         self.from2[to] = self.from2[from];
         self.until2[to] = self.until2[from];
         self.blend_from2[to] = self.blend_from2[from];
@@ -186,10 +205,6 @@ impl<'a> Heights<'a> {
         self.next_first[to] = self.next_first[from];
         self.next_west[to] = self.next_west[from];
         self.next_south[to] = self.next_south[from];
-    }
-
-    fn set_there(&mut self, k: usize, bit: u32) {
-        self.there = self.there & !(1 << k) | bit << k;
     }
 
     /// A tile of the elevation pool.
@@ -204,7 +219,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = cells as f32;
         self.first[k] = source.first;
         self.stride[k] = cells + 1;
-        self.set_there(k, 1);
+        self.base[k] = 0.0;
         self.from2[k] = source.from2;
         self.until2[k] = source.until2;
         self.blend_from2[k] = source.blend_from2;
@@ -225,7 +240,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = tile.cells[1] as f32;
         self.first[k] = tile.first_height() as u32;
         self.stride[k] = tile.cells[0] + 1;
-        self.set_there(k, 1);
+        self.base[k] = 0.0;
     }
 
     /// A rectangle without ground, for points nearer than this: one cell.
@@ -238,7 +253,7 @@ impl<'a> Heights<'a> {
         self.rows[k] = 1.0;
         self.first[k] = 0;
         self.stride[k] = 0;
-        self.set_there(k, 0);
+        self.base[k] = NOTHING;
         self.from2[k] = f32::NEG_INFINITY;
         self.until2[k] = until2;
         self.blend_per2[k] = 0.0;

@@ -20,7 +20,6 @@
 
 mod fan;
 mod heights;
-mod lanes;
 mod sector;
 mod shade;
 mod stretch;

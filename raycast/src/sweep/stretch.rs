@@ -1,9 +1,8 @@
 //! Stretches of ground between two steps, from the planes to rows of the picture.
 
-use super::lanes::Floats;
 use super::strip::{Rows, Strip};
 use super::trace::{NO_SLOPE, Points, State, Tracer};
-use terravision_common::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Rows between two points are at least this, when one is divided by them.
 pub(super) const LEAST_ROWS: f32 = 1e-6;
@@ -127,7 +126,7 @@ impl<S: Simd> Tracer<'_, S> {
     /// The same, plane by plane. `ends`: rows and nearness before and here; `points`: slopes before
     /// and here, and one over distances.
     #[inline(never)]
-    fn clip_each(&self, ends: &mut [Floats; 4], points: &[Floats; 4]) {
+    fn clip_each(&self, ends: &mut [Sixteen<f32>; 4], points: &[Sixteen<f32>; 4]) {
         let block = self.block;
         let [row_before, seen_before, row, seen] = ends;
         let (slopes, nearness) = (&points[..2], &points[2..]);

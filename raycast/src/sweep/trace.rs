@@ -17,13 +17,12 @@
 //! is below every slope before it. The same, upside down.
 
 use super::fan::{Block, Fan, Step};
-use super::heights::{Heights, NOTHING};
-use super::lanes::{Floats, floor, larger, smaller};
+use super::heights::{Heights, NOTHING, Place};
 use super::stretch::LEAST_ROWS;
 use super::strip::Strip;
 use crate::scene::{Bounds, Scene};
 use glam::Vec2;
-use terravision_common::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.
@@ -55,7 +54,7 @@ pub(super) struct Tracer<'a, S> {
 #[derive(Clone, Copy)]
 pub(super) struct Points<S: Simd> {
     pub(super) slope: S::Floats,
-    /// Height above the eye, or where there is no ground that of the last ground before.
+    /// Height above the eye, or of the last ground before.
     pub(super) rise: S::Floats,
     /// One over their distance along the ground.
     pub(super) nearness: S::Floats,
@@ -73,17 +72,17 @@ pub(super) struct State<S: Simd> {
 
 /// The same, plane by plane.
 struct States {
-    horizon: Floats,
-    next: Floats,
-    slope: Floats,
-    rise: Floats,
-    nearness: Floats,
+    horizon: Sixteen<f32>,
+    next: Sixteen<f32>,
+    slope: Sixteen<f32>,
+    rise: Sixteen<f32>,
+    nearness: Sixteen<f32>,
 }
 
 impl States {
     fn of<S: Simd>(simd: S, state: &State<S>) -> Self {
-        let zero = [0.0; LANES];
-        let mut of = Self { horizon: zero, next: zero, slope: zero, rise: zero, nearness: zero };
+        let zeros = [0.0; LANES];
+        let mut of = Self { horizon: zeros, next: zeros, slope: zeros, rise: zeros, nearness: zeros };
         simd.store(state.horizon, &mut of.horizon);
         simd.store(state.next, &mut of.next);
         simd.store(state.last.slope, &mut of.slope);
@@ -140,7 +139,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
         };
         if let Some(begin) = self.fan.steps.first() {
             // How high the ground is there, by which its level is chosen, is not known before.
-            state.last = self.points(begin, state.last.rise);
+            state.last = self.points(begin, zero);
             state.last = self.points(begin, state.last.rise);
             state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
@@ -171,12 +170,15 @@ impl<'a, S: Simd> Tracer<'a, S> {
         if simd.any(elsewhere) {
             nearness = simd.select(elsewhere, simd.floats(1.0) / distance, nearness);
         }
-        let (east, north) = (simd.load(&block.east) * distance, simd.load(&block.north) * distance);
-        let heights = self.heights.at(simd, east, north, distance * distance + rise * rise);
+        let place = Place {
+            east: simd.load(&block.east) * distance,
+            north: simd.load(&block.north) * distance,
+            away2: distance * distance + rise * rise,
+        };
+        let above = self.heights.at(simd, &place) - simd.floats(self.scene.eye_height);
         self.samples = self.samples.wrapping_add(LANES as u64);
-        let above = heights - simd.floats(self.scene.eye_height);
-        let rise = simd.select(simd.less(simd.floats(NO_SLOPE), above), above, rise);
-        Points { slope: above * nearness, rise, nearness }
+        let is_ground = simd.less(simd.floats(NO_SLOPE), above);
+        Points { slope: above * nearness, rise: simd.select(is_ground, above, rise), nearness }
     }
 
     /// What is seen before the first step.
@@ -196,7 +198,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
                 self.fill_before(k, [slope, states.nearness[k], states.horizon[k]], end, strip, first);
             }
             states.horizon[k] = slope;
-            states.next[k] = larger(end, self.rows[0]);
+            states.next[k] = end.max(self.rows[0]);
         }
         let state = states.state(self.simd);
         if under.contains(&true) {
@@ -226,7 +228,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     #[inline(always)]
     pub(super) fn seen(&self, k: usize, slope: f32, nearness: f32) -> [f32; 2] {
         let block = self.block;
-        let slope = smaller(larger(slope, block.lowest[k]), block.highest[k]);
+        let slope = slope.max(block.lowest[k]).min(block.highest[k]);
         let per_depth = 1.0 / (block.depth[k] + slope * self.per_slope[1]);
         let height = (block.rise[k] + slope * self.per_slope[0]) * per_depth;
         [height * self.focal_px + self.middle, nearness * per_depth]
@@ -236,7 +238,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     #[inline(always)]
     fn end_row(&self, k: usize, slope: f32) -> f32 {
         let [row, _] = self.seen(k, slope, 1.0);
-        floor(smaller(larger(row + 0.5, 0.0), self.rows[1]))
+        (row + 0.5).max(0.0).min(self.rows[1]).floor()
     }
 
     /// Goes outwards, as long as something may still be seen.

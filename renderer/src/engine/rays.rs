@@ -262,19 +262,25 @@ impl RaysEngine {
             }
             // What the workers did for the ground is not this view's.
             self.caster.workers().take_busy();
-            let task = CastTask {
+            let heights = if frame.elevations.is_empty() { &[] } else { pools.elevation_pool() };
+            self.caster.draw(&CastTask {
                 ground,
                 colors: &layers[..],
-                heights: pools.elevation_pool(),
+                heights,
                 camera: &view.camera,
                 options: &options,
                 picture: &self.pictures[index],
-            };
-            self.caster.draw(&task);
+            });
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
-                self.caster.outline(&task, &self.outlines);
+                self.caster.outline(
+                    ground,
+                    pools.elevation_pool(),
+                    &view.camera,
+                    &self.outlines,
+                    &self.pictures[index],
+                );
             }
             self.costs.push(DrawCost {
                 technique: TechniqueChoice::Rays,

@@ -92,7 +92,7 @@ impl PooledField {
         ground.clear_in_place();
         let mut open = vec![(self.levels.len() - 1, [0; 2])];
         while let Some((level, place)) = open.pop() {
-            let origin = place.map(|at| (at * SIDE << level) as u32);
+            let origin = place.map(|at| ((at * SIDE) << level) as u32);
             let slot = self.slot(level, place) as u32;
             let tile = PoolTile { origin, level: level as u8, slot, generation: 1 };
             ground.add_pool_tile(&tile, &self.heights).unwrap();
