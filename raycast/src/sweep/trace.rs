@@ -248,12 +248,14 @@ impl<'a, S: Simd> Tracer<'a, S> {
         let mut at = 1;
         // Whether the last point is that of the step before.
         let mut is_known = true;
+        // Up to here it is known that many steps together rise.
+        let mut many_rise_until = 0;
         while at < count {
             let lowest = self.lowest_open(state);
             if lowest == f32::INFINITY || self.is_all_below(at, lowest) {
                 return;
             }
-            if let Some(end) = self.end_of_hidden(at, lowest) {
+            if let Some(end) = self.end_of_hidden(at, lowest, &mut many_rise_until) {
                 at = end;
                 is_known = false;
                 continue;
@@ -273,9 +275,15 @@ impl<'a, S: Simd> Tracer<'a, S> {
 
     /// Where the next steps end that rise above no slope, if there are.
     #[inline(never)]
-    fn end_of_hidden(&self, at: usize, lowest: f32) -> Option<usize> {
-        let ends = GROUPS.map(|group| self.fan.steps.len().min(at + group));
-        ends.into_iter().find(|end| self.is_hidden(at, *end, lowest))
+    fn end_of_hidden(&self, at: usize, lowest: f32, many_rise_until: &mut usize) -> Option<usize> {
+        let [many, few] = GROUPS.map(|group| self.fan.steps.len().min(at + group));
+        if at >= *many_rise_until {
+            if self.is_hidden(at, many, lowest) {
+                return Some(many);
+            }
+            *many_rise_until = many;
+        }
+        self.is_hidden(at, few, lowest).then_some(few)
     }
 
     /// Takes the next points, and fills the rows that they come to. `IS_UP` false: upside down.
