@@ -17,7 +17,7 @@ use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
-use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Picture, SweepDetail};
 use terravision_testkit::rays::AnyMethod;
 use terravision_testkit::worlds;
 
@@ -171,6 +171,14 @@ impl Way {
         self
     }
 
+    /// By a sweep: a plane to a pixel and steps of half a voxel, or its default.
+    fn swept(name: &'static str, is_approximate: bool, workers: usize) -> Self {
+        let mut way = Self::new(name, AnyMethod::Sweep, is_approximate, workers);
+        let accurate = SweepDetail { step_px: 0.0, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
+        way.options.sweep = if is_approximate { SweepDetail::DEFAULT } else { accurate };
+        way
+    }
+
     fn seen_from(self, eye: f64) -> Self {
         Self { eye, ..self }
     }
@@ -190,6 +198,8 @@ fn thread_cpu_millis() -> f64 {
     1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
 }
 
+/// Ways of the sweep without roll.
+const SWEEPS: usize = 4;
 /// What is compared from several heights.
 const WAYS_OF_HEIGHT: [(&str, AnyMethod, bool); 4] = [
     ("accurate", AnyMethod::Coherent, false),
@@ -215,11 +225,17 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
         Way::new("mipmap, 2 workers", AnyMethod::Mipmap, false, 2),
         Way::new("accurate, looking between samples, 1 worker", AnyMethod::Coherent, false, 1).looking_between(),
     ];
+    let roll_deg = |n: u32| 45.0 * f64::from(n) / f64::from(ROLLS - 1);
     let first_roll = ways.len();
-    ways.extend((0..ROLLS).map(|n| {
-        let roll_deg = 45.0 * f64::from(n) / f64::from(ROLLS - 1);
-        Way::new("accurate, rolled", AnyMethod::Coherent, false, 1).rolled(roll_deg)
-    }));
+    ways.extend((0..ROLLS).map(|n| Way::new("accurate, rolled", AnyMethod::Coherent, false, 1).rolled(roll_deg(n))));
+    let first_sweep = ways.len();
+    ways.extend([
+        Way::swept("sweep, 1 worker", false, 1),
+        Way::swept("sweep, 2 workers", false, 2),
+        Way::swept("sweep by default, 1 worker", true, 1),
+        Way::swept("sweep by default, 2 workers", true, 2),
+    ]);
+    ways.extend((0..ROLLS).map(|n| Way::swept("sweep, rolled", false, 1).rolled(roll_deg(n))));
     let first_height = ways.len();
     for eye in EYES {
         ways.extend(
@@ -251,7 +267,7 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
             }
         }
     }
-    tell(&ways, [first_roll, first_height], rounds, findings);
+    tell(&ways, [first_roll, first_sweep, first_height], rounds, findings);
     findings
         .facts
         .push(("volume", format!("{SIDE} x {SIDE} x {LAYERS} voxels, {} MB of models", scene.ground.bytes() >> 20)));
@@ -259,41 +275,18 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, findings: &mut Findings) {
+fn tell(ways: &[Way], [first_roll, first_sweep, first_height]: [usize; 3], rounds: u32, findings: &mut Findings) {
     let samples = u64::from(rounds);
-    let mut put = |name: String, value: f64, unit, target: Option<f64>| {
+    let mut put = |name: String, value: f64, unit, target: Option<Target>| {
         let m = Measurement::new(BENCH, name, value, unit, samples);
         findings.measurements.push(match target {
-            Some(limit) => m.with_target(Target::AtLeast(limit)),
+            Some(target) => m.with_target(target),
             None => m,
         });
     };
-    let [accurate, accurate_2, approximate, approximate_2, _, mipmap, mipmap_2, between] =
-        std::array::from_fn(|n| ways[n].milliseconds());
-    let [cpu_accurate, _, cpu_approximate, _, cpu_plain] = std::array::from_fn(|n| ways[n].cpu_milliseconds());
-    put(
-        "plain / accurate (paper 7.3)".to_owned(),
-        cpu_plain / cpu_accurate,
-        "x",
-        Some(paper::PLAIN_S / paper::ACCURATE_S),
-    );
-    put(
-        "plain / approximate (paper 10)".to_owned(),
-        cpu_plain / cpu_approximate,
-        "x",
-        Some(paper::PLAIN_S / paper::APPROXIMATE_S),
-    );
-    let rolled: Vec<f64> = ways[first_roll..first_height].iter().map(Way::cpu_milliseconds).collect();
-    let worst = rolled.iter().copied().fold(0.0, f64::max);
-    let limit = paper::ROLLED_S / paper::ACCURATE_S;
-    let roll = Measurement::new(BENCH, "worst roll / no roll (paper 1.13)", worst / rolled[0], "x", samples);
-    let per_worker = [
-        ("accurate, 1 worker / 2 workers (paper 1.86)", accurate / accurate_2),
-        ("approximate, 1 worker / 2 workers (paper 1.86)", approximate / approximate_2),
-    ];
-    for (name, ratio) in per_worker {
-        put(name.to_owned(), ratio, "x", Some(paper::PER_DOUBLING));
-    }
+    let sweeps = &ways[first_sweep..first_height];
+    tell_ratios(ways, &ways[first_roll..first_sweep], sweeps, &mut put);
+    let [mipmap, mipmap_2, between] = [5, 6, 7].map(|n| ways[n].milliseconds());
     put("mipmap, 1 worker / 2 workers".to_owned(), mipmap / mipmap_2, "x", None);
     for (way, paper_s) in
         ways.iter().zip([Some(paper::ACCURATE_S), None, Some(paper::APPROXIMATE_S), None, Some(paper::PLAIN_S)])
@@ -303,10 +296,16 @@ fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, findi
     }
     put("mipmap, 1 worker".to_owned(), mipmap, "ms", None);
     put(ways[7].name.to_owned(), between, "ms", None);
-    for way in &ways[first_roll..first_height] {
+    for way in &ways[first_roll..first_sweep] {
         put(format!("accurate, roll {:.0} degrees", way.roll_deg), way.milliseconds(), "ms", None);
     }
-    for way in [&ways[0], &ways[2], &ways[4], &ways[5]] {
+    for way in &sweeps[..SWEEPS] {
+        put(way.name.to_owned(), way.milliseconds(), "ms", None);
+    }
+    for way in &sweeps[SWEEPS..] {
+        put(format!("sweep, roll {:.0} degrees", way.roll_deg), way.milliseconds(), "ms", None);
+    }
+    for way in [&ways[0], &ways[2], &ways[4], &ways[5], &sweeps[0], &sweeps[2]] {
         let Counts { rays, samples, densities, without_witness, .. } = way.counts;
         let per_ray = |n: u64| n as f64 / rays as f64;
         put(format!("{}: rays of a core", way.name), rays as f64 / way.cpu_milliseconds() * 1e3, "rays/s", None);
@@ -324,7 +323,41 @@ fn tell(ways: &[Way], [first_roll, first_height]: [usize; 2], rounds: u32, findi
             put(format!("eye at {eye:.0}: {name} / approximate"), plain / approximate, "x", None);
         }
     }
-    findings.measurements.insert(2, roll.with_target(Target::AtMost(limit)));
+}
+
+/// The paper's ratios. Its coherent rays are the sweep's planes on today's processors: targets are
+/// for those.
+fn tell_ratios(
+    ways: &[Way],
+    rolled: &[Way],
+    sweeps: &[Way],
+    put: &mut impl FnMut(String, f64, &'static str, Option<Target>),
+) {
+    let plain = ways[4].cpu_milliseconds();
+    let (coherence, approximation) = (paper::PLAIN_S / paper::ACCURATE_S, paper::PLAIN_S / paper::APPROXIMATE_S);
+    for (way, ratio) in [(&sweeps[0], coherence), (&sweeps[2], approximation)] {
+        let name = format!("plain / {} (paper {ratio:.1})", way.name);
+        put(name, plain / way.cpu_milliseconds(), "x", Some(Target::AtLeast(ratio)));
+    }
+    for (way, name) in [(&ways[0], "accurate (paper 7.3)"), (&ways[2], "approximate (paper 10)")] {
+        put(format!("plain / {name}"), plain / way.cpu_milliseconds(), "x", None);
+    }
+    let worst = |rolled: &[Way]| {
+        let millis = rolled.iter().map(Way::cpu_milliseconds);
+        millis.fold(0.0, f64::max) / rolled[0].cpu_milliseconds()
+    };
+    let limit = Target::AtMost(paper::ROLLED_S / paper::ACCURATE_S);
+    put("sweep: worst roll / no roll (paper 1.13)".to_owned(), worst(&sweeps[SWEEPS..]), "x", Some(limit));
+    put("worst roll / no roll (paper 1.13)".to_owned(), worst(rolled), "x", None);
+    for (of, name, target) in [
+        (&sweeps[..2], "sweep", Some(Target::AtLeast(paper::PER_DOUBLING))),
+        (&sweeps[2..4], "sweep by default", Some(Target::AtLeast(paper::PER_DOUBLING))),
+        (&ways[..2], "accurate", None),
+        (&ways[2..4], "approximate", None),
+    ] {
+        let ratio = of[0].milliseconds() / of[1].milliseconds();
+        put(format!("{name}, 1 worker / 2 workers (paper 1.86)"), ratio, "x", target);
+    }
 }
 
 #[cfg(test)]
@@ -341,6 +374,7 @@ mod tests {
         };
         assert_eq!(findings.measurements.iter().filter(|m| m.name.starts_with("accurate, roll ")).count(), 10);
         assert_eq!(findings.measurements.iter().filter(|m| m.target.is_some()).count(), 5);
+        assert_eq!(findings.measurements.iter().filter(|m| m.name.starts_with("sweep, roll ")).count(), 10);
         // Work, not time: plain rays look at many more samples.
         let [coherent, plain] = ["accurate, 1 worker: samples", "plain, 1 worker: samples"].map(value);
         assert!(plain > 10.0 * coherent && coherent < 8.0, "{plain} {coherent}");
