@@ -140,6 +140,11 @@ pub struct IngestArgs {
     /// and ground pictures tell what was made up from what was measured
     #[arg(long, default_value = Voids::default().name(), value_name = "HOW", value_parser = voids_parser())]
     voids: Voids,
+    /// Whether the crests of coarser levels are raised ('on') or filtered as all ground ('off').
+    /// Filtered crests are lower, so that sky is seen where distant ridges should be. The finest
+    /// level has the heights of the files in any case
+    #[arg(long, default_value = "off", value_name = "on|off", value_parser = on_parser())]
+    crests: bool,
     /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load
     #[arg(long, default_value_t = 90, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
     color_quality: u8,
@@ -200,6 +205,7 @@ impl IngestArgs {
                 spacing_m: self.spacing,
             },
             voids: self.voids,
+            raises_crests: self.crests,
             ..job
         })
     }
@@ -312,6 +318,10 @@ fn voids_parser() -> impl TypedValueParser<Value = Voids> {
     let all = [Voids::Fill, Voids::Keep, Voids::Clip];
     PossibleValuesParser::new(all.map(Voids::name))
         .map(move |name| all.into_iter().find(|voids| voids.name() == name).unwrap_or_default())
+}
+
+fn on_parser() -> impl TypedValueParser<Value = bool> {
+    PossibleValuesParser::new(["on", "off"]).map(|text| text == "on")
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {
